@@ -1,0 +1,2 @@
+from .solver import SolverAVBD
+__all__ = ["SolverAVBD"]

@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a step works on: the structs that kernels read and write.
+
+Who owns what, and what always holds:
+
+- A *body slot* is a body index; slot ``body_count`` is the static world, which never moves.
+- A *world* here is a group of bodies that one thread solves. It is a Newton world, or all bodies
+  at once where mobile global bodies (``body_world == -1``) tie the worlds together.
+- A contact row has an *owner*, body ``a``: the first of its mobile bodies in visiting order. The
+  rows of a world are sorted by owner, so that a body finds the rows it owns side by side in
+  ``rows[owned_start[b]:owned_end[b]]`` and the rows in which it is ``b`` through
+  ``other_rows[other_start[b]:other_end[b]]``.
+- What is kept between steps (the *history*) has two sides; a step reads side ``parity`` and
+  writes side ``1 - parity``. The parity lives on the device, so that a captured graph may hold
+  any number of steps.
+"""
+
+import warp as wp
+
+from .algebra.block import BlockFactor
+
+
+@wp.struct
+class ContactRow:
+    """One contact during one step, linearised at the poses in ``state_in``."""
+
+    normal: wp.vec3
+    """Unit normal, world frame, from body a to body b."""
+    arm_a: wp.vec3
+    """From the COM of body a to the contact point [m], world frame."""
+    arm_b: wp.vec3
+    """From the COM of body b to the contact point [m], world frame."""
+    force: wp.vec3
+    """Multiplier: the force on body b [N], world frame."""
+    k_n: float
+    """Penalty along the normal [N/m]."""
+    k_t: float
+    """Penalty across the normal [N/m]."""
+    mu: float
+    """Friction coefficient."""
+    gap: float
+    """Separation at the start of the step [m]; negative is penetration."""
+    a: int
+    """Slot of the owner."""
+    b: int
+    """Slot of the other body."""
+
+
+@wp.struct
+class ContactRecord:
+    """What is remembered of a contact, to find it again in the next step."""
+
+    shape0: int
+    shape1: int
+    point0: wp.vec3
+    """Contact point on shape 0 [m], body frame, without the radius or margin."""
+    point1: wp.vec3
+    force: wp.vec3
+    """Multiplier: the force on body b [N], world frame."""
+    penalty: float
+    """Penalty of the ramped formulation [N/m]."""
+
+
+@wp.struct
+class BodyModel:
+    """The model's bodies, read live."""
+
+    mass: wp.array[float]
+    inertia: wp.array[wp.mat33]
+    inv_mass: wp.array[float]
+    inv_inertia: wp.array[wp.mat33]
+    com: wp.array[wp.vec3]
+    flags: wp.array[wp.int32]
+    world: wp.array[wp.int32]
+    gravity: wp.array[wp.vec3]
+
+
+@wp.struct
+class ShapeModel:
+    """The model's shapes and their materials, read live."""
+
+    body: wp.array[wp.int32]
+    mu: wp.array[float]
+    ke: wp.array[float]
+    kd: wp.array[float]
+
+
+@wp.struct
+class ContactInput:
+    """The contact buffer of the step, as Newton's collision pipeline fills it."""
+
+    count: wp.array[wp.int32]
+    capacity: int
+    shape0: wp.array[wp.int32]
+    shape1: wp.array[wp.int32]
+    point0: wp.array[wp.vec3]
+    point1: wp.array[wp.vec3]
+    normal: wp.array[wp.vec3]
+    margin0: wp.array[float]
+    margin1: wp.array[float]
+    generation: wp.array[wp.int32]
+    buffer: int
+    """Number of the buffer [1, 2, ...]; generations of different buffers do not compare."""
+    match_index: wp.array[wp.int32]
+    """Row of the same contact in the buffer's previous filling; empty without contact matching."""
+    match_generation: wp.array[wp.int32]
+
+
+@wp.struct
+class BodyWork:
+    """Per body slot: the unknowns of the step and what they are pulled to, length body_count + 1."""
+
+    com: wp.array[wp.vec3]
+    """COM at the start of the step [m]."""
+    inv_mass: wp.array[float]
+    """1/mass [1/kg]; zero for a body that the solver does not move."""
+    inertia: wp.array[wp.mat33]
+    """Inertia about the COM, world axes [kg m^2]."""
+    inv_inertia: wp.array[wp.mat33]
+    target: wp.array[wp.spatial_vector]
+    """Inertial target of the pose increment: (dx* [m], dtheta* [rad])."""
+    increment: wp.array[wp.spatial_vector]
+    """The unknowns: (dx [m], dtheta [rad]) from the pose in state_in."""
+    spin_gain: wp.array[wp.vec3]
+    """Angular velocity that the gyroscopic solve leaves beside dtheta*/h [rad/s]."""
+    finite: wp.array[wp.int32]
+    """1 when the body's input is finite."""
+    factor: wp.array[BlockFactor]
+
+
+@wp.struct
+class WorldWork:
+    """Per world: which bodies and which contacts it holds."""
+
+    body_start: wp.array[wp.int32]
+    bodies: wp.array[wp.int32]
+    """Bodies of all worlds in visiting order, shape (body_count,)."""
+    of_body: wp.array[wp.int32]
+    """World of each body."""
+    contact_start: wp.array[wp.int32]
+    """Where each world's contacts start in ``contacts``, shape (world_count + 1,)."""
+    contacts: wp.array[wp.int32]
+    """Contact indices sorted by world."""
+    frozen: wp.array[wp.int32]
+    """1 while a world is held still because its state is not finite."""
+
+
+@wp.struct
+class RowWork:
+    """Contact rows of the step; see the module docstring for the order of rows."""
+
+    rows: wp.array[ContactRow]
+    contact: wp.array[wp.int32]
+    """Contact of each row; its bitwise complement where a and b are exchanged (normal flipped)."""
+    share: wp.array[float]
+    """Compliant contacts: K/(K + k), the part of the multiplier that the penalty leaves."""
+    owned_start: wp.array[wp.int32]
+    owned_end: wp.array[wp.int32]
+    other_start: wp.array[wp.int32]
+    other_end: wp.array[wp.int32]
+    other_rows: wp.array[wp.int32]
+
+
+@wp.struct
+class History:
+    """Kept between steps; arrays of two sides have shape (2, ...)."""
+
+    parity: wp.array[wp.int32]
+    """Side that the next step of a world reads, shape (world_count,)."""
+    start: wp.array2d[wp.int32]
+    """First record owned by a body."""
+    end: wp.array2d[wp.int32]
+    records: wp.array2d[ContactRecord]
+    row_of_contact: wp.array2d[wp.int32]
+    """Record of each row of the contact buffer; empty without contact matching."""
+    filling: wp.array2d[wp.int32]
+    """(buffer, generation) of the contacts that a world's records came from, shape (world_count, 2)."""
+    falling: wp.array[float]
+    """Share of its free acceleration that a body had in the last step, 0 to 1."""

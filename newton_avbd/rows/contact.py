@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Contact rows: non-penetration and Coulomb friction by multipliers and a constant penalty.
+
+A row measures the slip u of body b against body a over the step at one point,
+
+    u = (dx_b + dtheta_b x r_b) - (dx_a + dtheta_a x r_a),
+
+and pushes b with the force (a with its opposite)
+
+    F = proj( lambda - k_n (n.u + gap) n - k_t (u - (n.u) n) ),
+
+where proj maps to the circular Coulomb cone |F_t| <= mu F_n, F_n >= 0. The dual update is
+lambda <- F. Penalties are constant during a step, so the curvature k J^T J of all rows, active or
+not, majorises the objective and each body's block is factored once a step.
+"""
+
+import warp as wp
+
+from ..data import ContactRow
+
+PENALTY = wp.constant(10.0)
+"""Normal penalty in units of effective mass / h^2."""
+LOAD_WEIGHT = wp.constant(0.3)
+"""Weight of the carried mass (multiplier over gravity) against the effective mass in the penalty."""
+TANGENT_RATIO = wp.constant(0.3)
+"""Tangential penalty over normal penalty."""
+RELEASE_RATIO = wp.constant(0.1)
+"""What a row near release (or at the cone, tangentially) keeps of its penalty: the majoriser would
+hold back a body that is about to leave or slide."""
+RECOVERY = wp.constant(0.5)
+"""Share of the penetration beyond the slop that a step removes."""
+
+
+@wp.func
+def slip(
+    row: ContactRow, increment_a: wp.spatial_vector, increment_b: wp.spatial_vector
+) -> wp.vec3:
+    """Displacement of b against a at the contact point over the step [m]."""
+    return (
+        wp.spatial_top(increment_b)
+        + wp.cross(wp.spatial_bottom(increment_b), row.arm_b)
+        - wp.spatial_top(increment_a)
+        - wp.cross(wp.spatial_bottom(increment_a), row.arm_a)
+    )
+
+
+@wp.func
+def force(row: ContactRow, u: wp.vec3, gap: float) -> wp.vec3:
+    """Force on body b [N] at the slip u [m], projected to the friction cone."""
+    trial = row.force - row.k_t * u
+    trial_n = wp.dot(row.normal, trial)
+    f_n = trial_n - (row.k_n - row.k_t) * wp.dot(row.normal, u) - row.k_n * gap
+    if f_n <= 0.0:
+        return wp.vec3(0.0)
+    f_t = trial - row.normal * trial_n
+    limit = row.mu * f_n
+    f_t2 = wp.dot(f_t, f_t)
+    if f_t2 > limit * limit:
+        f_t = f_t * (limit / wp.sqrt(f_t2))
+    return f_t + row.normal * f_n
+
+
+@wp.func
+def normal_force(row: ContactRow, u: wp.vec3, gap: float) -> wp.vec3:
+    """Force on body b [N] at the slip u [m], without friction."""
+    f_n = wp.dot(row.normal, row.force) - row.k_n * (wp.dot(row.normal, u) + gap)
+    return row.normal * wp.max(f_n, 0.0)
+
+
+@wp.func
+def solve_gap(row: ContactRow) -> float:
+    """Gap that the sweeps close [m]: new error only, old penetration is left to the recovery."""
+    return wp.max(row.gap, 0.0)
+
+
+@wp.func
+def recovery_gap(row: ContactRow, slop: float) -> float:
+    """Gap that the recovery sweep closes [m]: a share of the penetration beyond the slop."""
+    if row.gap < -slop:
+        return RECOVERY * (row.gap + slop)
+    return wp.max(row.gap, 0.0)
+
+
+@wp.func
+def effective_mass(
+    normal: wp.vec3,
+    arm_a: wp.vec3,
+    arm_b: wp.vec3,
+    inv_mass: float,
+    inv_inertia_a: wp.mat33,
+    inv_inertia_b: wp.mat33,
+) -> float:
+    """Mass that a force along the normal meets at the contact point [kg]: 1 / (J M^-1 J^T)."""
+    ja = wp.cross(arm_a, normal)
+    jb = wp.cross(arm_b, normal)
+    return 1.0 / (inv_mass + wp.dot(ja, inv_inertia_a * ja) + wp.dot(jb, inv_inertia_b * jb))
+
+
+@wp.func
+def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, reach: float, h: float):
+    """Penalties of the row for this step; returns the row, with k_n = 0 where it cannot matter.
+
+    Args:
+        row: The row, with its multiplier warm-started.
+        mass: Effective mass [kg].
+        load: Mass that the row carried in the last step [kg].
+        u: Slip that the bodies would have without constraints [m].
+        reach: Distance that anything in this world could close in this step [m].
+        h: Time step [s].
+    """
+    out = row
+    k = PENALTY * wp.max(mass, LOAD_WEIGHT * load) / (h * h)
+    lambda_n = wp.dot(row.normal, row.force)
+    u_n = wp.dot(row.normal, u)
+    f_n = lambda_n - k * (u_n + wp.max(row.gap, 0.0))
+    if f_n <= 0.0:
+        # about to separate, or apart: keep little, and nothing where the gap is out of reach
+        k = RELEASE_RATIO * k
+        out.force = wp.vec3(0.0)
+        if row.gap + wp.min(u_n, 0.0) > reach:
+            k = 0.0
+    out.k_n = k
+    out.k_t = TANGENT_RATIO * k
+    if k > 0.0 and f_n > 0.0:
+        f_t = out.force - row.normal * lambda_n - out.k_t * (u - row.normal * u_n)
+        limit = row.mu * f_n
+        if wp.dot(f_t, f_t) > limit * limit:
+            out.k_t = RELEASE_RATIO * out.k_t
+    return out
+
+
+@wp.func
+def curvature(
+    row: ContactRow,
+    arm: wp.vec3,
+    h_ll: wp.mat33,
+    h_al: wp.mat33,
+    h_aa: wp.mat33,
+):
+    """Adds the row's curvature k J^T J to a body's block; ``arm`` is the body's own.
+
+    K = k_t I + (k_n - k_t) n n^T gives H_ll = K, H_al = [r] K, H_aa = [r] K [r]^T.
+    """
+    extra = row.k_n - row.k_t
+    moment = wp.cross(arm, row.normal)
+    scaled = extra * row.normal
+    ll = h_ll + wp.outer(scaled, row.normal) + wp.diag(wp.vec3(row.k_t))
+    al = h_al + wp.outer(extra * moment, row.normal) + row.k_t * wp.skew(arm)
+    aa = (
+        h_aa
+        + wp.outer(extra * moment, moment)
+        + wp.diag(wp.vec3(row.k_t * wp.dot(arm, arm)))
+        - wp.outer(row.k_t * arm, arm)
+    )
+    return ll, al, aa
