@@ -1,2 +1,8 @@
-from .solver import SolverAVBD
-__all__ = ["SolverAVBD"]
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""newton-avbd: a rigid-body solver for Newton by Augmented Vertex Block Descent."""
+
+from .effects import Effects
+from .solver import SolverAVBD, Status
+
+__all__ = ["Effects", "SolverAVBD", "Status"]

@@ -59,7 +59,7 @@ class ContactRecord:
     force: wp.vec3
     """Multiplier: the force on body b [N], world frame."""
     penalty: float
-    """Penalty of the ramped formulation [N/m]."""
+    """Penalty [N/m], which the ramped formulation carries over."""
 
 
 @wp.struct
@@ -74,6 +74,8 @@ class BodyModel:
     flags: wp.array[wp.int32]
     world: wp.array[wp.int32]
     gravity: wp.array[wp.vec3]
+    free_dof: wp.array[wp.int32]
+    """First degree of freedom of the body's FREE joint, -1 without one."""
 
 
 @wp.struct
@@ -82,8 +84,11 @@ class ShapeModel:
 
     body: wp.array[wp.int32]
     mu: wp.array[float]
+    """Friction coefficient."""
     ke: wp.array[float]
+    """Contact stiffness [N/m]."""
     kd: wp.array[float]
+    """Contact damping [N s/m]."""
 
 
 @wp.struct
@@ -131,19 +136,21 @@ class BodyWork:
 
 @wp.struct
 class WorldWork:
-    """Per world: which bodies and which contacts it holds."""
+    """Per world: which bodies and which contacts it holds, and what became of it."""
 
     body_start: wp.array[wp.int32]
     bodies: wp.array[wp.int32]
     """Bodies of all worlds in visiting order, shape (body_count,)."""
     of_body: wp.array[wp.int32]
-    """World of each body."""
+    """World of each body slot; -1 for the static world."""
     contact_start: wp.array[wp.int32]
     """Where each world's contacts start in ``contacts``, shape (world_count + 1,)."""
     contacts: wp.array[wp.int32]
-    """Contact indices sorted by world."""
-    frozen: wp.array[wp.int32]
-    """1 while a world is held still because its state is not finite."""
+    """Contact indices sorted by world; empty where there is one world only."""
+    held: wp.array[wp.int32]
+    """Steps in which a world was held still because its state was not finite."""
+    overflow: wp.array[wp.int32]
+    """Most contacts by which a step's buffer overflowed, shape (1,)."""
 
 
 @wp.struct
@@ -154,7 +161,11 @@ class RowWork:
     contact: wp.array[wp.int32]
     """Contact of each row; its bitwise complement where a and b are exchanged (normal flipped)."""
     share: wp.array[float]
-    """Compliant contacts: K/(K + k), the part of the multiplier that the penalty leaves."""
+    """Compliant contacts: K/(K + k), the share of the multiplier that a compliant row keeps."""
+    stiffness: wp.array[float]
+    """Ramped formulation: where the penalty ends, the material's stiffness [N/m]."""
+    damping: wp.array[float]
+    """Ramped formulation: the material's damping [N s/m]."""
     owned_start: wp.array[wp.int32]
     owned_end: wp.array[wp.int32]
     other_start: wp.array[wp.int32]
@@ -173,8 +184,27 @@ class History:
     end: wp.array2d[wp.int32]
     records: wp.array2d[ContactRecord]
     row_of_contact: wp.array2d[wp.int32]
-    """Record of each row of the contact buffer; empty without contact matching."""
+    """Record of each row of the contact buffer, -1 without; empty without contact matching."""
     filling: wp.array2d[wp.int32]
-    """(buffer, generation) of the contacts that a world's records came from, shape (world_count, 2)."""
+    """Buffer and generation of the contacts that a world's records came from, (world_count, 2)."""
     falling: wp.array[float]
     """Share of its free acceleration that a body had in the last step, 0 to 1."""
+    age: wp.array[wp.int32]
+    """Steps since the world's multipliers were reset, shape (world_count,)."""
+
+
+@wp.struct
+class WorldScale:
+    """What holds for a whole world during one step."""
+
+    h: float
+    """Time step [s]."""
+    mass: float
+    """Mass of all bodies that move [kg]: no contact at rest carries more."""
+    gravity: float
+    """Largest gravity [m/s^2]."""
+    reach: float
+    """Distance that anything in the world could close in the step [m]."""
+    slop: float
+    """Penetration that is left alone [m]."""
+    static_slot: int

@@ -1,15 +1,57 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which effects a scene calls for; kernels hold code for those and no others."""
+"""Which effects a scene calls for. Kernels hold code, and buffers memory, for those and no others."""
 
 from dataclasses import dataclass
+
+import newton
+import numpy as np
 
 
 @dataclass(frozen=True)
 class Effects:
-    gyroscopic: bool
+    """The effects that a solver's kernels are compiled with."""
+
+    contact: bool
+    """Shapes that can touch."""
     friction: bool
-    compliance: bool
-    ramp: bool
-    single_world: bool
-    matching: bool
+    """A shape with a friction coefficient above zero."""
+    gyroscopic: bool
+    """A body whose principal moments of inertia differ."""
+    joint_force: bool
+    """A FREE joint, whose generalized force acts on its body."""
+    compliance: bool = False
+    """Contacts give way as their materials' stiffness and damping say."""
+    ramp: bool = False
+    """The seed document's formulation: penalties that grow, and no multipliers."""
+    many_worlds: bool = False
+    """Worlds that are solved each by its own thread."""
+    matching: bool = False
+    """The contact buffer says which contact is which (set by the buffer in use)."""
+
+    @classmethod
+    def of_model(
+        cls, model: newton.Model, *, compliance: bool, ramp: bool, many_worlds: bool
+    ) -> "Effects":
+        """Reads from the model which effects it calls for; copies model arrays to the host."""
+        contact = model.body_count > 0 and model.shape_count > 0
+        mu = model.shape_material_mu.numpy() if contact else np.zeros(0)
+        return cls(
+            contact=contact,
+            friction=bool(np.any(mu > 0.0)),
+            gyroscopic=_has_unequal_moments(model),
+            joint_force=model.joint_count > 0,
+            compliance=compliance,
+            ramp=ramp,
+            many_worlds=many_worlds,
+        )
+
+
+def _has_unequal_moments(model: newton.Model) -> bool:
+    """Whether a body's inertia tensor is not a multiple of the identity, beyond rounding."""
+    if model.body_count == 0:
+        return False
+    inertia = model.body_inertia.numpy().astype(np.float64)
+    mean = np.trace(inertia, axis1=1, axis2=2) / 3.0
+    off = np.abs(inertia - mean[:, None, None] * np.eye(3)).max(axis=(1, 2))
+    return bool(np.any(off > 1.0e-5 * mean))

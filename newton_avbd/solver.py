@@ -1,93 +1,560 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
+"""SolverAVBD: what a user calls. The physics is in ``rows`` and ``blocks``."""
+
+import dataclasses
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
 import newton
 import numpy as np
 import warp as wp
+from newton import ModelFlags, StateFlags
 from newton.solvers import SolverBase
 
 from . import data
 from .algebra.block import BlockFactor
+from .checks import check_model
 from .effects import Effects
-from .execute.bodies import make_integrate, make_predict
+from .execute.bodies import export_acceleration, make_integrate, make_predict
+from .execute.contacts import export_contact_force, reset_bodies, sort_by_world
 from .execute.world import make_solve
+
+_SIDES = 2
+
+
+@dataclass(frozen=True)
+class Status:
+    """What happened in a solver since its construction or the last reset; read on request."""
+
+    held_steps: np.ndarray
+    """Steps in which a world was held still because its state was not finite, by world."""
+    contact_overflow: int
+    """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
 
 
 class SolverAVBD(SolverBase):
-    def __init__(self, model, *, iterations=10):
-        super().__init__(model)
+    """Rigid bodies in contact by Augmented Vertex Block Descent.
+
+    Backward Euler on pose increments, minimised body by body (each a 6x6 block), with contacts and
+    Coulomb friction held by multipliers and a penalty scaled by the masses in contact. A step is a
+    pure function of ``state_in``, ``control``, ``contacts`` and the multipliers of the last step.
+
+    Contacts are rigid, as in :class:`newton.solvers.SolverXPBD` and ``SolverMuJoCo``; with
+    ``compliant_contacts`` they give way by the stiffness and damping that the shapes author.
+    Supported: free bodies (FREE joints to the world, or none), kinematic bodies, all shapes that
+    Newton's collision pipeline handles, any number of worlds.
+
+    Sources: Giles, Diaz, Yuksel, "Augmented Vertex Block Descent", 2025; "Rigid Body Dynamics with
+    VBD, Section I: Free Bodies"; ``docs/`` says where this solver departs from them, and why.
+    """
+
+    supports_collision_pipeline = True
+    supports_body_pair_reduced_contacts = True
+    SUPPORTED_OBSERVABLES = frozenset(
+        {SolverBase.ObservableKind.BODY_QDD, SolverBase.ObservableKind.CONTACT_F}
+    )
+
+    def __init__(
+        self,
+        model: newton.Model,
+        *,
+        iterations: int = 10,
+        compliant_contacts: bool = False,
+        formulation: Literal["augmented", "ramp"] = "augmented",
+        collision_pipeline: newton.CollisionPipeline | None = None,
+        collision_frequency: Mapping[SolverBase.CollisionSlot, int] | None = None,
+        collision_frequency_type: Mapping[
+            SolverBase.CollisionSlot, SolverBase.CollisionFrequencyType
+        ]
+        | None = None,
+    ) -> None:
+        """Prepare to simulate a model.
+
+        Args:
+            model: The model. Its arrays are read live in every step; after changing which bodies
+                move, masses, or materials call :meth:`notify_model_changed`.
+            iterations: Sweeps over the bodies in each step: more for taller stacks and larger
+                mass ratios. The first three steps after a reset take four times as many.
+            compliant_contacts: Contacts give way by the shapes' ``ke`` [N/m] and ``kd`` [N s/m]
+                (their means over the two shapes) instead of being rigid.
+            formulation: ``"augmented"`` (multipliers), or ``"ramp"``: the seed document's growing
+                penalty up to the shapes' ``ke``, for comparison.
+            collision_pipeline: A pipeline that the solver runs at the start of each step, on
+                ``state_in``; ``step`` then takes ``contacts=None``.
+            collision_frequency: See :class:`newton.solvers.SolverBase`.
+            collision_frequency_type: ``NONE`` or ``PRE_INIT``, by slot.
+
+        Raises:
+            NotImplementedError: If the model has joints other than FREE joints to the world.
+            ValueError: If a setting or a number in the model makes no sense.
+        """
+        if iterations < 1:
+            raise ValueError(f"iterations must be at least 1, got {iterations}.")
+        if formulation not in ("augmented", "ramp"):
+            raise ValueError(f"formulation must be 'augmented' or 'ramp', got {formulation!r}.")
+        if formulation == "ramp" and compliant_contacts:
+            raise ValueError(
+                "formulation='ramp' is limited by the shapes' stiffness already; leave "
+                "compliant_contacts out."
+            )
+        check_model(model)
+        super().__init__(
+            model,
+            collision_pipeline=collision_pipeline,
+            collision_frequency=collision_frequency,
+            collision_frequency_type=collision_frequency_type,
+        )
         self.iterations = iterations
-        self.effects = Effects(True, True, False, False, True, False)
-        m = model
-        nb = m.body_count
-        bm = data.BodyModel()
-        bm.mass = m.body_mass
-        bm.inertia = m.body_inertia
-        bm.inv_mass = m.body_inv_mass
-        bm.inv_inertia = m.body_inv_inertia
-        bm.com = m.body_com
-        bm.flags = m.body_flags
-        bm.world = m.body_world
-        bm.gravity = m.gravity
-        self.bm = bm
-        sm = data.ShapeModel()
-        sm.body = m.shape_body
-        sm.mu = m.shape_material_mu
-        self.sm = sm
-        w = data.BodyWork()
-        n = nb + 1
-        w.com = wp.zeros(n, dtype=wp.vec3)
-        w.inv_mass = wp.zeros(n, dtype=float)
-        w.inertia = wp.zeros(n, dtype=wp.mat33)
-        w.inv_inertia = wp.zeros(n, dtype=wp.mat33)
-        w.target = wp.zeros(n, dtype=wp.spatial_vector)
-        w.increment = wp.zeros(n, dtype=wp.spatial_vector)
-        w.spin_gain = wp.zeros(n, dtype=wp.vec3)
-        w.finite = wp.zeros(n, dtype=wp.int32)
-        w.factor = wp.zeros(n, dtype=BlockFactor)
-        self.work = w
-        ww = data.WorldWork()
-        ww.body_start = wp.array([0, nb], dtype=wp.int32)
-        ww.bodies = wp.array(np.arange(nb), dtype=wp.int32)
-        self.worlds = ww
-        self.cap = 0
-        self.history = data.History()
-        self.history.falling = wp.zeros(n, dtype=float)
-        self.history.parity = wp.zeros(1, dtype=wp.int32)
-        self.history.start = wp.zeros((2, n), dtype=wp.int32)
-        self.history.end = wp.zeros((2, n), dtype=wp.int32)
-        r = data.RowWork()
-        for name in ("owned_start", "owned_end", "other_start", "other_end"):
-            setattr(r, name, wp.zeros(n, dtype=wp.int32))
-        self.rows = r
+        self._compliance = compliant_contacts
+        self._ramp = formulation == "ramp"
+        self._inputs: weakref.WeakKeyDictionary[newton.Contacts, data.ContactInput] = (
+            weakref.WeakKeyDictionary()
+        )
+        self._buffer_count = 0
+        self._capacity = 0
+        self._allocate_bodies()
+        self._bind_model()
+        self._group_worlds()
+        known = max(
+            int(model.rigid_contact_max or 0),
+            0 if self.contacts is None else self.contacts.rigid_contact_max,
+        )
+        if self.effects.contact and known:
+            self._allocate_contacts(known)
 
-    def grow(self, c):
-        cap = c.rigid_contact_max
-        self.cap = cap
-        self.rows.rows = wp.zeros(cap, dtype=data.ContactRow)
-        self.rows.contact = wp.zeros(cap, dtype=wp.int32)
-        self.rows.other_rows = wp.zeros(cap, dtype=wp.int32)
-        self.history.records = wp.zeros((2, cap), dtype=data.ContactRecord)
-        self.worlds.contacts = wp.array(np.arange(cap), dtype=wp.int32)
-        self.worlds.contact_start = wp.zeros(2, dtype=wp.int32)
-        ci = data.ContactInput()
-        ci.count = c.rigid_contact_count
-        ci.capacity = cap
-        ci.shape0 = c.rigid_contact_shape0
-        ci.shape1 = c.rigid_contact_shape1
-        ci.point0 = c.rigid_contact_point0
-        ci.point1 = c.rigid_contact_point1
-        ci.normal = c.rigid_contact_normal
-        ci.margin0 = c.rigid_contact_margin0
-        ci.margin1 = c.rigid_contact_margin1
-        self.ci = ci
+    # What a step does, top to bottom.
 
-    def step(self, state_in, state_out, control, contacts, dt, *, observables=None):
-        nb = self.model.body_count
-        if contacts is None:
-            wp.launch(make_integrate(self.effects), nb, inputs=[self.bm, state_in.body_q, state_in.body_qd, state_in.body_f, dt], outputs=[state_out.body_q, state_out.body_qd])
+    def step(
+        self,
+        state_in: newton.State,
+        state_out: newton.State,
+        control: newton.Control | None,
+        contacts: newton.Contacts | None,
+        dt: float,
+        *,
+        observables: SolverBase.Observables | None = None,
+    ) -> None:
+        """Advance the bodies by one backward Euler step.
+
+        Args:
+            state_in: State to start from; ``body_q``, ``body_qd`` and ``body_f`` are read.
+            state_out: State to write ``body_q`` and ``body_qd`` to; may be ``state_in``.
+            control: ``joint_f`` of FREE joints is read; None for the model's own.
+            contacts: Contacts of this or an earlier collision pass, or None for no contacts
+                (or where the solver owns a pipeline).
+            dt: Time step [s].
+            observables: Arrays of :meth:`observables` to fill.
+
+        Raises:
+            ValueError: If an argument does not fit the model, or ``dt`` is not positive.
+        """
+        contacts = self._resolve_step_contacts(contacts)
+        self.validate_observables(observables, contacts)
+        self._check_step(state_in, state_out, contacts, dt)
+        if self.model.body_count == 0:
             return
-        if contacts.rigid_contact_max > self.cap:
-            self.grow(contacts)
-        wp.launch(make_predict(self.effects), nb, inputs=[self.bm, state_in.body_q, state_in.body_qd, state_in.body_f, dt, self.history, self.work])
-        wp.copy(self.worlds.contact_start, contacts.rigid_contact_count, 1, 0, 1)
-        wp.launch(make_solve(self.effects), 1, inputs=[self.bm, self.sm, state_in.body_q, state_in.body_qd, self.ci, dt, self.iterations, self.worlds, self.work, self.rows, self.history], outputs=[state_out.body_q, state_out.body_qd])
+        if control is None:
+            control = self.model.control(clone_variables=False)
+        if self._owns_detection:
+            self._run_rigid_collision(state_in, dt)
+        acceleration = self._acceleration_array(state_out, observables)
+        if acceleration is not None:
+            wp.copy(acceleration, state_in.body_qd)
+
+        if contacts is None or not self.effects.contact:
+            self._integrate(state_in, state_out, control, dt)
+        else:
+            self._solve(state_in, state_out, control, contacts, dt)
+
+        if acceleration is not None:
+            self._launch_bodies(export_acceleration, [state_out.body_qd, dt, acceleration])
+        if observables is not None and observables.contact_f is not None:
+            self._export_contact_force(observables.contact_f)
+
+    def _integrate(
+        self, state_in: newton.State, state_out: newton.State, control: newton.Control, dt: float
+    ) -> None:
+        """The step where nothing touches: one kernel, exact."""
+        self._launch_bodies(
+            make_integrate(self.effects),
+            [
+                self._bodies,
+                state_in.body_q,
+                state_in.body_qd,
+                state_in.body_f,
+                control.joint_f,
+                dt,
+                self._worlds,
+                state_out.body_q,
+                state_out.body_qd,
+            ],
+        )
+
+    def _solve(
+        self,
+        state_in: newton.State,
+        state_out: newton.State,
+        control: newton.Control,
+        contacts: newton.Contacts,
+        dt: float,
+    ) -> None:
+        """The step with contacts: predict, sort the contacts by world, solve each world."""
+        source = self._contact_input(contacts)
+        effects = self.effects
+        if contacts.rigid_contact_match_index is not None:
+            effects = dataclasses.replace(effects, matching=True)
+        self._launch_bodies(
+            make_predict(self.effects),
+            [
+                self._bodies,
+                state_in.body_q,
+                state_in.body_qd,
+                state_in.body_f,
+                control.joint_f,
+                dt,
+                self._history,
+                self._work,
+            ],
+        )
+        if effects.many_worlds:
+            wp.launch(
+                sort_by_world,
+                dim=1,
+                inputs=[self._shapes, source, self._work, self._worlds],
+                device=self.device,
+            )
+        wp.launch(
+            make_solve(effects),
+            dim=self._world_count,
+            inputs=[
+                self._bodies,
+                self._shapes,
+                state_in.body_q,
+                state_in.body_qd,
+                source,
+                dt,
+                self.iterations,
+                self._worlds,
+                self._work,
+                self._rows,
+                self._history,
+                state_out.body_q,
+                state_out.body_qd,
+            ],
+            device=self.device,
+        )
+
+    # What a user may do besides stepping.
+
+    @property
+    def status(self) -> Status:
+        """What happened so far; copies a few numbers from the device."""
+        return Status(
+            held_steps=self._worlds.held.numpy(),
+            contact_overflow=int(self._worlds.overflow.numpy()[0]),
+        )
+
+    def reset(
+        self,
+        state: newton.State,
+        world_mask: wp.array | None = None,
+        flags: StateFlags | int | None = None,
+    ) -> None:
+        """Put worlds back to the model's initial poses and forget their contacts, on the device.
+
+        Args:
+            state: State to modify: ``body_q`` and ``body_qd``, as ``flags`` say.
+            world_mask: Which worlds, shape ``(world_count + 1,)``; the last entry is for global
+                bodies. None for all.
+            flags: What to put back; None for all. Multipliers are always forgotten.
+        """
+        mask = self._normalize_reset_world_mask(world_mask)
+        if self.model.body_count == 0:
+            return
+        model = self.model
+        self._launch_bodies(
+            reset_bodies,
+            [
+                model.body_world,
+                model.body_q,
+                model.body_qd,
+                self._no_mask if mask is None else mask,
+                int(StateFlags.BODY_Q | StateFlags.BODY_QD) if flags is None else int(flags),
+                self._worlds,
+                self._history,
+                state.body_q,
+                state.body_qd,
+            ],
+        )
+
+    def notify_model_changed(self, flags: ModelFlags | int) -> None:
+        """Look again at what the model calls for.
+
+        Arrays of the model are read live, so changing their values needs no call, except where it
+        calls for an effect that the scene did without: friction, unequal moments of inertia, or
+        other bodies that move. The call copies model arrays to the host; while a graph is being
+        captured it compiles in every effect instead.
+
+        Args:
+            flags: What changed; unknown bits are ignored.
+        """
+        relevant = (
+            ModelFlags.BODY_PROPERTIES
+            | ModelFlags.BODY_INERTIAL_PROPERTIES
+            | ModelFlags.SHAPE_PROPERTIES
+            | ModelFlags.SHAPE_TYPE_AND_SOURCE
+            | ModelFlags.MODEL_PROPERTIES
+        )
+        if not int(flags) & int(relevant):
+            return
+        self._bind_model()
+        if self.device.is_capturing:
+            self.effects = dataclasses.replace(self.effects, friction=True, gyroscopic=True)
+        else:
+            check_model(self.model)
+            self._group_worlds()
+
+    def set_collision_frequency(
+        self,
+        *,
+        collision_frequency: Mapping[SolverBase.CollisionSlot, int] | None = None,
+        collision_frequency_type: Mapping[
+            SolverBase.CollisionSlot, SolverBase.CollisionFrequencyType
+        ]
+        | None = None,
+    ) -> None:
+        """As in :class:`newton.solvers.SolverBase`; the owned pipeline runs once a step or never.
+
+        Raises:
+            NotImplementedError: If detection is to run inside the iterations.
+        """
+        Frequency = SolverBase.CollisionFrequencyType
+        rigid = (collision_frequency_type or {}).get(SolverBase.CollisionSlot.RIGID, Frequency.AUTO)
+        if rigid in (Frequency.PRE_POST_INIT, Frequency.ITERATIONS):
+            raise NotImplementedError(
+                f"SolverAVBD detects collisions at the start of a step (PRE_INIT) or not at all "
+                f"(NONE), not {Frequency(rigid).name}."
+            )
+        super().set_collision_frequency(
+            collision_frequency=collision_frequency,
+            collision_frequency_type=collision_frequency_type,
+        )
+
+    def update_contacts(self, contacts: newton.Contacts, state: newton.State | None = None) -> None:
+        """Write the contact forces of the last step to ``contacts.force``.
+
+        Deprecated in Newton in favour of the observable ``contact_f``.
+
+        Args:
+            contacts: The contacts of the last step, with ``force`` allocated.
+            state: Not used.
+
+        Raises:
+            ValueError: If ``contacts.force`` was not requested.
+        """
+        del state
+        if contacts.force is None:
+            raise ValueError(
+                "contacts.force is not allocated; call model.request_contact_attributes('force') "
+                "before creating the contacts, or use the observable 'contact_f'."
+            )
+        self._export_contact_force(contacts.force)
+
+    # Buffers, and what the kernels see of the model.
+
+    def _allocate_bodies(self) -> None:
+        """Buffers by body slot; the last slot is the static world, which stays zero."""
+        slots = self.model.body_count + 1
+        with wp.ScopedDevice(self.device):
+            self._no_mask = wp.empty(0, dtype=wp.bool)
+            self._work = data.BodyWork()
+            self._work.com = wp.zeros(slots, dtype=wp.vec3)
+            self._work.inv_mass = wp.zeros(slots, dtype=float)
+            self._work.inertia = wp.zeros(slots, dtype=wp.mat33)
+            self._work.inv_inertia = wp.zeros(slots, dtype=wp.mat33)
+            self._work.target = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._work.increment = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._work.spin_gain = wp.zeros(slots, dtype=wp.vec3)
+            self._work.finite = wp.zeros(slots, dtype=wp.int32)
+            self._work.factor = wp.zeros(slots, dtype=BlockFactor)
+            self._rows = data.RowWork()
+            self._rows.owned_start = wp.zeros(slots, dtype=wp.int32)
+            self._rows.owned_end = wp.zeros(slots, dtype=wp.int32)
+            self._rows.other_start = wp.zeros(slots, dtype=wp.int32)
+            self._rows.other_end = wp.zeros(slots, dtype=wp.int32)
+            self._history = data.History()
+            self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
+            self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
+            self._history.falling = wp.zeros(slots, dtype=float)
+
+    def _bind_model(self) -> None:
+        """Points the kernels to the model's arrays."""
+        model = self.model
+        free_dof = np.full(model.body_count, -1, dtype=np.int32)
+        if model.joint_count:
+            free_dof[model.joint_child.numpy()] = model.joint_qd_start.numpy()[:-1]
+        self._bodies = data.BodyModel()
+        self._bodies.mass = model.body_mass
+        self._bodies.inertia = model.body_inertia
+        self._bodies.inv_mass = model.body_inv_mass
+        self._bodies.inv_inertia = model.body_inv_inertia
+        self._bodies.com = model.body_com
+        self._bodies.flags = model.body_flags
+        self._bodies.world = model.body_world
+        self._bodies.gravity = model.gravity
+        self._bodies.free_dof = wp.array(free_dof, dtype=wp.int32, device=self.device)
+        self._shapes = data.ShapeModel()
+        self._shapes.body = model.shape_body
+        self._shapes.mu = model.shape_material_mu
+        self._shapes.ke = model.shape_material_ke
+        self._shapes.kd = model.shape_material_kd
+
+    def _group_worlds(self) -> None:
+        """Decides which bodies one thread solves, and with which effects.
+
+        A group is a Newton world, or, where global bodies that move tie the worlds together, all
+        bodies at once.
+        """
+        model = self.model
+        groups = _solver_worlds(model)
+        self._world_count = int(groups.max(initial=0)) + 1
+        self.effects = Effects.of_model(
+            model,
+            compliance=self._compliance,
+            ramp=self._ramp,
+            many_worlds=self._world_count > 1,
+        )
+        order = np.argsort(groups, kind="stable")
+        starts = np.searchsorted(groups[order], np.arange(self._world_count + 1))
+        with wp.ScopedDevice(self.device):
+            self._worlds = data.WorldWork()
+            self._worlds.body_start = wp.array(starts, dtype=wp.int32)
+            self._worlds.bodies = wp.array(order, dtype=wp.int32)
+            self._worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
+            self._worlds.contact_start = wp.zeros(self._world_count + 1, dtype=wp.int32)
+            self._worlds.held = wp.zeros(self._world_count, dtype=wp.int32)
+            self._worlds.overflow = wp.zeros(1, dtype=wp.int32)
+            if self.effects.many_worlds:
+                self._worlds.contacts = wp.empty(self._capacity, dtype=wp.int32)
+            self._history.parity = wp.zeros(self._world_count, dtype=wp.int32)
+            self._history.filling = wp.zeros((self._world_count, 2), dtype=wp.int32)
+            self._history.age = wp.zeros(self._world_count, dtype=wp.int32)
+
+    def _allocate_contacts(self, capacity: int) -> None:
+        """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""
+        capture = self.device.is_capturing
+        if capture and (self._capacity or self.device.is_cuda):
+            raise RuntimeError(
+                f"SolverAVBD needs buffers for {capacity} contacts, which cannot be allocated "
+                "while a graph is captured: create the collision pipeline before the solver, or "
+                "take one step with these contacts first."
+            )
+        if self._capacity:
+            self._history.start.zero_()
+            self._history.end.zero_()
+        self._capacity = capacity
+        with wp.ScopedDevice(self.device):
+            self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
+            self._rows.contact = wp.empty(capacity, dtype=wp.int32)
+            self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
+            if self.effects.compliance:
+                self._rows.share = wp.empty(capacity, dtype=float)
+            if self.effects.ramp:
+                self._rows.stiffness = wp.empty(capacity, dtype=float)
+                self._rows.damping = wp.empty(capacity, dtype=float)
+            self._history.records = wp.empty((_SIDES, capacity), dtype=data.ContactRecord)
+            self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
+            if self.effects.many_worlds:
+                self._worlds.contacts = wp.empty(capacity, dtype=wp.int32)
+
+    def _contact_input(self, contacts: newton.Contacts) -> data.ContactInput:
+        """What the kernels see of a contact buffer; made once for each buffer."""
+        source = self._inputs.get(contacts)
+        if source is not None:
+            return source
+        if contacts.rigid_contact_max > self._capacity:
+            self._allocate_contacts(contacts.rigid_contact_max)
+        self._buffer_count += 1
+        source = data.ContactInput()
+        source.buffer = self._buffer_count
+        source.capacity = contacts.rigid_contact_max
+        source.count = contacts.rigid_contact_count
+        source.shape0 = contacts.rigid_contact_shape0
+        source.shape1 = contacts.rigid_contact_shape1
+        source.point0 = contacts.rigid_contact_point0
+        source.point1 = contacts.rigid_contact_point1
+        source.normal = contacts.rigid_contact_normal
+        source.margin0 = contacts.rigid_contact_margin0
+        source.margin1 = contacts.rigid_contact_margin1
+        source.generation = contacts.contact_generation
+        if contacts.rigid_contact_match_index is not None:
+            source.match_index = contacts.rigid_contact_match_index
+            source.match_generation = contacts.rigid_contact_match_generation
+        self._inputs[contacts] = source
+        return source
+
+    @property
+    def _owns_detection(self) -> bool:
+        """Whether this step runs the owned pipeline."""
+        scheduled = self._resolved_collision_frequency_type(SolverBase.CollisionSlot.RIGID)
+        return scheduled == SolverBase.CollisionFrequencyType.PRE_INIT
+
+    def _check_step(
+        self,
+        state_in: newton.State,
+        state_out: newton.State,
+        contacts: newton.Contacts | None,
+        dt: float,
+    ) -> None:
+        if not (dt > 0.0 and np.isfinite(dt)):
+            raise ValueError(f"dt must be a positive number of seconds, got {dt}.")
+        count = self.model.body_count
+        for name, state in (("state_in", state_in), ("state_out", state_out)):
+            if count and (state.body_q is None or state.body_q.shape[0] != count):
+                raise ValueError(
+                    f"{name} holds no bodies or those of another model; the solver's model has "
+                    f"{count}. Create it with model.state()."
+                )
+            if count and state.body_q.device != self.device:
+                raise ValueError(
+                    f"{name} is on device {state.body_q.device}, the solver on {self.device}."
+                )
+        if contacts is not None and contacts.device != self.device:
+            raise ValueError(
+                f"contacts are on device {contacts.device}, the solver on {self.device}."
+            )
+
+    def _acceleration_array(
+        self, state_out: newton.State, observables: SolverBase.Observables | None
+    ) -> wp.array | None:
+        """Where accelerations are asked for: the observable, or the state's deprecated array."""
+        if observables is not None and observables.body_qdd is not None:
+            return observables.body_qdd
+        return state_out.body_qdd
+
+    def _export_contact_force(self, contact_f: wp.array) -> None:
+        contact_f.zero_()
+        if self._capacity:
+            self._launch_bodies(export_contact_force, [self._rows, contact_f])
+
+    def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
+        """Launches a kernel with one thread a body."""
+        wp.launch(kernel, dim=self.model.body_count, inputs=arguments, device=self.device)
+
+
+def _solver_worlds(model: newton.Model) -> np.ndarray:
+    """Which world, as the solver sees it, each body belongs to, shape (body_count,)."""
+    if model.body_count == 0:
+        return np.zeros(0, dtype=np.int32)
+    world = model.body_world.numpy()
+    is_global = world < 0
+    moves = (model.body_inv_mass.numpy() > 0.0) & (
+        model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
+    )
+    if np.any(is_global & moves) or np.all(is_global):
+        return np.zeros(model.body_count, dtype=np.int32)
+    # global bodies that do not move get a world of their own, which only passes them through
+    return np.where(is_global, model.world_count, world).astype(np.int32)

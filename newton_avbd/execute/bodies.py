@@ -8,11 +8,11 @@ import warp as wp
 
 from ..algebra.so3 import world_inertia
 from ..blocks.body import free_rotation, is_mobile, moved_pose, target_translation
-from ..data import BodyModel, BodyWork, History
+from ..data import BodyModel, BodyWork, History, WorldWork
 from ..effects import Effects
 
 
-def make_target(effects: Effects):
+def make_target(effects: Effects) -> wp.Function:
     """The function that gives a body's inertial target: gyroscopic only where the scene needs it."""
 
     @wp.func
@@ -27,9 +27,8 @@ def make_target(effects: Effects):
         rotation = wp.transform_get_rotation(pose)
         omega = wp.spatial_bottom(velocity)
         torque = wp.spatial_bottom(wrench)
-        acceleration = model.gravity[model.world[body]] + model.inv_mass[body] * wp.spatial_top(
-            wrench
-        )
+        push = model.inv_mass[body] * wp.spatial_top(wrench)
+        acceleration = model.gravity[model.world[body]] + push
         dx = target_translation(wp.spatial_top(velocity), acceleration, h)
         if wp.static(effects.gyroscopic):
             dtheta, remainder = free_rotation(
@@ -56,10 +55,41 @@ def is_finite(pose: wp.transform, velocity: wp.spatial_vector, wrench: wp.spatia
     )
 
 
+def make_wrench(effects: Effects) -> wp.Function:
+    """The function that sums a body's external forces: body_f and what drives its FREE joint."""
+
+    @wp.func
+    def external_wrench(
+        model: BodyModel,
+        body: int,
+        body_f: wp.array[wp.spatial_vector],
+        joint_f: wp.array[float],
+    ) -> wp.spatial_vector:
+        wrench = body_f[body]
+        if wp.static(effects.joint_force):
+            dof = model.free_dof[body]
+            if dof >= 0:
+                wrench += wp.spatial_vector(
+                    wp.vec3(joint_f[dof], joint_f[dof + 1], joint_f[dof + 2]),
+                    wp.vec3(joint_f[dof + 3], joint_f[dof + 4], joint_f[dof + 5]),
+                )
+        return wrench
+
+    return external_wrench
+
+
+@wp.func
+def report_held(worlds: WorldWork, world: int):
+    """Counts a step in which a world (or a body in it) was held still, and says so once."""
+    if wp.atomic_add(worlds.held, world, 1) == 0:
+        wp.printf("SolverAVBD: world %d is not finite and is held still until it is reset\n", world)
+
+
 @functools.cache
 def make_predict(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: everything about a body that the sweeps need, once a step."""
     inertial_target = make_target(effects)
+    external_wrench = make_wrench(effects)
 
     @wp.kernel(enable_backward=False, module="unique")
     def predict(
@@ -69,6 +99,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
+        joint_f: wp.array[float],
         h: float,
         history: History,
         # Work out:
@@ -77,7 +108,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
         body = wp.tid()
         pose = body_q[body]
         velocity = body_qd[body]
-        wrench = body_f[body]
+        wrench = external_wrench(model, body, body_f, joint_f)
         work.finite[body] = int(is_finite(pose, velocity, wrench))
         work.com[body] = wp.transform_point(pose, model.com[body])
 
@@ -99,6 +130,9 @@ def make_predict(effects: Effects) -> wp.Kernel:
         work.target[body] = target
         if wp.static(effects.gyroscopic):
             work.spin_gain[body] = remainder
+        if wp.static(effects.ramp):
+            work.increment[body] = target
+            return
         # Start from the share of its free acceleration that the body had in the last step (VBD,
         # section 3.7): a resting body starts at rest, a falling one at its target.
         held = (1.0 - history.falling[body]) * (h * h) * acceleration
@@ -111,6 +145,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
 def make_integrate(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: the whole step where nothing touches, which is exact."""
     inertial_target = make_target(effects)
+    external_wrench = make_wrench(effects)
 
     @wp.kernel(enable_backward=False, module="unique")
     def integrate(
@@ -120,7 +155,10 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
+        joint_f: wp.array[float],
         h: float,
+        # Work:
+        worlds: WorldWork,
         # State out:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
@@ -128,14 +166,31 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         body = wp.tid()
         pose = body_q[body]
         velocity = body_qd[body]
-        if not is_mobile(model, body):
+        wrench = external_wrench(model, body, body_f, joint_f)
+        finite = is_finite(pose, velocity, wrench)
+        if not finite:
+            report_held(worlds, worlds.of_body[body])
+        if not finite or not is_mobile(model, body):
             body_q_out[body] = pose
             body_qd_out[body] = velocity
             return
         target, remainder, _acceleration = inertial_target(
-            model, body, pose, velocity, body_f[body], h
+            model, body, pose, velocity, wrench, h
         )
         body_q_out[body] = moved_pose(pose, model.com[body], target)
         body_qd_out[body] = target / h + wp.spatial_vector(wp.vec3(0.0), remainder)
 
     return integrate
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def export_acceleration(
+    # State out:
+    body_qd_out: wp.array[wp.spatial_vector],
+    h: float,
+    # Out:
+    body_qdd: wp.array[wp.spatial_vector],
+):
+    """Turns the velocities at the start of the step, left in ``body_qdd``, into accelerations."""
+    body = wp.tid()
+    body_qdd[body] = (body_qd_out[body] - body_qdd[body]) / h

@@ -17,7 +17,7 @@ not, majorises the objective and each body's block is factored once a step.
 
 import warp as wp
 
-from ..data import ContactRow
+from ..data import ContactRow, WorldScale
 
 PENALTY = wp.constant(10.0)
 """Normal penalty in units of effective mass / h^2."""
@@ -69,17 +69,23 @@ def normal_force(row: ContactRow, u: wp.vec3, gap: float) -> wp.vec3:
 
 
 @wp.func
-def solve_gap(row: ContactRow) -> float:
+def new_gap(gap: float, _slop: float) -> float:
     """Gap that the sweeps close [m]: new error only, old penetration is left to the recovery."""
-    return wp.max(row.gap, 0.0)
+    return wp.max(gap, 0.0)
 
 
 @wp.func
-def recovery_gap(row: ContactRow, slop: float) -> float:
-    """Gap that the recovery sweep closes [m]: a share of the penetration beyond the slop."""
-    if row.gap < -slop:
-        return RECOVERY * (row.gap + slop)
-    return wp.max(row.gap, 0.0)
+def whole_gap(gap: float, _slop: float) -> float:
+    """Gap that the sweeps close [m] where contacts are compliant: overlap is what pushes."""
+    return gap
+
+
+@wp.func
+def recovery_gap(gap: float, slop: float) -> float:
+    """Gap that the recovery closes [m]: a share of the penetration beyond the slop."""
+    if gap < -slop:
+        return RECOVERY * (gap + slop)
+    return wp.max(gap, 0.0)
 
 
 @wp.func
@@ -98,36 +104,86 @@ def effective_mass(
 
 
 @wp.func
-def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, reach: float, h: float):
-    """Penalties of the row for this step; returns the row, with k_n = 0 where it cannot matter.
+def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: WorldScale):
+    """The row with its penalties for this step; k_n = 0 where the row cannot matter.
+
+    The row is classified once a step, by the motion that the bodies would have without it: the
+    curvature of rows that are about to open, or to slide, would only hold the bodies back.
 
     Args:
         row: The row, with its multiplier warm-started.
         mass: Effective mass [kg].
         load: Mass that the row carried in the last step [kg].
         u: Slip that the bodies would have without constraints [m].
-        reach: Distance that anything in this world could close in this step [m].
-        h: Time step [s].
+        scale: The world's scale.
     """
     out = row
-    k = PENALTY * wp.max(mass, LOAD_WEIGHT * load) / (h * h)
+    k = PENALTY * wp.max(mass, LOAD_WEIGHT * load) / (scale.h * scale.h)
     lambda_n = wp.dot(row.normal, row.force)
     u_n = wp.dot(row.normal, u)
     f_n = lambda_n - k * (u_n + wp.max(row.gap, 0.0))
     if f_n <= 0.0:
-        # about to separate, or apart: keep little, and nothing where the gap is out of reach
-        k = RELEASE_RATIO * k
         out.force = wp.vec3(0.0)
-        if row.gap + wp.min(u_n, 0.0) > reach:
+        k = RELEASE_RATIO * k
+        if row.gap + wp.min(u_n, 0.0) > scale.reach:
             k = 0.0
     out.k_n = k
     out.k_t = TANGENT_RATIO * k
-    if k > 0.0 and f_n > 0.0:
-        f_t = out.force - row.normal * lambda_n - out.k_t * (u - row.normal * u_n)
-        limit = row.mu * f_n
-        if wp.dot(f_t, f_t) > limit * limit:
+    if f_n > 0.0:
+        f_t = row.force - row.normal * lambda_n - out.k_t * (u - row.normal * u_n)
+        if wp.length(f_t) > row.mu * f_n:
             out.k_t = RELEASE_RATIO * out.k_t
     return out
+
+
+@wp.func
+def keep_share(row: ContactRow, push: wp.vec3, share: float) -> wp.vec3:
+    """What a compliant row keeps of the force ``push`` [N] as its multiplier."""
+    return push - ((1.0 - share) * wp.dot(row.normal, push)) * row.normal
+
+
+@wp.func
+def comply(
+    row: ContactRow,
+    mass: float,
+    load: float,
+    u: wp.vec3,
+    stiffness: float,
+    damping: float,
+    scale: WorldScale,
+):
+    """As :func:`penalise` for a row that gives way as its material says; also returns its share.
+
+    The material K in series with the penalty k makes k_eff = K k/(K + k), and the row keeps the
+    share s = K/(K + k) of its multiplier: F = s lambda - k_eff C settles at F = -K C for any k.
+    Damping acts implicitly while the bodies overlap: F = -K C - kd dC/h.
+
+    Args:
+        row: The row, with its multiplier warm-started.
+        mass: Effective mass [kg].
+        load: Mass that the row carried in the last step [kg].
+        u: Slip that the bodies would have without constraints [m].
+        stiffness: Material stiffness K [N/m].
+        damping: Material damping kd [N s/m].
+        scale: The world's scale.
+    """
+    out = row
+    k = PENALTY * wp.max(mass, LOAD_WEIGHT * load) / (scale.h * scale.h)
+    u_n = wp.dot(row.normal, u)
+    if row.gap + wp.min(u_n, 0.0) > 0.0:
+        out.force = wp.vec3(0.0)
+        k = RELEASE_RATIO * k
+        if row.gap + wp.min(u_n, 0.0) > scale.reach:
+            k = 0.0
+    total = stiffness + damping / scale.h
+    if row.gap < 0.0:
+        # -K (gap + u_n) - kd/h u_n = -total (gap K/total + u_n)
+        out.gap = row.gap * stiffness / total
+    share = total / (total + k)
+    out.k_n = share * k
+    out.k_t = TANGENT_RATIO * k
+    out.force = keep_share(row, out.force, share)
+    return out, share
 
 
 @wp.func

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a solver says about a model that it cannot simulate, before it simulates anything."""
+
+import warnings
+
+import newton
+import numpy as np
+
+
+def check_model(model: newton.Model) -> None:
+    """Refuses a model that holds what the solver does not support or cannot make sense of.
+
+    Args:
+        model: The model, on any device; its arrays are copied to the host.
+
+    Raises:
+        NotImplementedError: If a joint is not a FREE joint to the world.
+        ValueError: If a mass, inertia, center of mass, friction coefficient or gravity is not
+            finite, or a mass or friction coefficient is negative.
+    """
+    _check_joints(model)
+    _check_bodies(model)
+    if model.shape_count:
+        _check_numbers(model, "shape_material_mu", model.shape_label, minimum=0.0)
+    if not np.all(np.isfinite(model.gravity.numpy())):
+        raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
+    if model.particle_count:
+        warnings.warn(
+            f"SolverAVBD moves rigid bodies only: the model's {model.particle_count} particles "
+            "stay where they are. Use SolverVBD or SolverXPBD for them.",
+            stacklevel=3,
+        )
+
+
+def _check_joints(model: newton.Model) -> None:
+    if model.joint_count == 0:
+        return
+    types = model.joint_type.numpy()
+    parents = model.joint_parent.numpy()
+    for joint in range(model.joint_count):
+        kind = newton.JointType(int(types[joint]))
+        label = _label(model.joint_label, joint)
+        if kind != newton.JointType.FREE:
+            raise NotImplementedError(
+                f"SolverAVBD does not support joints yet: joint {joint} '{label}' is of type "
+                f"{kind.name}. Only FREE joints to the world are; use SolverVBD or SolverXPBD."
+            )
+        if parents[joint] >= 0:
+            raise NotImplementedError(
+                f"SolverAVBD does not support FREE joints below a moving parent yet: joint "
+                f"{joint} '{label}' hangs on body {parents[joint]}."
+            )
+
+
+def _check_bodies(model: newton.Model) -> None:
+    if model.body_count == 0:
+        return
+    _check_numbers(model, "body_mass", model.body_label, minimum=0.0)
+    for name in ("body_inertia", "body_inv_mass", "body_inv_inertia", "body_com"):
+        _check_numbers(model, name, model.body_label)
+    mass = model.body_mass.numpy()
+    moments = np.diagonal(model.body_inertia.numpy(), axis1=1, axis2=2)
+    locked = np.flatnonzero((mass > 0.0) & np.all(moments <= 0.0, axis=1))
+    if locked.size:
+        raise ValueError(
+            f"body {locked[0]} '{_label(model.body_label, locked[0])}' has a mass but no inertia; "
+            "give it a shape with density, or set body_inertia and body_inv_inertia."
+        )
+
+
+def _check_numbers(
+    model: newton.Model, name: str, labels: list[str], minimum: float = -np.inf
+) -> None:
+    """Raises a ValueError that names the first entry of a model array that makes no sense."""
+    values = getattr(model, name).numpy()
+    per_item = values.reshape(len(values), -1)
+    wrong = np.flatnonzero(~np.all(np.isfinite(per_item) & (per_item >= minimum), axis=1))
+    if wrong.size:
+        item = int(wrong[0])
+        problem = "is not finite"
+        if np.all(np.isfinite(per_item[item])):
+            problem = "is negative"
+        raise ValueError(
+            f"model.{name}[{item}] ('{_label(labels, item)}') {problem}: {values[item]}."
+        )
+
+
+def _label(labels: list[str], index: int) -> str:
+    return labels[index] if index < len(labels) else ""

@@ -1,0 +1,421 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""From Newton's contact buffer to the rows of a world: sorted by owner, found again, linearised."""
+
+import functools
+
+import newton
+import warp as wp
+
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ContactInput,
+    ContactRecord,
+    ContactRow,
+    History,
+    RowWork,
+    ShapeModel,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from ..rows import ramp as ramp_rows
+
+NEAR = wp.constant(1.0e-2)
+"""An anchor that moved less than this share of its lever arm is the same one without a search."""
+
+
+@wp.func
+def body_slot(shapes: ShapeModel, shape: int, static_slot: int) -> int:
+    """Slot of the body that carries a shape; the static world for a shape without a body."""
+    if shape < 0:
+        return static_slot
+    body = shapes.body[shape]
+    return wp.where(body < 0, static_slot, body)
+
+
+@wp.func
+def live_count(contacts: ContactInput) -> int:
+    """Contacts in the buffer: the pipeline's count runs on when the buffer overflows."""
+    return wp.min(contacts.count[0], contacts.capacity)
+
+
+@wp.func
+def world_of_contact(
+    contacts: ContactInput,
+    shapes: ShapeModel,
+    work: BodyWork,
+    worlds: WorldWork,
+    static_slot: int,
+    contact: int,
+) -> int:
+    """World that solves a contact: that of a body in it that moves; -1 when none does."""
+    slot = body_slot(shapes, contacts.shape0[contact], static_slot)
+    if work.inv_mass[slot] == 0.0:
+        slot = body_slot(shapes, contacts.shape1[contact], static_slot)
+    return wp.where(work.inv_mass[slot] > 0.0, worlds.of_body[slot], -1)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def sort_by_world(
+    # Model:
+    shapes: ShapeModel,
+    # Contacts in:
+    contacts: ContactInput,
+    work: BodyWork,
+    # Work out:
+    worlds: WorldWork,
+):
+    """Counting sort of the contacts by world, in the order of the buffer; one thread."""
+    static_slot = work.inv_mass.shape[0] - 1
+    world_count = worlds.contact_start.shape[0] - 1
+    count = live_count(contacts)
+    for world in range(world_count + 1):
+        worlds.contact_start[world] = 0
+    for contact in range(count):
+        world = world_of_contact(contacts, shapes, work, worlds, static_slot, contact)
+        if world >= 0:
+            worlds.contact_start[world + 1] = worlds.contact_start[world + 1] + 1
+    for world in range(world_count):
+        worlds.contact_start[world + 1] = (
+            worlds.contact_start[world + 1] + worlds.contact_start[world]
+        )
+    # the starts serve as cursors, end up one world ahead, and are shifted back
+    for contact in range(count):
+        world = world_of_contact(contacts, shapes, work, worlds, static_slot, contact)
+        if world >= 0:
+            worlds.contacts[worlds.contact_start[world]] = contact
+            worlds.contact_start[world] = worlds.contact_start[world] + 1
+    for i in range(world_count):
+        world = world_count - i
+        worlds.contact_start[world] = worlds.contact_start[world - 1]
+    worlds.contact_start[0] = 0
+
+
+@wp.func
+def owner_of(work: BodyWork, slot0: int, slot1: int) -> int:
+    """Which body of a contact is visited first (0 or 1); -1 when the solver moves neither."""
+    moves0 = work.inv_mass[slot0] > 0.0
+    moves1 = work.inv_mass[slot1] > 0.0
+    if moves0 and moves1:
+        return wp.where(slot0 < slot1, 0, 1)
+    if moves0:
+        return 0
+    return wp.where(moves1, 1, -1)
+
+
+@wp.func
+def body_arm(
+    body_q: wp.array[wp.transform], model: BodyModel, slot: int, static_slot: int, point: wp.vec3
+) -> wp.vec3:
+    """From the COM of a body to a point given in its frame, in world axes [m]."""
+    if slot == static_slot:
+        return point
+    return wp.quat_rotate(wp.transform_get_rotation(body_q[slot]), point - model.com[slot])
+
+
+@wp.func
+def anchor_distance(record: ContactRecord, point0: wp.vec3, point1: wp.vec3) -> float:
+    """Squared distance of a contact from a remembered one [m^2], on the shape where it is nearer.
+
+    A contact that slides stays put on one of its two shapes.
+    """
+    return wp.min(wp.length_sq(record.point0 - point0), wp.length_sq(record.point1 - point1))
+
+
+@wp.func
+def find_record(
+    history: History,
+    side: int,
+    start: int,
+    end: int,
+    guess: int,
+    contact: ContactRecord,
+    near: float,
+) -> int:
+    """Record of the same contact in the last step, -1 when there is none.
+
+    That is the nearest anchor of the same two shapes; the guess is taken at once if it is near.
+    """
+    if guess < end:
+        record = history.records[side, guess]
+        if record.shape0 == contact.shape0 and record.shape1 == contact.shape1:
+            if anchor_distance(record, contact.point0, contact.point1) < near:
+                return guess
+    found = int(-1)
+    best = float(0.0)
+    for i in range(start, end):
+        record = history.records[side, i]
+        if record.shape0 == contact.shape0 and record.shape1 == contact.shape1:
+            distance = anchor_distance(record, contact.point0, contact.point1)
+            if found < 0 or distance < best:
+                found = i
+                best = distance
+    return found
+
+
+@wp.func
+def matched_record(
+    history: History, side: int, world: int, contacts: ContactInput, contact: int
+) -> int:
+    """Record that the pipeline's contact matching names: -1 for none, -2 when it cannot tell."""
+    if history.filling[world, 0] != contacts.buffer:
+        return -2
+    if history.filling[world, 1] == contacts.generation[0]:
+        return history.row_of_contact[side, contact]
+    if history.filling[world, 1] == contacts.match_generation[0]:
+        match = contacts.match_index[contact]
+        return wp.where(match < 0, -1, history.row_of_contact[side, wp.max(match, 0)])
+    return -2
+
+
+@functools.cache
+def make_build_rows(effects: Effects) -> wp.Function:
+    """Device function that builds the rows of a world, warm-started and penalised."""
+
+    @wp.func
+    def contact_at(worlds: WorldWork, i: int) -> int:
+        if wp.static(effects.many_worlds):
+            return worlds.contacts[i]
+        else:
+            return i
+
+    @wp.func
+    def sort_by_owner(
+        world: int,
+        static_slot: int,
+        first: int,
+        last: int,
+        contacts: ContactInput,
+        shapes: ShapeModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+    ):
+        """Makes room for each body's rows: counting sort of the contacts by owner."""
+        body_start = worlds.body_start[world]
+        body_end = worlds.body_start[world + 1]
+        for i in range(body_start, body_end):
+            body = worlds.bodies[i]
+            rows.owned_end[body] = 0
+            rows.other_end[body] = 0
+        for i in range(first, last):
+            contact = contact_at(worlds, i)
+            slot0 = body_slot(shapes, contacts.shape0[contact], static_slot)
+            slot1 = body_slot(shapes, contacts.shape1[contact], static_slot)
+            owner = owner_of(work, slot0, slot1)
+            if owner >= 0:
+                a = wp.where(owner == 0, slot0, slot1)
+                b = wp.where(owner == 0, slot1, slot0)
+                rows.owned_end[a] = rows.owned_end[a] + 1
+                if work.inv_mass[b] > 0.0:
+                    rows.other_end[b] = rows.other_end[b] + 1
+        owned = int(first)
+        other = int(first)
+        for i in range(body_start, body_end):
+            body = worlds.bodies[i]
+            owned_count = rows.owned_end[body]
+            other_count = rows.other_end[body]
+            rows.owned_start[body] = owned
+            rows.owned_end[body] = owned
+            rows.other_start[body] = other
+            rows.other_end[body] = other
+            owned += owned_count
+            other += other_count
+
+    @wp.func
+    def build_rows(
+        world: int,
+        first: int,
+        last: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        shapes: ShapeModel,
+        contacts: ContactInput,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        history: History,
+    ) -> float:
+        """Builds the rows of contacts first..last; returns the deepest penetration [m]."""
+        static_slot = scale.static_slot
+        sort_by_owner(
+            world, static_slot, first, last, contacts, shapes, worlds, work, rows
+        )
+        side = history.parity[world]
+        deepest = float(0.0)
+        for i in range(first, last):
+            contact = contact_at(worlds, i)
+            if wp.static(effects.matching):
+                history.row_of_contact[1 - side, contact] = -1
+            record = ContactRecord()
+            record.shape0 = contacts.shape0[contact]
+            record.shape1 = contacts.shape1[contact]
+            slot0 = body_slot(shapes, record.shape0, static_slot)
+            slot1 = body_slot(shapes, record.shape1, static_slot)
+            owner = owner_of(work, slot0, slot1)
+            if owner >= 0:
+                record.point0 = contacts.point0[contact]
+                record.point1 = contacts.point1[contact]
+                normal = contacts.normal[contact]
+                margin0 = contacts.margin0[contact]
+                margin1 = contacts.margin1[contact]
+                # Round shapes: the point is their centre, the radius is in the margin. Taking the
+                # surface along the normal, not along the turned offset, lets a sphere roll.
+                arm0 = body_arm(body_q, model, slot0, static_slot, record.point0)
+                arm1 = body_arm(body_q, model, slot1, static_slot, record.point1)
+                apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
+                # both bodies feel the force at one point, half way between the two surfaces
+                half = 0.5 * (apart + (margin0 - margin1) * normal)
+
+                row = ContactRow()
+                row.gap = wp.dot(normal, apart) - (margin0 + margin1)
+                row.a = wp.where(owner == 0, slot0, slot1)
+                row.b = wp.where(owner == 0, slot1, slot0)
+                row.normal = wp.where(owner == 0, normal, -normal)
+                arm0 = arm0 + half
+                arm1 = arm1 - (apart - half)
+                row.arm_a = wp.where(owner == 0, arm0, arm1)
+                row.arm_b = wp.where(owner == 0, arm1, arm0)
+                if wp.static(effects.friction):
+                    row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
+
+                index = rows.owned_end[row.a]
+                start = history.start[side, row.a]
+                known = int(-2)
+                if wp.static(effects.matching):
+                    known = matched_record(history, side, world, contacts, contact)
+                if known == -2:
+                    known = find_record(
+                        history,
+                        side,
+                        start,
+                        history.end[side, row.a],
+                        start + (index - rows.owned_start[row.a]),
+                        record,
+                        NEAR * NEAR * wp.length_sq(row.arm_a),
+                    )
+                penalty = float(0.0)
+                if known >= 0:
+                    row.force = history.records[side, known].force
+                    penalty = history.records[side, known].penalty
+                    # a record serves one contact
+                    history.records[side, known].shape0 = -1
+                    if wp.dot(row.normal, row.force) <= 0.0:
+                        row.force = wp.vec3(0.0)
+
+                u = contact_rows.slip(row, work.target[row.a], work.target[row.b])
+                if wp.static(effects.ramp):
+                    stiffness = 0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1])
+                    row.k_n = ramp_rows.warm_penalty(penalty, stiffness)
+                    rows.stiffness[index] = stiffness
+                    rows.damping[index] = 0.5 * (
+                        shapes.kd[record.shape0] + shapes.kd[record.shape1]
+                    )
+                    if row.gap + wp.min(wp.dot(row.normal, u), 0.0) > scale.reach:
+                        row.k_n = 0.0
+                else:
+                    mass = contact_rows.effective_mass(
+                        row.normal,
+                        row.arm_a,
+                        row.arm_b,
+                        work.inv_mass[row.a] + work.inv_mass[row.b],
+                        work.inv_inertia[row.a],
+                        work.inv_inertia[row.b],
+                    )
+                    load = wp.min(
+                        wp.dot(row.normal, row.force) / wp.max(scale.gravity, 1.0e-12), scale.mass
+                    )
+                    if wp.static(effects.compliance):
+                        row, share = contact_rows.comply(
+                            row,
+                            mass,
+                            load,
+                            u,
+                            0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1]),
+                            0.5 * (shapes.kd[record.shape0] + shapes.kd[record.shape1]),
+                            scale,
+                        )
+                        rows.share[index] = share
+                    else:
+                        row = contact_rows.penalise(row, mass, load, u, scale)
+
+                if row.k_n > 0.0 and wp.isfinite(row.gap) and wp.isfinite(row.arm_a):
+                    rows.rows[index] = row
+                    rows.contact[index] = wp.where(owner == 0, contact, ~contact)
+                    rows.owned_end[row.a] = index + 1
+                    if work.inv_mass[row.b] > 0.0:
+                        other = rows.other_end[row.b]
+                        rows.other_rows[other] = index
+                        rows.other_end[row.b] = other + 1
+                    history.records[1 - side, index] = record
+                    if wp.static(effects.matching):
+                        history.row_of_contact[1 - side, contact] = index
+                    deepest = wp.max(deepest, -row.gap)
+        if wp.static(effects.matching):
+            history.filling[world, 0] = contacts.buffer
+            history.filling[world, 1] = contacts.generation[0]
+        return deepest
+
+    return build_rows
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def export_contact_force(
+    # Work:
+    rows: RowWork,
+    # Out:
+    contact_f: wp.array[wp.spatial_vector],
+):
+    """Force [N] on body 0 of each contact and torque [N m] about its COM; one thread a body."""
+    body = wp.tid()
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        contact = rows.contact[i]
+        if contact >= 0:
+            contact_f[contact] = wp.spatial_vector(-row.force, wp.cross(row.arm_a, -row.force))
+        else:
+            contact_f[~contact] = wp.spatial_vector(row.force, wp.cross(row.arm_b, row.force))
+
+
+@wp.func
+def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
+    """Whether a reset mask, whose last entry stands for global bodies, selects a Newton world."""
+    return mask[wp.where(world < 0, mask.shape[0] - 1, world)]
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def reset_bodies(
+    # Model:
+    body_world: wp.array[wp.int32],
+    rest_q: wp.array[wp.transform],
+    rest_qd: wp.array[wp.spatial_vector],
+    # In:
+    mask: wp.array[wp.bool],
+    flags: int,
+    worlds: WorldWork,
+    # Out:
+    history: History,
+    body_q: wp.array[wp.transform],
+    body_qd: wp.array[wp.spatial_vector],
+):
+    """Puts the bodies of the masked worlds back and forgets their contacts; one thread a body."""
+    body = wp.tid()
+    world = body_world[body]
+    if mask.shape[0] > 0:
+        if not is_selected(world, mask):
+            return
+    if (flags & wp.static(int(newton.StateFlags.BODY_Q))) != 0:
+        body_q[body] = rest_q[body]
+    if (flags & wp.static(int(newton.StateFlags.BODY_QD))) != 0:
+        body_qd[body] = rest_qd[body]
+    for side in range(2):
+        history.start[side, body] = 0
+        history.end[side, body] = 0
+    history.falling[body] = 0.0
+    history.age[worlds.of_body[body]] = 0
+    history.filling[worlds.of_body[body], 0] = 0
+    worlds.held[worlds.of_body[body]] = 0
