@@ -9,12 +9,15 @@ import warp as wp
 @wp.func
 def exp_quat(theta: wp.vec3) -> wp.quat:
     """Unit quaternion of the rotation vector theta [rad]: exp(theta)."""
-    half = 0.5 * wp.length(theta)
-    # sin(x)/x by its series where the quotient would lose digits
-    s = 0.5 * (1.0 - half * half / 6.0)
-    if half > 1.0e-2:
-        s = 0.5 * wp.sin(half) / half
-    return wp.quat(s * theta[0], s * theta[1], s * theta[2], wp.cos(half))
+    x2 = 0.25 * wp.dot(theta, theta)
+    # sin(x)/x and cos(x) of the half angle x; below 0.5 their series is exact in float32
+    s = 1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0))
+    c = 1.0 - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0)))
+    if x2 > 0.25:
+        x = wp.sqrt(x2)
+        s = wp.sin(x) / x
+        c = wp.cos(x)
+    return wp.quat(0.5 * s * theta[0], 0.5 * s * theta[1], 0.5 * s * theta[2], c)
 
 
 @wp.func
@@ -23,13 +26,13 @@ def right_jacobian(theta: wp.vec3) -> wp.mat33:
 
     Source: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", eq. 143.
     """
-    angle2 = wp.dot(theta, theta)
-    b = 0.5 - angle2 / 24.0
-    c = 1.0 / 6.0 - angle2 / 120.0
-    if angle2 > 1.0e-2:
-        angle = wp.sqrt(angle2)
-        b = (1.0 - wp.cos(angle)) / angle2
-        c = (angle - wp.sin(angle)) / (angle2 * angle)
+    a2 = wp.dot(theta, theta)
+    b = 0.5 - a2 / 24.0 * (1.0 - a2 / 30.0 * (1.0 - a2 / 56.0))
+    c = 1.0 / 6.0 - a2 / 120.0 * (1.0 - a2 / 42.0 * (1.0 - a2 / 72.0))
+    if a2 > 1.0:
+        a = wp.sqrt(a2)
+        b = (1.0 - wp.cos(a)) / a2
+        c = (a - wp.sin(a)) / (a2 * a)
     skew = wp.skew(theta)
     return wp.identity(n=3, dtype=float) - b * skew + c * (skew * skew)
 

@@ -110,6 +110,16 @@ def hold_world(
     history.filling[world, 0] = 0
 
 
+@wp.func
+def coasting_increment(
+    work: BodyWork, body_qd: wp.array[wp.spatial_vector], slot: int, h: float
+) -> wp.spatial_vector:
+    """Pose increment of a body that keeps its velocity."""
+    if work.inv_mass[slot] == 0.0:
+        return work.increment[slot]
+    return h * body_qd[slot]
+
+
 def make_sweep(
     effects: Effects, contact_force: wp.Function, gap_of: wp.Function, *, has_dual: bool
 ) -> wp.Function:
@@ -224,9 +234,16 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
     @wp.func
     def remember_rows(
-        body: int, side: int, h: float, work: BodyWork, rows: RowWork, history: History
+        body: int,
+        side: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        work: BodyWork,
+        rows: RowWork,
+        history: History,
     ):
         """The last dual update of the rows that a body owns, kept for the next step."""
+        h = scale.h
         history.start[side, body] = rows.owned_start[body]
         history.end[side, body] = rows.owned_end[body]
         for i in range(rows.owned_start[body], rows.owned_end[body]):
@@ -238,8 +255,25 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 rows.rows[i].force = push
             else:
                 push = contact_force(row, u, sweep_gap(row.gap, 0.0))
-                history.records[side, i].force = push
                 rows.rows[i].force = push
+                if wp.static(not effects.compliance):
+                    coasting = contact_rows.slip(
+                        row,
+                        coasting_increment(work, body_qd, row.a, h),
+                        coasting_increment(work, body_qd, row.b, h),
+                    )
+                    change = wp.dot(row.normal, u - coasting)
+                    if change > scale.slop:
+                        mass = contact_rows.effective_mass(
+                            row.normal,
+                            row.arm_a,
+                            row.arm_b,
+                            work.inv_mass[row.a] + work.inv_mass[row.b],
+                            work.inv_inertia[row.a],
+                            work.inv_inertia[row.b],
+                        )
+                        push = contact_rows.lasting_force(row.normal, push, mass, change, h)
+                history.records[side, i].force = push
 
     @wp.kernel(enable_backward=False, module="unique")
     def solve(
@@ -326,7 +360,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
             return
         side = 1 - history.parity[world]
         for i in range(body_start, body_end):
-            remember_rows(worlds.bodies[i], side, h, work, rows, history)
+            remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, history)
         history.parity[world] = side
         history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
 

@@ -187,6 +187,27 @@ def comply(
 
 
 @wp.func
+def lasting_force(normal: wp.vec3, push: wp.vec3, mass: float, change: float, h: float) -> wp.vec3:
+    """Part of a contact force [N] that the next step can expect again.
+
+    An impact ends with the step; warm-starting its multiplier would throw the bodies apart. The
+    force that changed the relative velocity along the normal is taken off.
+
+    Args:
+        normal: Unit normal from a to b.
+        push: Force on body b [N].
+        mass: Effective mass along the normal [kg].
+        change: Slip along the normal beyond that of the velocity at the start of the step [m].
+        h: Time step [s].
+    """
+    f_n = wp.dot(normal, push)
+    spent = mass * change / (h * h)
+    if spent >= f_n:
+        return wp.vec3(0.0)
+    return push * (1.0 - spent / f_n)
+
+
+@wp.func
 def curvature(
     row: ContactRow,
     arm: wp.vec3,
