@@ -121,9 +121,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
             return
 
         rotation = wp.transform_get_rotation(pose)
-        target, remainder, acceleration = inertial_target(
-            model, body, pose, velocity, wrench, h
-        )
+        target, remainder, acceleration = inertial_target(model, body, pose, velocity, wrench, h)
         work.inv_mass[body] = model.inv_mass[body]
         work.inertia[body] = world_inertia(rotation, model.inertia[body])
         work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
@@ -174,9 +172,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             body_q_out[body] = pose
             body_qd_out[body] = velocity
             return
-        target, remainder, _acceleration = inertial_target(
-            model, body, pose, velocity, wrench, h
-        )
+        target, remainder, _acceleration = inertial_target(model, body, pose, velocity, wrench, h)
         body_q_out[body] = moved_pose(pose, model.com[body], target)
         body_qd_out[body] = target / h + wp.spatial_vector(wp.vec3(0.0), remainder)
 

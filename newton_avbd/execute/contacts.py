@@ -242,9 +242,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
     ) -> float:
         """Builds the rows of contacts first..last; returns the deepest penetration [m]."""
         static_slot = scale.static_slot
-        sort_by_owner(
-            world, static_slot, first, last, contacts, shapes, worlds, work, rows
-        )
+        sort_by_owner(world, static_slot, first, last, contacts, shapes, worlds, work, rows)
         side = history.parity[world]
         deepest = float(0.0)
         for i in range(first, last):

@@ -92,6 +92,7 @@ def hold_world(
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
     worlds: WorldWork,
+    rows: RowWork,
     history: History,
     body_q_out: wp.array[wp.transform],
     body_qd_out: wp.array[wp.spatial_vector],
@@ -102,6 +103,7 @@ def hold_world(
         body = worlds.bodies[i]
         body_q_out[body] = body_q[body]
         body_qd_out[body] = body_qd[body]
+        rows.owned_end[body] = rows.owned_start[body]
         history.falling[body] = 0.0
         for side in range(2):
             history.start[side, body] = 0
@@ -299,16 +301,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_start = worlds.body_start[world]
         body_end = worlds.body_start[world + 1]
         if not is_world_finite(world, worlds, work):
-            hold_world(
-                world, body_q, body_qd, worlds, history, body_q_out, body_qd_out
-            )
+            hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
 
         # Rows: linearised at state_in, warm-started from the last step.
         if world == 0:
-            worlds.overflow[0] = wp.max(
-                worlds.overflow[0], contacts.count[0] - contacts.capacity
-            )
+            worlds.overflow[0] = wp.max(worlds.overflow[0], contacts.count[0] - contacts.capacity)
         first = int(0)
         last = live_count(contacts)
         if wp.static(effects.many_worlds):
@@ -331,17 +329,19 @@ def make_solve(effects: Effects) -> wp.Kernel:
         )
 
         # Sweeps: a body that nothing touches is at its target at once.
+        sweeps = int(0)
         for i in range(body_start, body_end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                if not has_rows(rows, body):
+                if has_rows(rows, body):
+                    sweeps = iterations
+                    if wp.static(not effects.ramp):
+                        factor_body(body, h, model, work, rows)
+                else:
                     work.increment[body] = work.target[body]
-                elif wp.static(not effects.ramp):
-                    factor_body(body, h, model, work, rows)
-        sweeps = int(iterations)
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
-                sweeps = COLD_FACTOR * iterations
+                sweeps = COLD_FACTOR * sweeps
         for sweep in range(sweeps):
             for i in range(body_start, body_end):
                 body = worlds.bodies[i]
@@ -354,9 +354,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 for i in range(body_start, body_end):
                     sweep_duals_ramped(worlds.bodies[i], work, rows)
         if not is_solution_finite(world, worlds, work):
-            hold_world(
-                world, body_q, body_qd, worlds, history, body_q_out, body_qd_out
-            )
+            hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
         side = 1 - history.parity[world]
         for i in range(body_start, body_end):

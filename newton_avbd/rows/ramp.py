@@ -66,9 +66,7 @@ def force_and_stiffness(row: ContactRow, u: wp.vec3, damping: float, h: float):
 
 
 @wp.func
-def add_stiffness(
-    k: wp.mat33, arm: wp.vec3, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33
-):
+def add_stiffness(k: wp.mat33, arm: wp.vec3, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33):
     """Adds H_ll = K, H_al = -[r]^T K, H_aa = [r]^T K [r] to a body's block."""
     r = wp.skew(arm)
     rt_k = wp.transpose(r) * k
