@@ -186,7 +186,7 @@ class History:
     row_of_contact: wp.array2d[wp.int32]
     """Record of each row of the contact buffer, -1 without; empty without contact matching."""
     filling: wp.array2d[wp.int32]
-    """Buffer and generation of the contacts that a world's records came from, (world_count, 2)."""
+    """Buffer and generation that a world's records came from, shape (world_count, 2)."""
     falling: wp.array[float]
     """Share of its free acceleration that a body had in the last step, 0 to 1."""
     age: wp.array[wp.int32]

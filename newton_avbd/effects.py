@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Which effects a scene calls for. Kernels hold code, and buffers memory, for those and no others."""
+"""Which effects a scene calls for. Kernels hold code for those and no others."""
 
 from dataclasses import dataclass
 

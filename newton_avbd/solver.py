@@ -108,6 +108,8 @@ class SolverAVBD(SolverBase):
             collision_frequency_type=collision_frequency_type,
         )
         self.iterations = iterations
+        self.effects: Effects
+        """What the scene calls for and the kernels are compiled with."""
         self._compliance = compliant_contacts
         self._ramp = formulation == "ramp"
         self._inputs: weakref.WeakKeyDictionary[newton.Contacts, data.ContactInput] = (

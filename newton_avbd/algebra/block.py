@@ -15,12 +15,12 @@ import warp as wp
 vec6 = wp.types.vector(length=6, dtype=wp.float32)
 
 PIVOT_FLOOR = wp.constant(4.0e-7)
-"""Least pivot of a Cholesky factor, as a share of the diagonal it came from (about 4 float32 ulps)."""
+"""Least pivot of a Cholesky factor, as a share of the diagonal it came from."""
 
 
 @wp.struct
 class BlockFactor:
-    """Factored 6x6 block: ``ll`` = chol(H_ll), ``coupling`` = H_ll^-1 H_al^T, ``schur`` = chol(S)."""
+    """Factored block: ``ll`` = chol(H_ll), ``coupling`` = H_ll^-1 H_al^T, ``schur`` = chol(S)."""
 
     ll: vec6
     schur: vec6
@@ -51,14 +51,14 @@ def cholesky(a: wp.mat33, diagonal: wp.vec3) -> vec6:
 
 
 @wp.func
-def cholesky_solve(l: vec6, b: wp.vec3) -> wp.vec3:
+def cholesky_solve(factor: vec6, b: wp.vec3) -> wp.vec3:
     """Solves L L^T x = b."""
-    y0 = b[0] * l[0]
-    y1 = (b[1] - l[1] * y0) * l[2]
-    y2 = (b[2] - l[3] * y0 - l[4] * y1) * l[5]
-    x2 = y2 * l[5]
-    x1 = (y1 - l[4] * x2) * l[2]
-    x0 = (y0 - l[1] * x1 - l[3] * x2) * l[0]
+    y0 = b[0] * factor[0]
+    y1 = (b[1] - factor[1] * y0) * factor[2]
+    y2 = (b[2] - factor[3] * y0 - factor[4] * y1) * factor[5]
+    x2 = y2 * factor[5]
+    x1 = (y1 - factor[4] * x2) * factor[2]
+    x0 = (y0 - factor[1] * x1 - factor[3] * x2) * factor[0]
     return wp.vec3(x0, x1, x2)
 
 

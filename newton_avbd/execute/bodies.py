@@ -13,7 +13,7 @@ from ..effects import Effects
 
 
 def make_target(effects: Effects) -> wp.Function:
-    """The function that gives a body's inertial target: gyroscopic only where the scene needs it."""
+    """Device function of a body's inertial target: gyroscopic only where a scene needs it."""
 
     @wp.func
     def inertial_target(

@@ -22,7 +22,7 @@ from ..data import ContactRow, WorldScale
 PENALTY = wp.constant(10.0)
 """Normal penalty in units of effective mass / h^2."""
 LOAD_WEIGHT = wp.constant(0.3)
-"""Weight of the carried mass (multiplier over gravity) against the effective mass in the penalty."""
+"""Weight of the carried mass (multiplier over gravity) against the effective mass."""
 TANGENT_RATIO = wp.constant(0.3)
 """Tangential penalty over normal penalty."""
 RELEASE_RATIO = wp.constant(0.1)
