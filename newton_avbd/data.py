@@ -159,7 +159,7 @@ class RowWork:
 
     rows: wp.array[ContactRow]
     contact: wp.array[wp.int32]
-    """Contact of each row; its bitwise complement where a and b are exchanged (normal flipped)."""
+    """Contact of each row; its bitwise complement where a and b are exchanged."""
     share: wp.array[float]
     """Compliant contacts: K/(K + k), the share of the multiplier that a compliant row keeps."""
     stiffness: wp.array[float]
