@@ -114,7 +114,7 @@ class ContactInput:
 
 @wp.struct
 class BodyWork:
-    """Per body slot: the unknowns of the step and what they are pulled to, length body_count + 1."""
+    """Per body slot: the unknowns of the step and what they are pulled to, body_count + 1 long."""
 
     com: wp.array[wp.vec3]
     """COM at the start of the step [m]."""

@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""MuJoCo's own ``mj_step`` on a scene, without Newton around it."""
+
+import time
+from typing import Any
+
+import newton
+import numpy as np
+
+from newton_avbd.study.contestants import Contestant
+from newton_avbd.study.measure import Array, rotate
+from newton_avbd.study.scenes import Scene
+
+
+class MujocoContestant(Contestant):
+    """``mj_step`` with MuJoCo's default options on a scene of free bodies.
+
+    Each Newton world is an ``mjData`` of the same ``mjModel``, stepped one after the other.
+    """
+
+    def __init__(self, scene: Scene):
+        """Write ``scene`` down for MuJoCo.
+
+        Raises:
+            ImportError: MuJoCo is not installed.
+        """
+        import mujoco
+
+        super().__init__(scene, scene.model(device="cpu"))
+        self._mujoco = mujoco
+        worlds = max(1, self.model.world_count)
+        self._per_world = self.model.body_count // worlds
+        self._mj_model = _translate(self.model, self._per_world).compile()
+        self._mj_model.opt.timestep = scene.dt
+        self._data = [mujoco.MjData(self._mj_model) for _ in range(worlds)]
+        body_q, body_qd = self.state.body_q.numpy(), self.state.body_qd.numpy()
+        for world, data in enumerate(self._data):
+            bodies = slice(world * self._per_world, (world + 1) * self._per_world)
+            _set_state(data, body_q[bodies].astype(float), body_qd[bodies].astype(float))
+
+    def advance(self) -> float:
+        begin = time.process_time()
+        for data in self._data:
+            self._mujoco.mj_step(self._mj_model, data)
+        elapsed = time.process_time() - begin
+        begin = time.process_time()
+        for data in self._data:
+            self._mujoco.mj_collision(self._mj_model, data)
+        return elapsed - (time.process_time() - begin)
+
+    def replay(self) -> float:
+        # There is nothing around mj_step to take away.
+        return self.advance()
+
+    def observe(self) -> newton.State:
+        qpos = np.stack([data.qpos for data in self._data]).reshape(-1, 7)
+        qvel = np.stack([data.qvel for data in self._data]).reshape(-1, 6)
+        body_q = qpos[:, [0, 1, 2, 4, 5, 6, 3]]
+        spin = rotate(body_q[:, 3:], qvel[:, 3:])
+        self.state.body_q.assign(body_q.astype(np.float32))
+        self.state.body_qd.assign(np.hstack([qvel[:, :3], spin]).astype(np.float32))
+        return self.state
+
+
+def _set_state(data: Any, body_q: Array, body_qd: Array) -> None:
+    """Write body states, shapes [n, 7] and [n, 6], into ``mjData`` of n free joints.
+
+    MuJoCo puts the real part of a quaternion first and turns in the frame of the body.
+    """
+    inverse = body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
+    spin = rotate(inverse, body_qd[:, 3:])
+    data.qpos[:] = body_q[:, [0, 1, 2, 6, 3, 4, 5]].ravel()
+    data.qvel[:] = np.hstack([body_qd[:, :3], spin]).ravel()
+
+
+def _translate(model: newton.Model, bodies: int) -> Any:
+    """Describe the first ``bodies`` bodies of ``model`` and its fixed shapes as an ``MjSpec``."""
+    import mujoco
+
+    spec = mujoco.MjSpec()
+    spec.option.gravity = model.gravity.numpy().reshape(-1, 3)[0]
+    mass, com = model.body_mass.numpy(), model.body_com.numpy()
+    inertia = model.body_inertia.numpy()
+    made = {}
+    for i in range(bodies):
+        body = spec.worldbody.add_body()
+        body.add_freejoint()
+        body.explicitinertial = True
+        body.mass, body.ipos = mass[i], com[i]
+        body.fullinertia = inertia[i][[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        made[i] = body
+    made[-1] = spec.worldbody
+    shape_body, shape_world = model.shape_body.numpy(), model.shape_world.numpy()
+    for shape in range(model.shape_count):
+        if shape_world[shape] <= 0 and shape_body[shape] in made:
+            _add_geom(made[shape_body[shape]], model, shape)
+    return spec
+
+
+def _add_geom(body: Any, model: newton.Model, shape: int) -> None:
+    """Add a shape of ``model`` to a body of an ``MjSpec``."""
+    import mujoco
+
+    kinds = {
+        newton.GeoType.PLANE: mujoco.mjtGeom.mjGEOM_PLANE,
+        newton.GeoType.SPHERE: mujoco.mjtGeom.mjGEOM_SPHERE,
+        newton.GeoType.CAPSULE: mujoco.mjtGeom.mjGEOM_CAPSULE,
+        newton.GeoType.CYLINDER: mujoco.mjtGeom.mjGEOM_CYLINDER,
+        newton.GeoType.BOX: mujoco.mjtGeom.mjGEOM_BOX,
+    }
+    kind = newton.GeoType(int(model.shape_type.numpy()[shape]))
+    pose = model.shape_transform.numpy()[shape]
+    collides = model.shape_flags.numpy()[shape] & int(newton.ShapeFlags.COLLIDE_SHAPES)
+    geom = body.add_geom()
+    geom.type = kinds[kind]
+    # Planes: an infinite one, with a spacing of the grid lines, which only a viewer uses.
+    plane = kind == newton.GeoType.PLANE
+    geom.size = [0.0, 0.0, 1.0] if plane else model.shape_scale.numpy()[shape]
+    geom.pos, geom.quat = pose[:3], pose[[6, 3, 4, 5]]
+    geom.friction[0] = model.shape_material_mu.numpy()[shape]
+    if not collides:
+        geom.contype = geom.conaffinity = 0

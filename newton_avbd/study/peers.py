@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The solvers that the benchmark sets side by side, each set up as its users would."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import newton
+from newton.solvers import SolverBase
+
+from newton_avbd.study.scenes import Scene
+
+ITERATIONS = 10
+"""Iterations a step of the solvers that sweep over bodies or constraints."""
+
+MJ_STEP = "mj_step"
+"""Name of MuJoCo without Newton around it, which is no solver of Newton's."""
+
+STEEL_ROWS = 2048
+"""Rows that SolverSteel may use for contacts of free bodies, three a contact; its default of 512
+lets the boxes of the pyramid fall through the ground."""
+
+
+@dataclass(frozen=True)
+class Peer:
+    """How to set a solver up.
+
+    Attributes:
+        title: What a table calls it.
+        make: Constructs it for a model.
+        stiff: Whether it takes the contact stiffness :attr:`Scene.vbd_ke`; the others treat
+            contacts as rigid or keep Newton's default.
+        detects: Whether it detects collisions itself, in ``step``.
+        captures: Whether its step can be captured in a graph on the CPU.
+    """
+
+    title: str
+    make: Callable[[newton.Model], SolverBase]
+    stiff: bool = False
+    detects: bool = False
+    captures: bool = True
+
+    def model(self, scene: Scene) -> newton.Model:
+        """Build ``scene`` on the CPU with the contact stiffness that suits this solver."""
+        return scene.model(ke=scene.vbd_ke if self.stiff else None, device="cpu")
+
+
+def _avbd(model: newton.Model) -> SolverBase:
+    from newton_avbd import SolverAVBD
+
+    return SolverAVBD(model, iterations=ITERATIONS)
+
+
+def _vbd(model: newton.Model) -> SolverBase:
+    return newton.solvers.SolverVBD(model, iterations=ITERATIONS)
+
+
+def _xpbd(model: newton.Model) -> SolverBase:
+    return newton.solvers.SolverXPBD(model, iterations=ITERATIONS)
+
+
+def _mujoco(model: newton.Model) -> SolverBase:
+    # The C backend cannot be given Newton's contacts: SolverMuJoCo refuses.
+    return newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True)
+
+
+def _mujoco_warp(model: newton.Model) -> SolverBase:
+    # Told to use Newton's contacts it insists on some, also where nothing can collide.
+    own_contacts = not model.shape_contact_pair_count
+    return newton.solvers.SolverMuJoCo(model, use_mujoco_contacts=own_contacts)
+
+
+def _steel(model: newton.Model) -> SolverBase:
+    return newton.solvers.SolverSteel(
+        model, iterations=ITERATIONS, free_body_constraint_max=STEEL_ROWS
+    )
+
+
+def _kamino(model: newton.Model) -> SolverBase:
+    return newton.solvers.SolverKamino(model)
+
+
+def _semi_implicit(model: newton.Model) -> SolverBase:
+    return newton.solvers.SolverSemiImplicit(model)
+
+
+def _featherstone(model: newton.Model) -> SolverBase:
+    return newton.solvers.SolverFeatherstone(model)
+
+
+PEERS: dict[str, Peer] = {
+    "avbd": Peer("SolverAVBD(10)", _avbd),
+    "vbd": Peer("SolverVBD(10)", _vbd, stiff=True),
+    "xpbd": Peer("SolverXPBD(10)", _xpbd),
+    "mujoco": Peer("SolverMuJoCo C", _mujoco, detects=True, captures=False),
+    "mujoco_warp": Peer("SolverMuJoCo Warp", _mujoco_warp),
+    "steel": Peer("SolverSteel(10)", _steel),
+    "kamino": Peer("SolverKamino", _kamino),
+    "semi_implicit": Peer("SolverSemiImplicit", _semi_implicit),
+    "featherstone": Peer("SolverFeatherstone", _featherstone),
+}
+"""Solvers of Newton by name, ours first."""

@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The benchmark's results as tables and as JSON."""
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from newton_avbd.commands.output import table
+from newton_avbd.study.peers import PEERS
+from newton_avbd.study.targets import TARGETS, Result, Target
+
+NOTHING = "-"
+"""Stands in a table for what does not exist or was not measured."""
+
+
+def scene_table(scene: str, results: list[Result]) -> str:
+    """Time and quality of every solver on one scene; times also as multiples of SolverAVBD's."""
+    free = any(result.quality and result.quality.momentum is not None for result in results)
+    head = ["solver", "contacts", "eager", "/ avbd", "replayed", "/ avbd"]
+    head += ["penetration", "drift", "speed", *(["momentum"] if free else [])]
+    ours = next((result for result in results if result.solver == "avbd"), None)
+    rows, notes = [], []
+    for result in results:
+        row = [_title(result.solver), NOTHING]
+        for name in ("eager", "replayed"):
+            time = getattr(result, name)
+            row += [_time(time), _ratio(time, getattr(ours, name, math.nan))]
+        quality = result.quality
+        if quality is None:
+            row += [NOTHING] * (len(head) - len(row))
+        else:
+            row[1] = str(quality.contacts)
+            row += [_length(quality.penetration), _length(quality.drift)]
+            row.append(f"{_length(quality.speed)}/s" if math.isfinite(quality.speed) else "")
+            row += [f"{quality.momentum:.1e}"] if quality.momentum is not None else []
+        rows.append(row)
+        if result.note:
+            notes.append(f"{_title(result.solver)}: {result.note}")
+    return "\n".join([scene, table([head, *rows]), *notes])
+
+
+def cold_start_table(results: list[Result]) -> str:
+    """Cold starts of solvers."""
+    ours = next((result.eager for result in results if result.solver == "avbd"), math.nan)
+    rows = [
+        [_title(result.solver), f"{result.eager:.2f} s", _ratio(result.eager, ours)]
+        for result in results
+    ]
+    return "\n".join(["cold start", table([["solver", "first step", "/ avbd"], *rows])])
+
+
+def target_table(results: list[Result]) -> str:
+    """What SolverAVBD must reach, what it reached, and whether that is enough."""
+    rows = [["target", "must reach", "reached", ""]]
+    for target in TARGETS:
+        reached = target.reached(results)
+        verdict = "not measured"
+        if reached is not None:
+            verdict = "met" if reached <= target.bound else "missed"
+        against = f", of {_title(target.against)}" if target.against else ""
+        rows.append(
+            [
+                f"{target.scene}: {target.quantity}{against}",
+                f"<= {_bound(target, target.bound)}",
+                NOTHING if reached is None else _bound(target, reached),
+                verdict,
+            ]
+        )
+    return table(rows)
+
+
+def as_json(machine: dict[str, str], results: list[Result]) -> dict[str, Any]:
+    """Everything that was measured, times in seconds, lengths in meters."""
+    targets = []
+    for target in TARGETS:
+        reached = target.reached(results)
+        met = None if reached is None else reached <= target.bound
+        targets.append({**asdict(target), "reached": reached, "met": met})
+    return _finite(
+        {
+            "machine": machine,
+            "results": [asdict(result) for result in results],
+            "targets": targets,
+        }
+    )
+
+
+def _finite(value: Any) -> Any:
+    """Replace numbers that JSON does not have by None."""
+    if isinstance(value, dict):
+        return {key: _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [_finite(entry) for entry in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _title(solver: str) -> str:
+    return PEERS[solver].title if solver in PEERS else solver
+
+
+def _time(seconds: float) -> str:
+    return NOTHING if math.isnan(seconds) else f"{_plain(1e6 * seconds)} us"
+
+
+def _ratio(time: float, ours: float) -> str:
+    return NOTHING if math.isnan(time) or math.isnan(ours) else _plain(time / ours)
+
+
+def _plain(value: float) -> str:
+    """Write a positive number with three digits or more, without an exponent."""
+    return f"{value:.0f}" if value >= 100.0 else f"{value:.3g}"
+
+
+def _length(meters: float) -> str:
+    return f"{1e3 * meters:.3g} mm" if math.isfinite(meters) else "exploded"
+
+
+def _bound(target: Target, value: float) -> str:
+    """Write a value of a target: a fraction of a time, a length, a speed or a plain number."""
+    if target.against is not None:
+        return f"1/{1.0 / value:.3g}" if value <= 1.0 else f"{value:.3g}"
+    if target.quantity in ("penetration", "drift"):
+        return _length(value)
+    return f"{_length(value)}/s" if target.quantity == "speed" else f"{value:.1e}"
