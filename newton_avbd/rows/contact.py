@@ -21,11 +21,11 @@ from ..data import ContactRow, WorldScale
 
 PENALTY = wp.constant(10.0)
 """Normal penalty in units of effective mass / h^2."""
-LOAD_WEIGHT = wp.constant(0.3)
+LOAD_WEIGHT = wp.constant(0.1)
 """Weight of the carried mass (multiplier over gravity) against the effective mass."""
 TANGENT_RATIO = wp.constant(0.3)
 """Tangential penalty over normal penalty."""
-RELEASE_RATIO = wp.constant(0.1)
+RELEASE_RATIO = wp.constant(0.2)
 """What a row near release (or at the cone, tangentially) keeps of its penalty: the majoriser would
 hold back a body that is about to leave or slide."""
 RECOVERY = wp.constant(0.5)
