@@ -1,0 +1,228 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd compare``: simulate a scene with two solvers from the same start, side by side."""
+
+import argparse
+import dataclasses
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from newton_avbd.io import Request, Simulation, UserError, open_scene, require
+from newton_avbd.io.solvers import SOLVERS
+from newton_avbd.study.measure import Probe, deepest_penetration, distances
+
+from .options import add_scene_arguments, use_device
+from .output import length, progress, table
+
+COLORS = ("#0072b2", "#d55e00")
+"""Colors of the two solvers in a plot, told apart by every kind of color vision."""
+
+
+@dataclass
+class Course:
+    """What one solver made of a scene.
+
+    Attributes:
+        solver: The solver's name.
+        penetration: Deepest penetration at the end of each frame [m].
+        energy: Kinetic and potential energy at the end of each frame [J].
+        speed: Largest speed at the end of each frame [m/s].
+        solver_ms: Median time of a solver step [ms].
+        collision_ms: Time of collision detection a step [ms]; 0 where the solver includes it.
+        test: What the scene's own test says; None where it has none.
+    """
+
+    solver: str
+    penetration: list[float] = field(default_factory=list)
+    energy: list[float] = field(default_factory=list)
+    speed: list[float] = field(default_factory=list)
+    solver_ms: float = 0.0
+    collision_ms: float = 0.0
+    test: str | None = None
+
+    def record(self, probe: Probe, simulation: Simulation) -> None:
+        """Add the simulation's present state."""
+        state = simulation.state
+        self.penetration.append(deepest_penetration(probe.separations(state)))
+        self.energy.append(probe.energy(state))
+        self.speed.append(probe.speed(state))
+
+    def close(self, simulation: Simulation) -> None:
+        """Add what is known only at the end."""
+        self.solver_ms, self.collision_ms = simulation.timer.milliseconds_per_step()
+        self.test = simulation.verdict()
+
+
+@dataclass
+class Comparison:
+    """Two solvers on one scene.
+
+    Attributes:
+        scene: The scene's name.
+        bodies: Number of bodies.
+        dt: Solver step of each solver [s].
+        time: Time of each frame, the start included [s].
+        courses: What each solver made of it.
+        distance_max: Largest distance between the places that the two solvers give to a body's
+            center of mass, in each frame [m].
+        distance_median: Median of the same [m].
+    """
+
+    scene: str
+    bodies: int
+    dt: tuple[float, float]
+    time: list[float]
+    courses: tuple[Course, Course]
+    distance_max: list[float] = field(default_factory=list)
+    distance_median: list[float] = field(default_factory=list)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    add_scene_arguments(parser)
+    parser.add_argument(
+        "--against",
+        choices=SOLVERS,
+        default="vbd",
+        help="solver to compare with (default: %(default)s)",
+    )
+    parser.add_argument("--png", type=Path, metavar="FILE", help="plot over time")
+    parser.add_argument("--json", action="store_true", help="print all numbers instead of a table")
+
+
+def main(args: argparse.Namespace) -> int:
+    """Simulate with both solvers, print a table or JSON, draw; returns the exit status."""
+    use_device(args.device)
+    if args.png:
+        require("matplotlib")
+    pair = tuple(
+        open_scene(args.scene, Request(solver, args.iterations, args.dt, None, args.arguments))
+        for solver in (args.solver, args.against)
+    )
+    comparison = _compare(pair, (args.solver, args.against), args.frames)
+    if args.json:
+        print(json.dumps(dataclasses.asdict(comparison), indent=2))
+    else:
+        print(_report(comparison))
+    if args.png:
+        _plot(comparison, args.png)
+    return 0
+
+
+def _compare(
+    pair: tuple[Simulation, ...], names: tuple[str, str], frames: int | None
+) -> Comparison:
+    """Advance two simulations side by side and record both."""
+    one, other = pair
+    if one.model.body_count != other.model.body_count or one.frame_dt != other.frame_dt:
+        raise UserError(f"{one.name} is another scene for {names[1]} than for {names[0]}")
+    frames = frames or one.frames
+    probes = tuple(Probe(simulation.model) for simulation in pair)
+    courses = (Course(names[0]), Course(names[1]))
+    comparison = Comparison(
+        scene=one.name,
+        bodies=one.model.body_count,
+        dt=(one.dt, other.dt),
+        time=[frame * one.frame_dt for frame in range(frames + 1)],
+        courses=courses,
+    )
+
+    def record() -> None:
+        for course, probe, simulation in zip(courses, probes, pair, strict=True):
+            course.record(probe, simulation)
+        poses = [simulation.state.body_q.numpy().astype(float) for simulation in pair]
+        apart = distances(probes[0].bodies, *poses)
+        comparison.distance_max.append(float(np.max(apart, initial=0.0)))
+        comparison.distance_median.append(float(np.median(apart)) if apart.size else 0.0)
+
+    record()
+    for _ in progress(range(frames), frames, one.name):
+        for simulation in pair:
+            simulation.advance()
+        record()
+    for course, simulation in zip(courses, pair, strict=True):
+        course.close(simulation)
+    return comparison
+
+
+def _report(comparison: Comparison) -> str:
+    """The comparison as a table, and how far apart the two solvers are over time."""
+    a, b = comparison.courses
+    start = a.energy[0]
+
+    def row(label: str, form: Any) -> tuple[str, str, str]:
+        return label, form(a), form(b)
+
+    rows = [
+        (f"{comparison.scene}, {comparison.bodies} bodies, {comparison.time[-1]:.3g} s", "", ""),
+        row("", lambda course: course.solver),
+        ("step", *(f"{1e3 * dt:.4g} ms" for dt in comparison.dt)),
+        row("solver a step, median", lambda c: f"{c.solver_ms:.3f} ms"),
+        row(
+            "collision detection a step",
+            lambda c: f"{c.collision_ms:.3f} ms" if c.collision_ms else "in the solver",
+        ),
+        row("deepest penetration, ever", lambda c: length(max(c.penetration))),
+        row("deepest penetration at the end", lambda c: length(c.penetration[-1])),
+        row("largest speed at the end", lambda c: f"{c.speed[-1]:.4g} m/s"),
+        row(f"energy gained, of {start:.4g} J", lambda c: f"{c.energy[-1] - start:+.4g} J"),
+    ]
+    if a.test is not None or b.test is not None:
+        rows.append(row("the example's own test", lambda c: c.test or "none"))
+    apart = [("apart after", "most", "median")]
+    last = len(comparison.time) - 1
+    for frame in sorted({max(1, last * part // 4) for part in range(1, 5)}):
+        apart.append(
+            (
+                f"{comparison.time[frame]:.3g} s",
+                length(comparison.distance_max[frame]),
+                length(comparison.distance_median[frame]),
+            )
+        )
+    return f"{table(rows)}\n\n{table(apart)}"
+
+
+def _plot(comparison: Comparison, path: Path) -> None:
+    """Draw both courses over time.
+
+    Raises:
+        UserError: The file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 6.5), layout="constrained")
+    figure.suptitle(f"{comparison.scene}, {comparison.bodies} bodies")
+    (apart, penetration), (energy, cost) = figure.subplots(2, 2)
+    time = comparison.time
+    apart.plot(time, 1e3 * np.array(comparison.distance_max), "k-", label="most")
+    apart.plot(time, 1e3 * np.array(comparison.distance_median), "k:", label="median")
+    apart.set_ylabel("distance between the two [mm]")
+    penetration.set_ylabel("deepest penetration [mm]")
+    energy.set_ylabel("energy since the start [J]")
+    for course, color in zip(comparison.courses, COLORS, strict=True):
+        style = {"color": color, "label": course.solver}
+        penetration.plot(time, 1e3 * np.array(course.penetration), **style)
+        energy.plot(time, np.array(course.energy) - course.energy[0], **style)
+    for axes in (apart, penetration):
+        # Solvers differ by orders of magnitude; below a micrometer it is rounding.
+        axes.set_yscale("symlog", linthresh=1.0e-3)
+        axes.set_ylim(bottom=0.0)
+    for axes in (apart, penetration, energy):
+        axes.set_xlabel("time [s]")
+        axes.legend()
+    labels = [course.solver for course in comparison.courses]
+    solver_ms = [course.solver_ms for course in comparison.courses]
+    bars = cost.barh(labels, solver_ms, color=COLORS)
+    cost.bar_label(bars, fmt="%.3g", padding=3)
+    cost.invert_yaxis()
+    cost.margins(x=0.15)
+    cost.set_xlabel("solver, median of a step [ms]")
+    try:
+        figure.savefig(path, dpi=120)
+    except (OSError, ValueError) as error:
+        raise UserError(f"cannot write {path}: {error}") from error

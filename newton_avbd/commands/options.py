@@ -1,0 +1,59 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Arguments that ``run`` and ``compare`` share."""
+
+import argparse
+
+import warp as wp
+
+from newton_avbd.io import UserError, list_scenes
+from newton_avbd.io.solvers import SOLVERS
+
+
+def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the scene, the solver and its settings."""
+    parser.add_argument("scene", metavar="SCENE", help="a scene or a file, see below")
+    parser.add_argument(
+        "--solver", choices=SOLVERS, default="avbd", help="solver (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--frames", type=positive(int), help="frames to simulate (default: the scene's own)"
+    )
+    parser.add_argument(
+        "--iterations", type=positive(int), help="iterations a step (default: the scene's, or 10)"
+    )
+    parser.add_argument(
+        "--dt", type=positive(float), help="solver step in seconds (default: the scene's own)"
+    )
+    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    parser.epilog = f"{list_scenes()}\nArguments after -- go to a Newton example."
+
+
+def positive(kind: type[int] | type[float]) -> "type[int] | type[float]":
+    """Reader of a positive number, for ``type=`` of an argument."""
+
+    def read(text: str) -> int | float:
+        value = kind(text)
+        if not 0 < value < float("inf"):
+            raise ValueError
+        return value
+
+    # argparse names the reader when it rejects a value: "invalid positive int value".
+    read.__name__ = f"positive {kind.__name__}"
+    return read  # type: ignore[return-value]
+
+
+def use_device(name: str | None) -> None:
+    """Make a Warp device the current one.
+
+    Raises:
+        UserError: There is no such device.
+    """
+    if name is None:
+        return
+    try:
+        wp.set_device(name)
+    except (RuntimeError, ValueError) as error:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise UserError(f"there is no device {name!r}; there are: {known}") from error

@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd run``: simulate a scene, watch it or not, and say how it went."""
+
+import argparse
+import itertools
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
+from newton_avbd.study.measure import Probe, deepest_penetration
+
+from . import view
+from .options import add_scene_arguments, use_device
+from .output import length, progress, table
+
+TOUCHING = 1.0e-4
+"""Gap below which a contact counts as touching [m]: what resting bodies keep of it or less."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    add_scene_arguments(parser)
+    parser.add_argument(
+        "--viewer", choices=view.VIEWERS, default="null", help="viewer (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--png", type=Path, metavar="FILE", help="picture of the last frame; needs no window"
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Simulate, then print a table; returns the exit status."""
+    use_device(args.device)
+    viewer = _make_viewer(args)
+    request = Request(
+        solver=args.solver,
+        iterations=args.iterations,
+        dt=args.dt,
+        viewer=None if viewer is None else lambda: viewer,
+        arguments=args.arguments,
+    )
+    simulation = open_scene(args.scene, request)
+    if args.viewer == "gl" and isinstance(simulation, ModelSimulation):
+        view.look_at(viewer, simulation.model, simulation.state)
+    # A window that is watched stays open until it is closed.
+    endless = args.viewer in view.WINDOWS and args.frames is None
+    frames = args.frames or simulation.frames
+    count: Iterable[int] = itertools.count() if endless else range(frames)
+    if args.viewer == "null":
+        for _ in progress(count, frames, simulation.name):
+            simulation.advance()
+    else:
+        _watch(simulation, viewer, count)
+    if args.png:
+        if args.viewer == "null" and isinstance(simulation, ModelSimulation):
+            view.look_at(viewer, simulation.model, simulation.state)
+        simulation.render()
+        view.save_picture(viewer, args.png)
+    if viewer is not None:
+        viewer.close()
+    verdict = simulation.verdict()
+    print(_report(simulation, args.solver, verdict))
+    return 0 if verdict in (None, "passed") else 1
+
+
+def _make_viewer(args: argparse.Namespace) -> Any:
+    """The viewer that the arguments ask for; None for none."""
+    if args.png and args.viewer not in ("null", "gl"):
+        raise UserError(f"--png goes with --viewer null or gl, not with {args.viewer}")
+    if args.viewer == "null":
+        return view.make_viewer("gl", args.scene, headless=True) if args.png else None
+    return view.make_viewer(args.viewer, args.scene)
+
+
+def _watch(simulation: Simulation, viewer: Any, count: Iterable[int]) -> None:
+    """Simulate and show every frame until the frames are over or the window is closed."""
+    for _ in count:
+        if not viewer.is_running():
+            return
+        if viewer.should_step():
+            simulation.advance()
+        simulation.render()
+
+
+def _report(simulation: Simulation, solver: str, verdict: str | None) -> str:
+    """Table of what was simulated, what it cost and where it ended."""
+    probe = Probe(simulation.model)
+    gaps = probe.separations(simulation.state)
+    solve, collide = simulation.timer.milliseconds_per_step()
+    rows = [
+        (f"{simulation.name}, {solver}", ""),
+        ("bodies", f"{simulation.model.body_count}"),
+        ("contacts, touching", f"{len(gaps)}, {int((gaps <= TOUCHING).sum())}"),
+        ("step", f"{1e3 * simulation.dt:.4g} ms"),
+        ("solver a step, median", f"{solve:.3f} ms"),
+        ("collision detection a step", f"{collide:.3f} ms" if collide else "in the solver"),
+        ("deepest penetration at the end", length(deepest_penetration(gaps))),
+        ("largest speed at the end", f"{probe.speed(simulation.state):.4g} m/s"),
+    ]
+    if verdict is not None:
+        rows.append(("the example's own test", verdict))
+    return table(rows)

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Finding what is to be simulated by its name, and putting a solver into it."""
+
+import difflib
+import textwrap
+from pathlib import Path
+
+import newton
+
+from newton_avbd.study import scenes
+
+from . import examples, solvers
+from .assets import SUFFIXES, open_asset
+from .errors import UserError, require
+from .simulation import ModelSimulation, Request, Simulation
+from .timing import StepTimer
+
+__all__ = [
+    "ModelSimulation",
+    "Request",
+    "Simulation",
+    "StepTimer",
+    "UserError",
+    "list_scenes",
+    "open_scene",
+    "require",
+]
+
+EXAMPLE_PREFIX = "newton:"
+"""Put before a name that a Newton example shares with a scene of ours."""
+
+
+def open_scene(name: str, request: Request) -> Simulation:
+    """Open a scene by name.
+
+    Args:
+        name: A scene of :mod:`newton_avbd.study.scenes`, an installed Newton example, with or
+            without :data:`EXAMPLE_PREFIX`, or the path of a USD, URDF or MJCF file.
+        request: Solver and settings.
+
+    Returns:
+        The simulation, at its start.
+
+    Raises:
+        UserError: There is no such scene, or it cannot be simulated as requested.
+    """
+    if request.solver == "kamino" and request.iterations is not None:
+        raise UserError("solver kamino has no iterations to set")
+    try:
+        return _open(name, request)
+    except NotImplementedError as error:
+        raise UserError(f"{name} cannot run with {request.solver}: {error}") from error
+
+
+def list_scenes() -> str:
+    """All scenes that can be named, as text for a terminal."""
+    own = "\n".join(f"  {scene.name:<16} {scene.summary}" for scene in scenes.SCENES.values())
+    newtons = textwrap.fill(
+        ", ".join(examples.names()), 98, initial_indent="  ", subsequent_indent="  "
+    )
+    return (
+        f"scenes:\n{own}\n"
+        f"Newton examples (prefix {EXAMPLE_PREFIX} where the name is also a scene's):\n{newtons}\n"
+        f"files: {', '.join(SUFFIXES)}"
+    )
+
+
+def _open(name: str, request: Request) -> Simulation:
+    example = name.removeprefix(EXAMPLE_PREFIX)
+    if name not in scenes.SCENES and example in examples.names():
+        return examples.ExampleSimulation(example, request)
+    if request.arguments:
+        raise UserError(f"{name} is no Newton example: {' '.join(request.arguments)} has no reader")
+    if name in scenes.SCENES:
+        return _open_own(scenes.SCENES[name], request)
+    if Path(name).suffix.lower() in SUFFIXES or Path(name).is_file():
+        return open_asset(Path(name), request)
+    close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
+    hint = f" Did you mean {' or '.join(close)}?" if close else ""
+    raise UserError(f"there is no scene {name!r}.{hint}\n{list_scenes()}")
+
+
+def _open_own(scene: scenes.Scene, request: Request) -> ModelSimulation:
+    builder = newton.ModelBuilder()
+    solvers.prepare(request.solver, builder)
+    if request.solver == "vbd" and scene.vbd_ke is not None:
+        builder.default_shape_cfg.ke = scene.vbd_ke
+    scene.build(builder)
+    frame_dt = 1.0 / scenes.FRAMES_PER_SECOND
+    return ModelSimulation(
+        scene.name, builder, request, dt=scene.dt, frame_dt=frame_dt, frames=scene.frames
+    )

@@ -1,0 +1,110 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Simulating USD, URDF and MJCF files."""
+
+from pathlib import Path
+
+import newton
+import numpy as np
+
+from newton_avbd.study.measure import transform
+
+from . import solvers
+from .errors import UserError, missing
+from .simulation import ModelSimulation, Request
+
+SUFFIXES = (".usd", ".usda", ".usdc", ".urdf", ".xml")
+"""File name endings of assets: USD, URDF and MJCF."""
+
+DT = 1.0 / 240.0
+"""Solver step for an asset [s]; files rarely say."""
+
+FRAME_DT = 1.0 / 60.0
+FRAMES = 240
+
+GROUND_CLEARANCE = 0.01
+"""Gap left between an asset that reaches below z = 0 and the ground put under it [m]."""
+
+
+def open_asset(path: Path, request: Request) -> ModelSimulation:
+    """Open a file as a simulation.
+
+    Bodies start as authored; the root of a URDF robot, which the format leaves open, floats. An
+    asset without a ground gets a plane at z = 0, or just under its lowest point where that is
+    deeper, so that nothing falls forever.
+
+    Args:
+        path: A file with one of :data:`SUFFIXES`.
+        request: Solver and settings.
+
+    Returns:
+        The simulation.
+
+    Raises:
+        UserError: The file is missing, is no such asset or holds no bodies.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise UserError(f"cannot read {path}: not one of {', '.join(SUFFIXES)}")
+    if not path.is_file():
+        raise UserError(f"cannot read {path}: no such file")
+    builder = newton.ModelBuilder()
+    solvers.prepare(request.solver, builder)
+    try:
+        _read(path, builder)
+    except ModuleNotFoundError as error:
+        raise missing(error.name or "newton") from error
+    except ImportError as error:
+        # Newton's importers say themselves what they miss, without a module's name.
+        raise missing("pxr" if path.suffix.lower().startswith(".usd") else "trimesh") from error
+    except Exception as error:
+        # The importers fail in as many ways as files can be wrong.
+        raise UserError(f"cannot read {path}: {_reason(error)}") from error
+    if builder.body_count == 0:
+        raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
+    _add_ground(builder)
+    return ModelSimulation(path.name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES)
+
+
+def _read(path: Path, builder: newton.ModelBuilder) -> None:
+    suffix = path.suffix.lower()
+    if suffix == ".urdf":
+        builder.add_urdf(str(path), floating=True)
+    elif suffix == ".xml":
+        builder.add_mjcf(str(path))
+    else:
+        builder.add_usd(str(path))
+
+
+def _reason(error: Exception) -> str:
+    """First line of an importer's message, without the place in its source that USD puts first."""
+    lines = str(error).strip().splitlines()
+    return lines[0].rpartition(" : ")[2].strip("'") if lines else type(error).__name__
+
+
+def _add_ground(builder: newton.ModelBuilder) -> None:
+    """Put a plane under everything unless the asset has a plane or a terrain of its own."""
+    grounds = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
+    for body, kind in zip(builder.shape_body, builder.shape_type, strict=True):
+        if body == -1 and kind in grounds:
+            return
+    lowest = _lowest_point(builder)
+    builder.add_ground_plane(height=0.0 if lowest >= 0.0 else lowest - GROUND_CLEARANCE)
+
+
+def _lowest_point(builder: newton.ModelBuilder) -> float:
+    """Height of the lowest point of all colliding shapes' bounding boxes [m]."""
+    model = builder.finalize()
+    colliding = (model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
+    lower = model.shape_collision_aabb_lower.numpy()[colliding].astype(float)
+    upper = model.shape_collision_aabb_upper.numpy()[colliding].astype(float)
+    shape = model.shape_transform.numpy()[colliding].astype(float)
+    # Row -1 is the world, for fixed shapes.
+    poses = np.vstack([model.body_q.numpy(), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]).astype(float)
+    body = poses[model.shape_body.numpy()[colliding]]
+    lowest = np.inf
+    for corner in np.ndindex(2, 2, 2):
+        point = np.where(corner, upper, lower)
+        height = transform(body, transform(shape, point))[:, 2]
+        lowest = min(lowest, float(np.min(height, initial=np.inf)))
+    return lowest

@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Errors that are the user's to mend, told in a sentence instead of a traceback."""
+
+import importlib.util
+
+EXTRAS = {
+    "mujoco": "scenes",
+    "mujoco_warp": "scenes",
+    "pxr": "scenes",
+    "trimesh": "scenes",
+    "PIL": "view",
+    "imgui_bundle": "view",
+    "pyglet": "view",
+    "rerun": "view",
+    "viser": "view",
+    "matplotlib": "study",
+    "scipy": "study",
+}
+"""Which extra of this package brings an importable module."""
+
+
+class UserError(Exception):
+    """What was asked for cannot be done; the message says why and what would help."""
+
+
+def missing(module: str) -> UserError:
+    """Error for a module that is not installed, with the command that installs it."""
+    top = module.partition(".")[0]
+    what = f"'newton-avbd[{EXTRAS[top]}]'" if top in EXTRAS else "'newton[examples]'"
+    return UserError(f"this needs the Python package {top}: pip install {what}")
+
+
+def require(*modules: str) -> None:
+    """Check that modules are installed, without importing them.
+
+    Raises:
+        UserError: One of them is not.
+    """
+    for module in modules:
+        if importlib.util.find_spec(module) is None:
+            raise missing(module)

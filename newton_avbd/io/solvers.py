@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The solvers that the command line offers, by name, and what each asks of a model."""
+
+from typing import Any
+
+import newton
+import warp as wp
+from newton.solvers import SolverKamino, SolverMuJoCo, SolverVBD, SolverXPBD
+
+from .errors import require
+
+SOLVERS = ("avbd", "vbd", "xpbd", "mujoco", "kamino")
+"""Names of the solvers, ours first."""
+
+SWEEPING = ("avbd", "vbd", "xpbd")
+"""Solvers whose iterations are sweeps over bodies or constraints, and so compare."""
+
+SWEEPS = 10
+"""Iterations of those where nothing else is said."""
+
+# Held here, so that they stay what they are while newton.solvers is patched for a swap.
+_CLASSES = {
+    "vbd": SolverVBD,
+    "xpbd": SolverXPBD,
+    "mujoco": SolverMuJoCo,
+    "kamino": SolverKamino,
+}
+
+
+def solver_class(name: str) -> type[newton.solvers.SolverBase]:
+    """Class of the solver ``name``, one of :data:`SOLVERS`."""
+    if name == "avbd":
+        from newton_avbd import SolverAVBD
+
+        return SolverAVBD
+    if name == "mujoco":
+        require("mujoco", "mujoco_warp")
+    return _CLASSES[name]
+
+
+def prepare(name: str, builder: newton.ModelBuilder) -> None:
+    """Do what a solver needs to have been done to a builder before it is filled."""
+    solver_class(name).register_custom_attributes(builder)
+
+
+def complete(name: str, builder: newton.ModelBuilder) -> None:
+    """Do what a solver needs to have been done to a builder before it is finalized."""
+    if name == "vbd" and builder.body_count and not builder.body_color_groups:
+        builder.color()
+
+
+def construct(
+    name: str, model: newton.Model, iterations: int | None = None, **options: Any
+) -> newton.solvers.SolverBase:
+    """Make the solver ``name`` for ``model``.
+
+    All use Newton's contacts, but for MuJoCo on CPU: there it is MuJoCo proper, in C, which only
+    knows its own.
+
+    Args:
+        name: One of :data:`SOLVERS`.
+        model: The model.
+        iterations: Iterations a step; None for :data:`SWEEPS`, or the solver's
+            own default where they are no sweeps.
+        options: Further keyword arguments of the solver's class.
+
+    Returns:
+        The solver.
+
+    Raises:
+        NotImplementedError: The model holds what the solver cannot do.
+    """
+    if iterations is None and name in SWEEPING:
+        iterations = SWEEPS
+    if iterations is not None:
+        options["iterations"] = iterations
+    if name == "mujoco":
+        on_cpu = not wp.get_device(model.device).is_cuda
+        options.update(use_mujoco_cpu=on_cpu, use_mujoco_contacts=on_cpu)
+    return solver_class(name)(model, **options)
+
+
+def detects_collisions(solver: newton.solvers.SolverBase) -> bool:
+    """Whether a solver that :func:`construct` made detects collisions itself."""
+    return bool(getattr(solver, "use_mujoco_cpu", False))

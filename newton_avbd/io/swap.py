@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Putting another solver into scripts that were written for one of Newton's.
+
+A script makes its solver with ``newton.solvers.SolverX(model, ...)`` when it runs. While
+:func:`swapped` is active, each of those names holds a :class:`StandIn`, which makes the wanted
+solver when called and is the original class in all else: ``SolverX.Config``,
+``SolverX.register_custom_attributes`` and ``isinstance(solver, SolverX)`` keep working. What a
+script then asks of its solver that only the original has is answered by :data:`_ADAPTERS`.
+"""
+
+import inspect
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any
+from unittest import mock
+
+import newton
+
+from . import solvers
+from .simulation import Request
+from .timing import StepTimer
+
+_SWAPPABLE = (
+    "SolverFeatherstone",
+    "SolverKamino",
+    "SolverMuJoCo",
+    "SolverSemiImplicit",
+    "SolverVBD",
+    "SolverXPBD",
+)
+"""Newton's solvers of rigid bodies; those of cloth, soft bodies and grains stay."""
+
+_SWEEPING = ("SolverVBD", "SolverXPBD")
+"""Solvers whose ``iterations`` mean what they mean to ours: sweeps over bodies or constraints."""
+
+_ADAPTERS = {
+    # None lets a collision pipeline choose its own capacity.
+    "get_max_contact_count": lambda: None,
+    "set_rigid_history_update": lambda update: None,
+}
+"""Methods of single solvers that scripts call, with answers that hold for every other solver."""
+
+
+class StandIn:
+    """Stands in for a solver class in ``newton.solvers``; see the module."""
+
+    def __init__(self, original: type, request: Request, timer: StepTimer, made: list[Any]):
+        """Make a stand-in.
+
+        Args:
+            original: The class stood in for.
+            request: Solver to make instead, and its iterations.
+            timer: Watches the solvers made.
+            made: Receives the solvers made.
+        """
+        self._original, self._request, self._timer, self._made = original, request, timer, made
+
+    def __call__(self, model: newton.Model, *args: Any, **options: Any) -> Any:
+        wanted = solvers.solver_class(self._request.solver)
+        if wanted is self._original:
+            if self._request.iterations is not None:
+                options["iterations"] = self._request.iterations
+            solver = wanted(model, *args, **options)
+        else:
+            kept = self._understood(wanted, options)
+            own = kept.pop("iterations", None)
+            iterations = self._request.iterations or own
+            solver = solvers.construct(self._request.solver, model, iterations, **kept)
+            for name, answer in _ADAPTERS.items():
+                if hasattr(self._original, name) and not hasattr(solver, name):
+                    setattr(solver, name, answer)
+        self._timer.watch_solver(solver)
+        if wanted is not self._original and self._collides(args, options):
+            _collide_before_step(solver, model, self._timer)
+        self._made.append(solver)
+        return solver
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._original, name)
+
+    def __instancecheck__(self, instance: Any) -> bool:
+        return isinstance(instance, self._original)
+
+    def _understood(self, wanted: type, options: dict[str, Any]) -> dict[str, Any]:
+        """The options that the wanted solver has too, and that mean the same to it."""
+        known = inspect.signature(wanted).parameters
+        kept = {name: value for name, value in options.items() if name in known}
+        if not {self._original.__name__, wanted.__name__} <= {*_SWEEPING, "SolverAVBD"}:
+            kept.pop("iterations", None)
+        return kept
+
+    def _collides(self, args: tuple[Any, ...], options: dict[str, Any]) -> bool:
+        """Whether the original would have detected collisions itself."""
+        if self._original.__name__ == "SolverMuJoCo":
+            native = options.get("use_mujoco_contacts", True)
+            return native and not options.get("disable_contacts")
+        if self._original.__name__ == "SolverKamino":
+            config = args[0] if args else options.get("config")
+            return bool(getattr(config, "use_collision_detector", False))
+        return False
+
+
+def _collide_before_step(solver: Any, model: newton.Model, timer: StepTimer) -> None:
+    """Let ``solver.step`` detect collisions first, for a script that leaves that to its solver."""
+    pipeline = newton.CollisionPipeline(model, publish_capacity=False)
+    timer.watch_pipeline(pipeline)
+    own, step = pipeline.contacts(), solver.step
+
+    def colliding_step(
+        state_in: newton.State,
+        state_out: newton.State,
+        control: newton.Control | None,
+        contacts: newton.Contacts | None,
+        dt: float,
+        **options: Any,
+    ) -> None:
+        contacts = own if contacts is None else contacts
+        pipeline.collide(state_in, contacts)
+        step(state_in, state_out, control, contacts, dt, **options)
+
+    solver.step = colliding_step
+
+
+@contextmanager
+def swapped(request: Request, timer: StepTimer) -> Iterator[list[Any]]:
+    """Make scripts that run inside this context get another solver than they name.
+
+    Builders are made ready for that solver too when they are finalized.
+
+    Args:
+        request: The solver to give them.
+        timer: Watches the solvers.
+
+    Yields:
+        The solvers made so far.
+    """
+    made: list[Any] = []
+    finalize = newton.ModelBuilder.finalize
+
+    def prepared_finalize(builder: newton.ModelBuilder, *args: Any, **options: Any) -> newton.Model:
+        solvers.prepare(request.solver, builder)
+        solvers.complete(request.solver, builder)
+        return finalize(builder, *args, **options)
+
+    with ExitStack() as patches:
+        for name in _SWAPPABLE:
+            stand_in = StandIn(getattr(newton.solvers, name), request, timer, made)
+            patches.enter_context(mock.patch.object(newton.solvers, name, stand_in))
+        patches.enter_context(mock.patch.object(newton.ModelBuilder, "finalize", prepared_finalize))
+        yield made

@@ -1,0 +1,168 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The command line reports what happened, and says in a sentence what it cannot do."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+
+import newton.viewer
+import numpy as np
+import pytest
+
+from newton_avbd.__main__ import main
+
+PNG = b"\x89PNG"
+
+
+def rows(text: str) -> dict[str, str]:
+    """Rows of a printed table, label to the rest of the line."""
+    return dict(line.split("  ", 1) for line in text.splitlines() if "  " in line)
+
+
+@pytest.mark.parametrize("solver", ["avbd", "vbd", "xpbd", "mujoco"])
+def test_run_reports_bodies_speed_and_cost(capsys, solver):
+    if solver == "mujoco":
+        pytest.importorskip("mujoco")
+    assert main(["run", "fall", "--solver", solver, "--frames", "6"]) == 0
+    table = rows(capsys.readouterr().out)
+    assert table["bodies"].split() == ["4"]
+    # Free fall for 6/60 s, from rest; four digits are printed.
+    speed = float(table["largest speed at the end"].split()[0])
+    assert speed == pytest.approx(0.981, abs=1.0e-3)
+    assert float(table["solver a step, median"].split()[0]) > 0.0
+
+
+def test_run_reports_contacts_and_penetration_of_a_pile(capsys):
+    assert main(["run", "pyramid", "--frames", "30"]) == 0
+    table = rows(capsys.readouterr().out)
+    # 10 rows: four contacts a box with what is under it, 40 + 8 * 45, and with its neighbors.
+    reported, touching = table["contacts, touching"].split()
+    assert (reported, touching) == ("580,", "400")
+    value, unit = table["deepest penetration at the end"].split()
+    assert unit == "mm"
+    assert float(value) < 0.05  # what the pyramid is to keep, see the benchmark
+
+
+def test_run_fails_where_the_scene_fails_its_own_test(capsys):
+    assert main(["run", "basic_dzhanibekov", "--frames", "1"]) == 1
+    verdict = rows(capsys.readouterr().out)["the example's own test"]
+    assert verdict.split(maxsplit=1)[0] == "failed:"
+
+
+def test_run_draws_a_picture_without_a_window(tmp_path, capsys):
+    pytest.importorskip("pyglet")
+    image = pytest.importorskip("PIL.Image")
+    path = tmp_path / "fall.png"
+    status = main(["run", "fall", "--solver", "xpbd", "--frames", "1", "--png", str(path)])
+    if status == 2 and "OpenGL" in capsys.readouterr().err:
+        pytest.skip("no OpenGL on this machine")
+    pixels = np.asarray(image.open(path))
+    assert pixels.shape == (720, 1280, 3)
+    assert pixels.std() > 1.0  # something is there
+
+
+def test_run_says_what_to_install_where_there_is_no_opengl(monkeypatch, capsys, tmp_path):
+    pytest.importorskip("pyglet")
+
+    def fail(**options):
+        raise RuntimeError("no driver")
+
+    monkeypatch.setattr(newton.viewer, "ViewerGL", fail)
+    assert main(["run", "fall", "--png", str(tmp_path / "fall.png")]) == 2
+    message = capsys.readouterr().err
+    assert "no driver" in message
+    assert "libegl1" in message
+    assert "xvfb-run" in message
+
+
+def test_run_writes_usd(monkeypatch, tmp_path):
+    usd = pytest.importorskip("pxr.Usd")
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", "fall", "--solver", "xpbd", "--frames", "3", "--viewer", "usd"]) == 0
+    stage = usd.Stage.Open(str(tmp_path / "fall.usd"))
+    assert stage.GetEndTimeCode() - stage.GetStartTimeCode() >= 2
+
+
+def test_compare_of_a_solver_with_itself_finds_no_difference(capsys):
+    arguments = ["compare", "fall", "--solver", "xpbd", "--against", "xpbd", "--frames", "3"]
+    assert main([*arguments, "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["distance_max"] == [0.0] * 4
+    assert result["time"] == pytest.approx([0.0, 1 / 60, 2 / 60, 3 / 60])
+    one, other = result["courses"]
+    assert one["energy"] == other["energy"]
+    assert one["penetration"] == [0.0] * 4
+
+
+def test_compare_prints_a_table_and_plots(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    path = tmp_path / "fall.png"
+    assert main(["compare", "fall", "--against", "xpbd", "--frames", "2", "--png", str(path)]) == 0
+    text = capsys.readouterr().out
+    assert rows(text)["step"].split() == ["4.167", "ms", "4.167", "ms"]
+    # In free flight two solvers part by rounding only: 8 steps at 2e-7 m each, of 2 m.
+    assert float(rows(text)["0.0333 s"].split()[0]) < 1.0e-2
+    assert path.read_bytes().startswith(PNG)
+
+
+def test_compare_opens_an_example_with_both_solvers(capsys):
+    pyramid = ["--", "--num-pyramids", "1", "--pyramid-size", "2"]
+    arguments = ["compare", "newton:pyramid", "--against", "xpbd", "--frames", "2", *pyramid]
+    assert main(arguments) == 0
+    table = rows(capsys.readouterr().out)
+    assert table["the example's own test"].split() == ["passed", "passed"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "pyramide"], "Did you mean pyramid"),
+        (["run", "fall", "--device", "cuda:99"], "there are: cpu"),
+        (["run", "fall", "--solver", "kamino", "--iterations", "3"], "no iterations"),
+        (["run", "fall", "--viewer", "usd", "--png", "a.png"], "--png goes with"),
+        (["run", "newton_cradle"], "REVOLUTE"),
+        (["run", "missing.urdf"], "missing.urdf: no such file"),
+        (["compare", "fall", "--frames", "1", "--png", "/no/folder/a.png"], "/no/folder/a.png"),
+    ],
+)
+def test_what_cannot_be_done_is_told_in_a_sentence(arguments, message, capsys):
+    assert main(arguments) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert "Traceback" not in error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "fall", "--framess", "3"], "did you mean --frames?"),
+        (["run", "fall", "--solver", "avdb"], "'avbd', 'vbd'"),
+        (["run", "fall", "--frames", "0"], "invalid positive int value: '0'"),
+        (["run", "fall", "--dt", "inf"], "invalid positive float value: 'inf'"),
+        (["jump"], "run"),
+    ],
+)
+def test_unknown_arguments_show_the_known_ones(arguments, message, capsys):
+    with pytest.raises(SystemExit) as exit:
+        main(arguments)
+    assert exit.value.code == 2
+    assert message in capsys.readouterr().err
+
+
+def test_missing_extra_names_the_command_that_installs_it(monkeypatch, capsys, tmp_path):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert main(["run", "fall", "--png", str(tmp_path / "a.png")]) == 2
+    assert "pip install 'newton-avbd[view]'" in capsys.readouterr().err
+    assert main(["compare", "fall", "--png", str(tmp_path / "a.png")]) == 2
+    assert "pip install 'newton-avbd[study]'" in capsys.readouterr().err
+
+
+def test_module_runs_as_a_program():
+    command = [sys.executable, "-m", "newton_avbd", "run", "--help"]
+    environment = {**os.environ, "COLUMNS": "100"}
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    assert "card_house" in done.stdout
+    assert "basic_shapes" in done.stdout

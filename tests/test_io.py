@@ -1,0 +1,274 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes, Newton's examples and files open with the solver that was asked for, or say why not."""
+
+import importlib.util
+from pathlib import Path
+
+import newton
+import newton.examples
+import pytest
+from newton.solvers import SolverMuJoCo, SolverVBD, SolverXPBD
+
+from newton_avbd import SolverAVBD
+from newton_avbd.io import Request, StepTimer, UserError, open_scene, require
+from newton_avbd.io.swap import swapped
+from newton_avbd.study.measure import Probe, deepest_penetration
+
+EXAMPLE_ASSETS = Path(newton.examples.get_asset_directory())
+TEST_ASSETS = Path(newton.__file__).parent / "tests" / "assets"
+
+URDF = """<robot name="cube"><link name="cube">
+<inertial><mass value="8"/>
+<inertia ixx="0.05" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision>
+</link></robot>"""
+
+MJCF = """<mujoco><worldbody><body pos="0 0 {height}"><freejoint/>
+<geom type="box" size="0.1 0.1 0.1" density="1000"/></body></worldbody></mujoco>"""
+
+USD = """#usda 1.0
+(
+    metersPerUnit = 1
+    upAxis = "Z"
+)
+def Cube "cube" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsCollisionAPI"])
+{
+    double size = 0.2
+    double3 xformOp:translate = (0, 0, 0.15)
+    uniform token[] xformOpOrder = ["xformOp:translate"]
+}
+"""
+
+
+@pytest.fixture
+def model() -> newton.Model:
+    builder = newton.ModelBuilder()
+    builder.add_shape_sphere(builder.add_body())
+    builder.color()
+    return builder.finalize()
+
+
+def made_by_swap(solver: str, iterations: int | None = None):
+    """Patches Newton as for an example; for use in a ``with``."""
+    return swapped(Request(solver, iterations), StepTimer())
+
+
+def test_swap_makes_the_solver_asked_for_and_is_undone(model):
+    with made_by_swap("avbd") as made:
+        solver = newton.solvers.SolverXPBD(model)
+    assert isinstance(solver, SolverAVBD)
+    assert made == [solver]
+    assert newton.solvers.SolverXPBD is SolverXPBD
+
+
+def test_swap_is_undone_when_a_script_fails():
+    finalize = newton.ModelBuilder.finalize
+    with pytest.raises(ZeroDivisionError), made_by_swap("avbd"):
+        _ = 1 / 0
+    assert newton.solvers.SolverXPBD is SolverXPBD
+    assert newton.ModelBuilder.finalize is finalize
+
+
+def test_swap_keeps_what_else_a_solver_class_offers(model):
+    with made_by_swap("avbd"):
+        stand_in = newton.solvers.SolverMuJoCo
+        solver = stand_in(model)
+        builder = newton.ModelBuilder()
+        stand_in.register_custom_attributes(builder)
+        assert any(key.startswith("mujoco:") for key in builder.custom_attributes)
+        assert stand_in.ObservableKind is SolverMuJoCo.ObservableKind
+        assert not isinstance(solver, stand_in)
+        assert isinstance(object.__new__(SolverMuJoCo), stand_in)
+        assert solver.get_max_contact_count() is None
+
+
+def test_swap_keeps_sweeps_and_drops_settings_that_the_solver_lacks(model):
+    with made_by_swap("vbd"):
+        assert newton.solvers.SolverXPBD(model, iterations=3, angular_damping=0.1).iterations == 3
+        # MuJoCo's iterations are Newton steps of the whole system, not sweeps.
+        assert newton.solvers.SolverMuJoCo(model, iterations=77, njmax=5).iterations == 10
+    with made_by_swap("vbd", iterations=4):
+        assert newton.solvers.SolverXPBD(model, iterations=3).iterations == 4
+        assert newton.solvers.SolverVBD(model, iterations=3).iterations == 4
+
+
+def test_swap_colors_bodies_for_vbd():
+    builder = newton.ModelBuilder()
+    builder.add_shape_sphere(builder.add_body())
+    with made_by_swap("vbd"):
+        solver = newton.solvers.SolverXPBD(builder.finalize())
+    assert isinstance(solver, SolverVBD)
+
+
+def test_own_scene_opens_with_its_step_or_the_one_asked_for():
+    simulation = open_scene("fall", Request("xpbd"))
+    assert isinstance(simulation.solver, SolverXPBD)
+    assert (simulation.dt, simulation.frame_dt) == pytest.approx((1 / 240, 1 / 60))
+    simulation = open_scene("fall", Request("xpbd", dt=0.004))
+    # Four steps of 4 ms come nearest to a sixtieth of a second.
+    assert (simulation.dt, simulation.frame_dt) == pytest.approx((0.004, 0.016))
+
+
+def test_example_runs_with_our_solver_and_passes_its_own_test():
+    simulation = open_scene("balance_bird", Request("avbd"))
+    assert isinstance(simulation.solver, SolverAVBD)
+    for _ in range(5):
+        simulation.advance()
+    assert len(simulation.timer.solver) == len(simulation.timer.collision) == 50
+    assert simulation.verdict() == "passed"
+
+
+def test_example_that_knows_the_solver_is_set_up_its_way():
+    simulation = open_scene("domino_spiral", Request("vbd"))
+    # What the example gives its shapes for SolverVBD; it has 1e4 N/m for the others.
+    assert simulation.model.shape_material_ke.numpy() == pytest.approx(1.0e5)
+
+
+def test_example_that_leaves_collisions_to_its_solver_gets_them_detected():
+    pytest.importorskip("pxr")
+    simulation = open_scene("sensor_imu", Request("avbd"))
+    for _ in range(simulation.frames):
+        simulation.advance()
+    assert simulation.verdict() == "passed"
+    # Cubes with edges of 0.4 m, on the ground to within a hundredth of a millimeter.
+    assert simulation.state.body_q.numpy()[:, 2] == pytest.approx(0.2, abs=1.0e-5)
+
+
+def test_example_takes_arguments_and_step():
+    request = Request("xpbd", dt=0.002, arguments=("--num-pyramids", "1", "--pyramid-size", "2"))
+    simulation = open_scene("newton:pyramid", request)
+    assert simulation.model.body_count == 3
+    assert (simulation.dt, simulation.frame_dt) == pytest.approx((0.002, 0.01))
+
+
+def test_example_that_needs_several_steps_to_be_judged_says_so():
+    simulation = open_scene("basic_dzhanibekov", Request("avbd"))
+    simulation.advance()
+    assert simulation.verdict() == "failed: Dzhanibekov flip did not occur"
+
+
+@pytest.mark.filterwarnings("ignore:SolverAVBD moves rigid bodies only")
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("newton_cradle", "newton_cradle cannot run with avbd: .*REVOLUTE"),
+        ("basic_viewer", "no rigid-body solver"),
+        ("cloth_bending", "no rigid bodies"),
+    ],
+)
+def test_example_that_cannot_take_our_solver_says_why(name, reason):
+    pytest.importorskip("pxr")
+    with pytest.raises(UserError, match=reason):
+        open_scene(name, Request("avbd"))
+
+
+@pytest.mark.parametrize(
+    ("file", "text"), [("cube.urdf", URDF), ("cube.xml", MJCF.format(height=0.15))]
+)
+@pytest.mark.parametrize("solver", ["avbd", "vbd"])
+def test_asset_without_ground_comes_to_rest_on_one(tmp_path, file, text, solver):
+    _check_rest(tmp_path / file, text, solver)
+
+
+def test_usd_asset_without_ground_comes_to_rest_on_one(tmp_path):
+    pytest.importorskip("pxr")
+    _check_rest(tmp_path / "cube.usda", USD, "avbd")
+
+
+def _check_rest(path: Path, text: str, solver: str) -> None:
+    path.write_text(text)
+    simulation = open_scene(str(path), Request(solver))
+    assert simulation.name == path.name
+    for _ in range(60):
+        simulation.advance()
+    ground = simulation.model.shape_transform.numpy()[-1, 2]
+    # A cube with edges of 0.2 m; SolverVBD's contacts of 2.5e3 N/m let one of 8 kg sink 8 mm.
+    tolerance = 1.0e-5 if solver == "avbd" else 0.02
+    assert simulation.state.body_q.numpy()[0, 2] - ground == pytest.approx(0.1, abs=tolerance)
+
+
+def test_asset_below_zero_gets_a_ground_under_it_and_stays_where_it_was_put(tmp_path):
+    path = tmp_path / "cube.xml"
+    path.write_text(MJCF.format(height=-3.0))
+    simulation = open_scene(str(path), Request("avbd"))
+    assert simulation.state.body_q.numpy()[0, 2] == pytest.approx(-3.0)
+    assert simulation.model.shape_transform.numpy()[-1, 2] == pytest.approx(-3.11)
+
+
+# Penetration after 4 s: at rest, the 0.01 mm that the solver leaves, and as much for the next
+# step's fall; in a heap that may still roll, a hundredth of its bodies' size of 0.1 m.
+@pytest.mark.parametrize(
+    ("path", "bodies", "penetration"),
+    [
+        (EXAMPLE_ASSETS / "palletizer_scene.usda", 7, 2.0e-5),
+        (EXAMPLE_ASSETS / "axis_cube.usda", 1, 2.0e-5),
+        (TEST_ASSETS / "cube_cylinder.usda", 1, 2.0e-5),
+        (TEST_ASSETS / "kamino" / "basics" / "box_on_plane.usda", 1, 2.0e-5),
+        (EXAMPLE_ASSETS / "tabletop.xml", 18, 1.0e-3),
+    ],
+    ids=lambda value: value.name if isinstance(value, Path) else None,
+)
+def test_assets_that_newton_bundles_come_to_rest(path, bodies, penetration):
+    pytest.importorskip("pxr")
+    simulation = open_scene(str(path), Request("avbd"))
+    assert simulation.model.body_count == bodies
+    for _ in range(240):
+        simulation.advance()
+    probe = Probe(simulation.model)
+    assert deepest_penetration(probe.separations(simulation.state)) < penetration
+    # A step's fall from rest is 0.04 m/s: slower than that, something holds every body.
+    assert probe.speed(simulation.state) < 9.81 * simulation.dt
+
+
+@pytest.mark.parametrize("file", ["bad.urdf", "bad.xml", "bad.usda"])
+def test_unreadable_asset_is_named_with_the_reason(tmp_path, file):
+    if file.endswith("usda"):
+        pytest.importorskip("pxr")
+    path = tmp_path / file
+    path.write_text("<unfinished")
+    with pytest.raises(UserError, match=rf"cannot read .*{file}: .+") as caught:
+        open_scene(str(path), Request("xpbd"))
+    assert "\n" not in str(caught.value)
+
+
+def test_asset_without_bodies_or_file_or_format_is_refused(tmp_path):
+    empty = tmp_path / "empty.xml"
+    empty.write_text("<mujoco><worldbody/></mujoco>")
+    with pytest.raises(UserError, match=r"empty\.xml: it holds no rigid bodies"):
+        open_scene(str(empty), Request("xpbd"))
+    with pytest.raises(UserError, match=r"none\.usd: no such file"):
+        open_scene("none.usd", Request("xpbd"))
+    (tmp_path / "mesh.obj").touch()
+    with pytest.raises(UserError, match=r"mesh\.obj: not one of \.usd"):
+        open_scene(str(tmp_path / "mesh.obj"), Request("xpbd"))
+
+
+def test_unknown_scene_lists_what_there_is_close_matches_first():
+    with pytest.raises(UserError) as caught:
+        open_scene("pyramide", Request("xpbd"))
+    first, *rest = str(caught.value).splitlines()
+    assert first == "there is no scene 'pyramide'. Did you mean pyramid or pyramid_worlds?"
+    text = "\n".join(rest)
+    assert "card_house" in text
+    assert "basic_shapes" in text
+    assert ".urdf" in text
+
+
+def test_arguments_without_an_example_are_refused():
+    with pytest.raises(UserError, match="no Newton example: --num-pyramids"):
+        open_scene("fall", Request("xpbd", arguments=("--num-pyramids",)))
+
+
+def test_missing_package_names_the_extra_that_brings_it(monkeypatch, tmp_path):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(UserError, match=r"pyglet: pip install 'newton-avbd\[view\]'"):
+        require("pyglet")
+
+    def fail(*args, **options):
+        raise ModuleNotFoundError("No module named 'pxr'", name="pxr")
+
+    monkeypatch.setattr(newton.ModelBuilder, "add_usd", fail)
+    (tmp_path / "cube.usda").touch()
+    with pytest.raises(UserError, match=r"pxr: pip install 'newton-avbd\[scenes\]'"):
+        open_scene(str(tmp_path / "cube.usda"), Request("xpbd"))
