@@ -27,10 +27,8 @@ class ContactRow:
 
     normal: wp.vec3
     """Unit normal, world frame, from body a to body b."""
-    arm_a: wp.vec3
-    """From the COM of body a to the contact point [m], world frame."""
-    arm_b: wp.vec3
-    """From the COM of body b to the contact point [m], world frame."""
+    arm: wp.vec3
+    """From the COM of body a to the contact point [m], world frame; the arm of b adds its span."""
     force: wp.vec3
     """Multiplier: the force on body b [N], world frame."""
     k_n: float

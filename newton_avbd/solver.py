@@ -540,7 +540,7 @@ class SolverAVBD(SolverBase):
     def _export_contact_force(self, contact_f: wp.array) -> None:
         contact_f.zero_()
         if self._capacity:
-            self._launch_bodies(export_contact_force, [self._rows, contact_f])
+            self._launch_bodies(export_contact_force, [self._work, self._rows, contact_f])
 
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""

@@ -274,10 +274,8 @@ def make_build_rows(effects: Effects) -> wp.Function:
                 row.a = wp.where(owner == 0, slot0, slot1)
                 row.b = wp.where(owner == 0, slot1, slot0)
                 row.normal = wp.where(owner == 0, normal, -normal)
-                arm0 = arm0 + half
-                arm1 = arm1 - (apart - half)
-                row.arm_a = wp.where(owner == 0, arm0, arm1)
-                row.arm_b = wp.where(owner == 0, arm1, arm0)
+                row.arm = wp.where(owner == 0, arm0 + half, arm1 - (apart - half))
+                span = work.com[row.a] - work.com[row.b]
                 if wp.static(effects.friction):
                     row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
 
@@ -294,7 +292,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
                         history.end[side, row.a],
                         start + (index - rows.owned_start[row.a]),
                         record,
-                        NEAR * NEAR * wp.length_sq(row.arm_a),
+                        NEAR * NEAR * wp.length_sq(row.arm),
                     )
                 penalty = float(0.0)
                 if known >= 0:
@@ -305,7 +303,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     if wp.dot(row.normal, row.force) <= 0.0:
                         row.force = wp.vec3(0.0)
 
-                u = contact_rows.slip(row, work.target[row.a], work.target[row.b])
+                u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
                 if wp.static(effects.ramp):
                     stiffness = 0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1])
                     row.k_n = ramp_rows.warm_penalty(penalty, stiffness)
@@ -318,8 +316,8 @@ def make_build_rows(effects: Effects) -> wp.Function:
                 else:
                     mass = contact_rows.effective_mass(
                         row.normal,
-                        row.arm_a,
-                        row.arm_b,
+                        row.arm,
+                        row.arm + span,
                         work.inv_mass[row.a] + work.inv_mass[row.b],
                         work.inv_inertia[row.a],
                         work.inv_inertia[row.b],
@@ -341,7 +339,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     else:
                         row = contact_rows.penalise(row, mass, load, u, scale)
 
-                if row.k_n > 0.0 and wp.isfinite(row.gap) and wp.isfinite(row.arm_a):
+                if row.k_n > 0.0 and wp.isfinite(row.gap) and wp.isfinite(row.arm):
                     rows.rows[index] = row
                     rows.contact[index] = wp.where(owner == 0, contact, ~contact)
                     rows.owned_end[row.a] = index + 1
@@ -364,6 +362,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
 @wp.kernel(enable_backward=False, module="unique")
 def export_contact_force(
     # Work:
+    work: BodyWork,
     rows: RowWork,
     # Out:
     contact_f: wp.array[wp.spatial_vector],
@@ -374,9 +373,10 @@ def export_contact_force(
         row = rows.rows[i]
         contact = rows.contact[i]
         if contact >= 0:
-            contact_f[contact] = wp.spatial_vector(-row.force, wp.cross(row.arm_a, -row.force))
+            contact_f[contact] = wp.spatial_vector(-row.force, wp.cross(row.arm, -row.force))
         else:
-            contact_f[~contact] = wp.spatial_vector(row.force, wp.cross(row.arm_b, row.force))
+            arm = row.arm + (work.com[row.a] - work.com[row.b])
+            contact_f[~contact] = wp.spatial_vector(row.force, wp.cross(arm, row.force))
 
 
 @wp.func

@@ -146,9 +146,20 @@ def make_sweep(
         inv_h2 = 1.0 / (h * h)
         f = (model.mass[body] * inv_h2) * wp.spatial_top(away)
         tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
+        # rows of the same two bodies follow each other and share their relative motion
+        partner = int(-1)
+        span = wp.vec3(0.0)
+        shift = wp.vec3(0.0)
+        turn = wp.vec3(0.0)
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
-            u = contact_rows.slip(row, increment, work.increment[row.b])
+            if row.b != partner:
+                partner = row.b
+                span = work.com[body] - work.com[partner]
+                shift, turn = contact_rows.relative_motion(
+                    increment, work.increment[partner], span
+                )
+            u = shift + wp.cross(turn, row.arm)
             gap = gap_of(row.gap, slop)
             push = contact_force(row, u, gap)
             if wp.static(has_dual):
@@ -159,13 +170,20 @@ def make_sweep(
                     rows.rows[i].force = push
                     push = contact_force(row, u, gap)
             f -= push
-            tau -= wp.cross(row.arm_a, push)
+            tau -= wp.cross(row.arm, push)
+        partner = int(-1)
         for i in range(rows.other_start[body], rows.other_end[body]):
             row = rows.rows[rows.other_rows[i]]
-            u = contact_rows.slip(row, work.increment[row.a], increment)
+            if row.a != partner:
+                partner = row.a
+                span = work.com[partner] - work.com[body]
+                shift, turn = contact_rows.relative_motion(
+                    work.increment[partner], increment, span
+                )
+            u = shift + wp.cross(turn, row.arm)
             push = contact_force(row, u, gap_of(row.gap, slop))
             f += push
-            tau += wp.cross(row.arm_b, push)
+            tau += wp.cross(row.arm + span, push)
         work.increment[body] = increment + solve_block(work.factor[body], f, tau)
 
     return sweep
@@ -187,10 +205,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
         h_aa = work.inertia[body] * inv_h2
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
-            h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm_a, h_ll, h_al, h_aa)
+            h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
         for i in range(rows.other_start[body], rows.other_end[body]):
             row = rows.rows[rows.other_rows[i]]
-            h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm_b, h_ll, h_al, h_aa)
+            arm = row.arm + (work.com[row.a] - work.com[body])
+            h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
         work.factor[body] = factor_block(h_ll, h_al, h_aa)
 
     sweep_body = make_sweep(effects, contact_force, sweep_gap, has_dual=True)
@@ -209,19 +228,21 @@ def make_solve(effects: Effects) -> wp.Kernel:
         h_aa = work.inertia[body] * inv_h2
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
-            u = contact_rows.slip(row, increment, work.increment[row.b])
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, increment, work.increment[row.b], span)
             push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
             f -= push
-            tau -= wp.cross(row.arm_a, push)
-            h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm_a, h_ll, h_al, h_aa)
+            tau -= wp.cross(row.arm, push)
+            h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm, h_ll, h_al, h_aa)
         for j in range(rows.other_start[body], rows.other_end[body]):
             i = rows.other_rows[j]
             row = rows.rows[i]
-            u = contact_rows.slip(row, work.increment[row.a], increment)
+            span = work.com[row.a] - work.com[body]
+            u = contact_rows.slip(row, work.increment[row.a], increment, span)
             push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
             f += push
-            tau += wp.cross(row.arm_b, push)
-            h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm_b, h_ll, h_al, h_aa)
+            tau += wp.cross(row.arm + span, push)
+            h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm + span, h_ll, h_al, h_aa)
         work.increment[body] = increment + solve_block(factor_block(h_ll, h_al, h_aa), f, tau)
 
     @wp.func
@@ -229,7 +250,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
         """The seed document's dual update: the penalties of the rows that a body owns grow."""
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
-            u = contact_rows.slip(row, work.increment[row.a], work.increment[row.b])
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
             rows.rows[i].k_n = ramp_rows.grown_penalty(
                 row.k_n, ramp_rows.penetration(row, u), rows.stiffness[i]
             )
@@ -250,7 +272,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
         history.end[side, body] = rows.owned_end[body]
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
-            u = contact_rows.slip(row, work.increment[row.a], work.increment[row.b])
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
             if wp.static(effects.ramp):
                 push, _k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
                 history.records[side, i].penalty = row.k_n
@@ -263,13 +286,14 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         row,
                         coasting_increment(work, body_qd, row.a, h),
                         coasting_increment(work, body_qd, row.b, h),
+                        span,
                     )
                     change = wp.dot(row.normal, u - coasting)
                     if change > scale.slop:
                         mass = contact_rows.effective_mass(
                             row.normal,
-                            row.arm_a,
-                            row.arm_b,
+                            row.arm,
+                            row.arm + span,
                             work.inv_mass[row.a] + work.inv_mass[row.b],
                             work.inv_inertia[row.a],
                             work.inv_inertia[row.b],

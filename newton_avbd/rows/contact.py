@@ -33,16 +33,29 @@ RECOVERY = wp.constant(0.5)
 
 
 @wp.func
+def relative_motion(
+    increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3
+):
+    """Motion of b against a as the shift at the COM of a [m] and the turn [rad].
+
+    All contacts of a pair of bodies share it: u = shift + turn x r_a. The span leads from the COM
+    of b to that of a [m], so that r_b = r_a + span.
+    """
+    turn_b = wp.spatial_bottom(increment_b)
+    shift = wp.spatial_top(increment_b) - wp.spatial_top(increment_a) + wp.cross(turn_b, span)
+    return shift, turn_b - wp.spatial_bottom(increment_a)
+
+
+@wp.func
 def slip(
-    row: ContactRow, increment_a: wp.spatial_vector, increment_b: wp.spatial_vector
+    row: ContactRow,
+    increment_a: wp.spatial_vector,
+    increment_b: wp.spatial_vector,
+    span: wp.vec3,
 ) -> wp.vec3:
-    """Displacement of b against a at the contact point over the step [m]."""
-    return (
-        wp.spatial_top(increment_b)
-        + wp.cross(wp.spatial_bottom(increment_b), row.arm_b)
-        - wp.spatial_top(increment_a)
-        - wp.cross(wp.spatial_bottom(increment_a), row.arm_a)
-    )
+    """Displacement u of b against a at the contact point over the step [m]."""
+    shift, turn = relative_motion(increment_a, increment_b, span)
+    return shift + wp.cross(turn, row.arm)
 
 
 @wp.func
