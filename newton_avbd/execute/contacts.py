@@ -226,6 +226,75 @@ def make_build_rows(effects: Effects) -> wp.Function:
             other += other_count
 
     @wp.func
+    def linearise(
+        contact: int,
+        record: ContactRecord,
+        static_slot: int,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        shapes: ShapeModel,
+        contacts: ContactInput,
+        work: BodyWork,
+    ):
+        """The row of a contact at the poses in state_in, and the owner: body 0 or 1, or -1."""
+        row = ContactRow()
+        slot0 = body_slot(shapes, record.shape0, static_slot)
+        slot1 = body_slot(shapes, record.shape1, static_slot)
+        owner = owner_of(work, slot0, slot1)
+        if owner >= 0:
+            normal = contacts.normal[contact]
+            margin0 = contacts.margin0[contact]
+            margin1 = contacts.margin1[contact]
+            # Round shapes: the point is their centre, the radius is in the margin. Taking the
+            # surface along the normal, not along the turned offset, lets a sphere roll.
+            arm0 = body_arm(body_q, model, slot0, static_slot, record.point0)
+            arm1 = body_arm(body_q, model, slot1, static_slot, record.point1)
+            apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
+            # both bodies feel the force at one point, half way between the two surfaces
+            half = 0.5 * (apart + (margin0 - margin1) * normal)
+            row.gap = wp.dot(normal, apart) - (margin0 + margin1)
+            row.a = wp.where(owner == 0, slot0, slot1)
+            row.b = wp.where(owner == 0, slot1, slot0)
+            row.normal = wp.where(owner == 0, normal, -normal)
+            row.arm = wp.where(owner == 0, arm0 + half, arm1 - (apart - half))
+            if not (wp.isfinite(row.gap) and wp.isfinite(row.arm)):
+                owner = -1
+        return row, owner
+
+    @wp.func
+    def recall(
+        world: int,
+        side: int,
+        contact: int,
+        index: int,
+        row: ContactRow,
+        record: ContactRecord,
+        contacts: ContactInput,
+        rows: RowWork,
+        history: History,
+    ):
+        """What is remembered of a contact: its multiplier [N] and its ramped penalty [N/m]."""
+        known = int(-2)
+        if wp.static(effects.matching):
+            known = matched_record(history, side, world, contacts, contact)
+        if known == -2:
+            start = history.start[side, row.a]
+            end = history.end[side, row.a]
+            guess = start + (index - rows.owned_start[row.a])
+            near = NEAR * NEAR * wp.length_sq(row.arm)
+            known = find_record(history, side, start, end, guess, record, near)
+        force = wp.vec3(0.0)
+        penalty = float(0.0)
+        if known >= 0:
+            force = history.records[side, known].force
+            penalty = history.records[side, known].penalty
+            # a record serves one contact
+            history.records[side, known].shape0 = -1
+            if wp.dot(row.normal, force) <= 0.0:
+                force = wp.vec3(0.0)
+        return force, penalty
+
+    @wp.func
     def build_rows(
         world: int,
         first: int,
@@ -252,67 +321,31 @@ def make_build_rows(effects: Effects) -> wp.Function:
             record = ContactRecord()
             record.shape0 = contacts.shape0[contact]
             record.shape1 = contacts.shape1[contact]
-            slot0 = body_slot(shapes, record.shape0, static_slot)
-            slot1 = body_slot(shapes, record.shape1, static_slot)
-            owner = owner_of(work, slot0, slot1)
-            if owner >= 0:
-                record.point0 = contacts.point0[contact]
-                record.point1 = contacts.point1[contact]
-                normal = contacts.normal[contact]
-                margin0 = contacts.margin0[contact]
-                margin1 = contacts.margin1[contact]
-                # Round shapes: the point is their centre, the radius is in the margin. Taking the
-                # surface along the normal, not along the turned offset, lets a sphere roll.
-                arm0 = body_arm(body_q, model, slot0, static_slot, record.point0)
-                arm1 = body_arm(body_q, model, slot1, static_slot, record.point1)
-                apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
-                # both bodies feel the force at one point, half way between the two surfaces
-                half = 0.5 * (apart + (margin0 - margin1) * normal)
-
-                row = ContactRow()
-                row.gap = wp.dot(normal, apart) - (margin0 + margin1)
-                row.a = wp.where(owner == 0, slot0, slot1)
-                row.b = wp.where(owner == 0, slot1, slot0)
-                row.normal = wp.where(owner == 0, normal, -normal)
-                row.arm = wp.where(owner == 0, arm0 + half, arm1 - (apart - half))
-                span = work.com[row.a] - work.com[row.b]
+            record.point0 = contacts.point0[contact]
+            record.point1 = contacts.point1[contact]
+            row, owner = linearise(
+                contact, record, static_slot, body_q, model, shapes, contacts, work
+            )
+            # no slip is larger than the reach, so a gap of twice that cannot close
+            if owner >= 0 and row.gap <= 2.0 * scale.reach:
+                index = rows.owned_end[row.a]
+                force, penalty = recall(
+                    world, side, contact, index, row, record, contacts, rows, history
+                )
+                row.force = force
                 if wp.static(effects.friction):
                     row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
-
-                index = rows.owned_end[row.a]
-                start = history.start[side, row.a]
-                known = int(-2)
-                if wp.static(effects.matching):
-                    known = matched_record(history, side, world, contacts, contact)
-                if known == -2:
-                    known = find_record(
-                        history,
-                        side,
-                        start,
-                        history.end[side, row.a],
-                        start + (index - rows.owned_start[row.a]),
-                        record,
-                        NEAR * NEAR * wp.length_sq(row.arm),
-                    )
-                penalty = float(0.0)
-                if known >= 0:
-                    row.force = history.records[side, known].force
-                    penalty = history.records[side, known].penalty
-                    # a record serves one contact
-                    history.records[side, known].shape0 = -1
-                    if wp.dot(row.normal, row.force) <= 0.0:
-                        row.force = wp.vec3(0.0)
-
+                span = work.com[row.a] - work.com[row.b]
                 u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
-                if wp.static(effects.ramp):
+                stiffness = float(0.0)
+                damping = float(0.0)
+                if wp.static(effects.ramp or effects.compliance):
                     stiffness = 0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1])
+                    damping = 0.5 * (shapes.kd[record.shape0] + shapes.kd[record.shape1])
+                if wp.static(effects.ramp):
                     row.k_n = ramp_rows.warm_penalty(penalty, stiffness)
                     rows.stiffness[index] = stiffness
-                    rows.damping[index] = 0.5 * (
-                        shapes.kd[record.shape0] + shapes.kd[record.shape1]
-                    )
-                    if row.gap + wp.min(wp.dot(row.normal, u), 0.0) > scale.reach:
-                        row.k_n = 0.0
+                    rows.damping[index] = damping
                 else:
                     mass = contact_rows.effective_mass(
                         row.normal,
@@ -322,24 +355,16 @@ def make_build_rows(effects: Effects) -> wp.Function:
                         work.inv_inertia[row.a],
                         work.inv_inertia[row.b],
                     )
-                    load = wp.min(
-                        wp.dot(row.normal, row.force) / wp.max(scale.gravity, 1.0e-12), scale.mass
-                    )
+                    load = contact_rows.carried_mass(row, scale)
                     if wp.static(effects.compliance):
                         row, share = contact_rows.comply(
-                            row,
-                            mass,
-                            load,
-                            u,
-                            0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1]),
-                            0.5 * (shapes.kd[record.shape0] + shapes.kd[record.shape1]),
-                            scale,
+                            row, mass, load, u, stiffness, damping, scale
                         )
                         rows.share[index] = share
                     else:
                         row = contact_rows.penalise(row, mass, load, u, scale)
 
-                if row.k_n > 0.0 and wp.isfinite(row.gap) and wp.isfinite(row.arm):
+                if row.k_n > 0.0:
                     rows.rows[index] = row
                     rows.contact[index] = wp.where(owner == 0, contact, ~contact)
                     rows.owned_end[row.a] = index + 1

@@ -117,6 +117,14 @@ def effective_mass(
 
 
 @wp.func
+def carried_mass(row: ContactRow, scale: WorldScale) -> float:
+    """Mass that the warm multiplier says the contact carries [kg], at most the world's."""
+    if scale.gravity <= 0.0:
+        return 0.0
+    return wp.min(wp.dot(row.normal, row.force) / scale.gravity, scale.mass)
+
+
+@wp.func
 def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: WorldScale):
     """The row with its penalties for this step; k_n = 0 where the row cannot matter.
 
