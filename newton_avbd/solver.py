@@ -158,8 +158,8 @@ class SolverAVBD(SolverBase):
         self._check_step(state_in, state_out, contacts, dt)
         if self.model.body_count == 0:
             return
-        if control is None:
-            control = self.model.control(clone_variables=False)
+        # model.control() would build a whole object for one array
+        joint_f = self.model.joint_f if control is None else control.joint_f
         if self._owns_detection:
             self._run_rigid_collision(state_in, dt)
         acceleration = self._acceleration_array(state_out, observables)
@@ -167,9 +167,9 @@ class SolverAVBD(SolverBase):
             wp.copy(acceleration, state_in.body_qd)
 
         if contacts is None or not self.effects.contact:
-            self._integrate(state_in, state_out, control, dt)
+            self._integrate(state_in, state_out, joint_f, dt)
         else:
-            self._solve(state_in, state_out, control, contacts, dt)
+            self._solve(state_in, state_out, joint_f, contacts, dt)
 
         if acceleration is not None:
             self._launch_bodies(export_acceleration, [state_out.body_qd, dt, acceleration])
@@ -177,7 +177,7 @@ class SolverAVBD(SolverBase):
             self._export_contact_force(observables.contact_f)
 
     def _integrate(
-        self, state_in: newton.State, state_out: newton.State, control: newton.Control, dt: float
+        self, state_in: newton.State, state_out: newton.State, joint_f: wp.array, dt: float
     ) -> None:
         """The step where nothing touches: one kernel, exact."""
         self._launch_bodies(
@@ -187,7 +187,7 @@ class SolverAVBD(SolverBase):
                 state_in.body_q,
                 state_in.body_qd,
                 state_in.body_f,
-                control.joint_f,
+                joint_f,
                 dt,
                 self._worlds,
                 state_out.body_q,
@@ -199,7 +199,7 @@ class SolverAVBD(SolverBase):
         self,
         state_in: newton.State,
         state_out: newton.State,
-        control: newton.Control,
+        joint_f: wp.array,
         contacts: newton.Contacts,
         dt: float,
     ) -> None:
@@ -215,7 +215,7 @@ class SolverAVBD(SolverBase):
                 state_in.body_q,
                 state_in.body_qd,
                 state_in.body_f,
-                control.joint_f,
+                joint_f,
                 dt,
                 self._history,
                 self._work,
