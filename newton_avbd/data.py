@@ -23,7 +23,7 @@ from .algebra.block import BlockFactor
 
 @wp.struct
 class ContactRow:
-    """One contact during one step, linearised at the poses in ``state_in``."""
+    """One contact during one step, linearised at the poses in ``state_in``; 64 bytes."""
 
     normal: wp.vec3
     """Unit normal, world frame, from body a to body b."""
@@ -43,6 +43,8 @@ class ContactRow:
     """Slot of the owner."""
     b: int
     """Slot of the other body."""
+    contact: int
+    """The contact's index; its bitwise complement where a and b are exchanged."""
 
 
 @wp.struct
@@ -156,8 +158,6 @@ class RowWork:
     """Contact rows of the step; see the module docstring for the order of rows."""
 
     rows: wp.array[ContactRow]
-    contact: wp.array[wp.int32]
-    """Contact of each row; its bitwise complement where a and b are exchanged."""
     share: wp.array[float]
     """Compliant contacts: K/(K + k), the share of the multiplier that a compliant row keeps."""
     stiffness: wp.array[float]

@@ -460,7 +460,6 @@ class SolverAVBD(SolverBase):
         self._capacity = capacity
         with wp.ScopedDevice(self.device):
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
-            self._rows.contact = wp.empty(capacity, dtype=wp.int32)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
             if self.effects.compliance:
                 self._rows.share = wp.empty(capacity, dtype=float)

@@ -255,6 +255,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
             row.gap = wp.dot(normal, apart) - (margin0 + margin1)
             row.a = wp.where(owner == 0, slot0, slot1)
             row.b = wp.where(owner == 0, slot1, slot0)
+            row.contact = wp.where(owner == 0, contact, ~contact)
             row.normal = wp.where(owner == 0, normal, -normal)
             row.arm = wp.where(owner == 0, arm0 + half, arm1 - (apart - half))
             if not (wp.isfinite(row.gap) and wp.isfinite(row.arm)):
@@ -366,7 +367,6 @@ def make_build_rows(effects: Effects) -> wp.Function:
 
                 if row.k_n > 0.0:
                     rows.rows[index] = row
-                    rows.contact[index] = wp.where(owner == 0, contact, ~contact)
                     rows.owned_end[row.a] = index + 1
                     if work.inv_mass[row.b] > 0.0:
                         other = rows.other_end[row.b]
@@ -396,12 +396,11 @@ def export_contact_force(
     body = wp.tid()
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
-        contact = rows.contact[i]
-        if contact >= 0:
-            contact_f[contact] = wp.spatial_vector(-row.force, wp.cross(row.arm, -row.force))
+        if row.contact >= 0:
+            contact_f[row.contact] = wp.spatial_vector(-row.force, wp.cross(row.arm, -row.force))
         else:
             arm = row.arm + (work.com[row.a] - work.com[row.b])
-            contact_f[~contact] = wp.spatial_vector(row.force, wp.cross(arm, row.force))
+            contact_f[~row.contact] = wp.spatial_vector(row.force, wp.cross(arm, row.force))
 
 
 @wp.func
