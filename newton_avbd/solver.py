@@ -20,6 +20,7 @@ from .checks import check_model
 from .effects import Effects
 from .execute.bodies import export_acceleration, make_integrate, make_predict
 from .execute.contacts import export_contact_force, reset_bodies, sort_by_world
+from .execute.launch import Launcher
 from .execute.world import make_solve
 
 _SIDES = 2
@@ -107,6 +108,7 @@ class SolverAVBD(SolverBase):
             collision_frequency=collision_frequency,
             collision_frequency_type=collision_frequency_type,
         )
+        self._launch = Launcher(self.device)
         self.iterations = iterations
         self.effects: Effects
         """What the scene calls for and the kernels are compiled with."""
@@ -222,16 +224,11 @@ class SolverAVBD(SolverBase):
             ],
         )
         if effects.many_worlds:
-            wp.launch(
-                sort_by_world,
-                dim=1,
-                inputs=[self._shapes, source, self._work, self._worlds],
-                device=self.device,
-            )
-        wp.launch(
+            self._launch(sort_by_world, 1, [self._shapes, source, self._work, self._worlds])
+        self._launch(
             make_solve(effects),
-            dim=self._world_count,
-            inputs=[
+            self._world_count,
+            [
                 self._bodies,
                 self._shapes,
                 state_in.body_q,
@@ -246,7 +243,6 @@ class SolverAVBD(SolverBase):
                 state_out.body_q,
                 state_out.body_qd,
             ],
-            device=self.device,
         )
 
     # What a user may do besides stepping.
@@ -394,6 +390,7 @@ class SolverAVBD(SolverBase):
 
     def _bind_model(self) -> None:
         """Points the kernels to the model's arrays."""
+        self._launch.forget()
         model = self.model
         free_dof = np.full(model.body_count, -1, dtype=np.int32)
         if model.joint_count:
@@ -420,6 +417,7 @@ class SolverAVBD(SolverBase):
         A group is a Newton world, or, where global bodies that move tie the worlds together, all
         bodies at once.
         """
+        self._launch.forget()
         model = self.model
         groups = _solver_worlds(model)
         self._world_count = int(groups.max(initial=0)) + 1
@@ -457,6 +455,7 @@ class SolverAVBD(SolverBase):
         if self._capacity:
             self._history.start.zero_()
             self._history.end.zero_()
+        self._launch.forget()
         self._capacity = capacity
         with wp.ScopedDevice(self.device):
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
@@ -543,7 +542,7 @@ class SolverAVBD(SolverBase):
 
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""
-        wp.launch(kernel, dim=self.model.body_count, inputs=arguments, device=self.device)
+        self._launch(kernel, self.model.body_count, arguments)
 
 
 def _solver_worlds(model: newton.Model) -> np.ndarray:
