@@ -143,10 +143,6 @@ class WorldWork:
     """Bodies of all worlds in visiting order, shape (body_count,)."""
     of_body: wp.array[wp.int32]
     """World of each body slot; -1 for the static world."""
-    contact_start: wp.array[wp.int32]
-    """Where each world's contacts start in ``contacts``, shape (world_count + 1,)."""
-    contacts: wp.array[wp.int32]
-    """Contact indices sorted by world; empty where there is one world only."""
     held: wp.array[wp.int32]
     """Steps in which a world was held still because its state was not finite."""
     overflow: wp.array[wp.int32]
@@ -157,6 +153,10 @@ class WorldWork:
 class RowWork:
     """Contact rows of the step; see the module docstring for the order of rows."""
 
+    owner: wp.array[wp.int32]
+    """Owner of each contact, -1 where the solver moves neither body."""
+    contacts: wp.array[wp.int32]
+    """Contacts sorted by owner."""
     rows: wp.array[ContactRow]
     share: wp.array[float]
     """Compliant contacts: K/(K + k), the share of the multiplier that a compliant row keeps."""

@@ -24,14 +24,12 @@ class Effects:
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
-    many_worlds: bool = False
-    """Worlds that are solved each by its own thread."""
     matching: bool = False
     """The contact buffer says which contact is which (set by the buffer in use)."""
 
     @classmethod
     def of_model(
-        cls, model: newton.Model, *, compliance: bool, ramp: bool, many_worlds: bool
+        cls, model: newton.Model, *, compliance: bool, ramp: bool
     ) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
@@ -43,7 +41,6 @@ class Effects:
             joint_force=model.joint_count > 0,
             compliance=compliance,
             ramp=ramp,
-            many_worlds=many_worlds,
         )
 
 

@@ -19,7 +19,7 @@ from .algebra.block import BlockFactor
 from .checks import check_model
 from .effects import Effects
 from .execute.bodies import export_acceleration, make_integrate, make_predict
-from .execute.contacts import export_contact_force, reset_bodies, sort_by_world
+from .execute.contacts import export_contact_force, reset_bodies, sort_contacts
 from .execute.launch import Launcher
 from .execute.world import make_solve
 
@@ -205,7 +205,7 @@ class SolverAVBD(SolverBase):
         contacts: newton.Contacts,
         dt: float,
     ) -> None:
-        """The step with contacts: predict, sort the contacts by world, solve each world."""
+        """The step with contacts: predict, sort the contacts by owner, solve each world."""
         source = self._contact_input(contacts)
         effects = self.effects
         if contacts.rigid_contact_match_index is not None:
@@ -223,8 +223,9 @@ class SolverAVBD(SolverBase):
                 self._work,
             ],
         )
-        if effects.many_worlds:
-            self._launch(sort_by_world, 1, [self._shapes, source, self._work, self._worlds])
+        self._launch(
+            sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows]
+        )
         self._launch(
             make_solve(effects),
             self._world_count,
@@ -425,7 +426,6 @@ class SolverAVBD(SolverBase):
             model,
             compliance=self._compliance,
             ramp=self._ramp,
-            many_worlds=self._world_count > 1,
         )
         order = np.argsort(groups, kind="stable")
         starts = np.searchsorted(groups[order], np.arange(self._world_count + 1))
@@ -434,11 +434,8 @@ class SolverAVBD(SolverBase):
             self._worlds.body_start = wp.array(starts, dtype=wp.int32)
             self._worlds.bodies = wp.array(order, dtype=wp.int32)
             self._worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
-            self._worlds.contact_start = wp.zeros(self._world_count + 1, dtype=wp.int32)
             self._worlds.held = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.overflow = wp.zeros(1, dtype=wp.int32)
-            if self.effects.many_worlds:
-                self._worlds.contacts = wp.empty(self._capacity, dtype=wp.int32)
             self._history.parity = wp.zeros(self._world_count, dtype=wp.int32)
             self._history.filling = wp.zeros((self._world_count, 2), dtype=wp.int32)
             self._history.age = wp.zeros(self._world_count, dtype=wp.int32)
@@ -458,6 +455,8 @@ class SolverAVBD(SolverBase):
         self._launch.forget()
         self._capacity = capacity
         with wp.ScopedDevice(self.device):
+            self._rows.owner = wp.empty(capacity, dtype=wp.int32)
+            self._rows.contacts = wp.empty(capacity, dtype=wp.int32)
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
             if self.effects.compliance:
@@ -467,8 +466,6 @@ class SolverAVBD(SolverBase):
                 self._rows.damping = wp.empty(capacity, dtype=float)
             self._history.records = wp.empty((_SIDES, capacity), dtype=data.ContactRecord)
             self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
-            if self.effects.many_worlds:
-                self._worlds.contacts = wp.empty(capacity, dtype=wp.int32)
 
     def _contact_input(self, contacts: newton.Contacts) -> data.ContactInput:
         """What the kernels see of a contact buffer; made once for each buffer."""

@@ -37,73 +37,70 @@ def body_slot(shapes: ShapeModel, shape: int, static_slot: int) -> int:
 
 
 @wp.func
-def live_count(contacts: ContactInput) -> int:
-    """Contacts in the buffer: the pipeline's count runs on when the buffer overflows."""
-    return wp.min(contacts.count[0], contacts.capacity)
-
-
-@wp.func
-def world_of_contact(
-    contacts: ContactInput,
-    shapes: ShapeModel,
-    work: BodyWork,
-    worlds: WorldWork,
-    static_slot: int,
-    contact: int,
-) -> int:
-    """World that solves a contact: that of a body in it that moves; -1 when none does."""
-    slot = body_slot(shapes, contacts.shape0[contact], static_slot)
-    if work.inv_mass[slot] == 0.0:
-        slot = body_slot(shapes, contacts.shape1[contact], static_slot)
-    return wp.where(work.inv_mass[slot] > 0.0, worlds.of_body[slot], -1)
+def owner_of(work: BodyWork, slot0: int, slot1: int) -> int:
+    """Slot of the body of a contact that is visited first; -1 when the solver moves neither."""
+    moves0 = work.inv_mass[slot0] > 0.0
+    moves1 = work.inv_mass[slot1] > 0.0
+    if slot0 == slot1:
+        return -1
+    if moves0 and moves1:
+        return wp.min(slot0, slot1)
+    if moves0:
+        return slot0
+    return wp.where(moves1, slot1, -1)
 
 
 @wp.kernel(enable_backward=False, module="unique")
-def sort_by_world(
+def sort_contacts(
     # Model:
     shapes: ShapeModel,
     # Contacts in:
     contacts: ContactInput,
+    # Work:
+    worlds: WorldWork,
     work: BodyWork,
     # Work out:
-    worlds: WorldWork,
+    rows: RowWork,
 ):
-    """Counting sort of the contacts by world, in the order of the buffer; one thread."""
+    """Counting sort of the contacts by owner, in the order of the buffer; one thread.
+
+    Makes room for the rows of each body: afterwards ``owned_start`` and ``owned_end`` enclose the
+    body's contacts in ``rows.contacts``, and ``other_start`` = ``other_end`` is where the rows
+    that others own will be listed.
+    """
     static_slot = work.inv_mass.shape[0] - 1
-    world_count = worlds.contact_start.shape[0] - 1
-    count = live_count(contacts)
-    for world in range(world_count + 1):
-        worlds.contact_start[world] = 0
+    count = wp.min(contacts.count[0], contacts.capacity)
+    worlds.overflow[0] = wp.max(worlds.overflow[0], contacts.count[0] - contacts.capacity)
+    for body in range(static_slot):
+        rows.owned_end[body] = 0
+        rows.other_end[body] = 0
     for contact in range(count):
-        world = world_of_contact(contacts, shapes, work, worlds, static_slot, contact)
-        if world >= 0:
-            worlds.contact_start[world + 1] = worlds.contact_start[world + 1] + 1
-    for world in range(world_count):
-        worlds.contact_start[world + 1] = (
-            worlds.contact_start[world + 1] + worlds.contact_start[world]
-        )
-    # the starts serve as cursors, end up one world ahead, and are shifted back
+        slot0 = body_slot(shapes, contacts.shape0[contact], static_slot)
+        slot1 = body_slot(shapes, contacts.shape1[contact], static_slot)
+        a = owner_of(work, slot0, slot1)
+        rows.owner[contact] = a
+        if a >= 0:
+            rows.owned_end[a] = rows.owned_end[a] + 1
+            b = slot0 + slot1 - a
+            if work.inv_mass[b] > 0.0:
+                rows.other_end[b] = rows.other_end[b] + 1
+    owned = int(0)
+    other = int(0)
+    for i in range(static_slot):
+        body = worlds.bodies[i]
+        owned_count = rows.owned_end[body]
+        other_count = rows.other_end[body]
+        rows.owned_start[body] = owned
+        rows.owned_end[body] = owned
+        rows.other_start[body] = other
+        rows.other_end[body] = other
+        owned += owned_count
+        other += other_count
     for contact in range(count):
-        world = world_of_contact(contacts, shapes, work, worlds, static_slot, contact)
-        if world >= 0:
-            worlds.contacts[worlds.contact_start[world]] = contact
-            worlds.contact_start[world] = worlds.contact_start[world] + 1
-    for i in range(world_count):
-        world = world_count - i
-        worlds.contact_start[world] = worlds.contact_start[world - 1]
-    worlds.contact_start[0] = 0
-
-
-@wp.func
-def owner_of(work: BodyWork, slot0: int, slot1: int) -> int:
-    """Which body of a contact is visited first (0 or 1); -1 when the solver moves neither."""
-    moves0 = work.inv_mass[slot0] > 0.0
-    moves1 = work.inv_mass[slot1] > 0.0
-    if moves0 and moves1:
-        return wp.where(slot0 < slot1, 0, 1)
-    if moves0:
-        return 0
-    return wp.where(moves1, 1, -1)
+        a = rows.owner[contact]
+        if a >= 0:
+            rows.contacts[rows.owned_end[a]] = contact
+            rows.owned_end[a] = rows.owned_end[a] + 1
 
 
 @wp.func
@@ -173,60 +170,11 @@ def matched_record(
 
 @functools.cache
 def make_build_rows(effects: Effects) -> wp.Function:
-    """Device function that builds the rows of a world, warm-started and penalised."""
-
-    @wp.func
-    def contact_at(worlds: WorldWork, i: int) -> int:
-        if wp.static(effects.many_worlds):
-            return worlds.contacts[i]
-        else:
-            return i
-
-    @wp.func
-    def sort_by_owner(
-        world: int,
-        static_slot: int,
-        first: int,
-        last: int,
-        contacts: ContactInput,
-        shapes: ShapeModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-    ):
-        """Makes room for each body's rows: counting sort of the contacts by owner."""
-        body_start = worlds.body_start[world]
-        body_end = worlds.body_start[world + 1]
-        for i in range(body_start, body_end):
-            body = worlds.bodies[i]
-            rows.owned_end[body] = 0
-            rows.other_end[body] = 0
-        for i in range(first, last):
-            contact = contact_at(worlds, i)
-            slot0 = body_slot(shapes, contacts.shape0[contact], static_slot)
-            slot1 = body_slot(shapes, contacts.shape1[contact], static_slot)
-            owner = owner_of(work, slot0, slot1)
-            if owner >= 0:
-                a = wp.where(owner == 0, slot0, slot1)
-                b = wp.where(owner == 0, slot1, slot0)
-                rows.owned_end[a] = rows.owned_end[a] + 1
-                if work.inv_mass[b] > 0.0:
-                    rows.other_end[b] = rows.other_end[b] + 1
-        owned = int(first)
-        other = int(first)
-        for i in range(body_start, body_end):
-            body = worlds.bodies[i]
-            owned_count = rows.owned_end[body]
-            other_count = rows.other_end[body]
-            rows.owned_start[body] = owned
-            rows.owned_end[body] = owned
-            rows.other_start[body] = other
-            rows.other_end[body] = other
-            owned += owned_count
-            other += other_count
+    """Device function that builds the rows that a body owns, warm-started and penalised."""
 
     @wp.func
     def linearise(
+        body: int,
         contact: int,
         record: ContactRecord,
         static_slot: int,
@@ -235,32 +183,34 @@ def make_build_rows(effects: Effects) -> wp.Function:
         shapes: ShapeModel,
         contacts: ContactInput,
         work: BodyWork,
-    ):
-        """The row of a contact at the poses in state_in, and the owner: body 0 or 1, or -1."""
-        row = ContactRow()
+    ) -> ContactRow:
+        """The row of a contact that ``body`` owns, at the poses in state_in."""
         slot0 = body_slot(shapes, record.shape0, static_slot)
         slot1 = body_slot(shapes, record.shape1, static_slot)
-        owner = owner_of(work, slot0, slot1)
-        if owner >= 0:
-            normal = contacts.normal[contact]
-            margin0 = contacts.margin0[contact]
-            margin1 = contacts.margin1[contact]
-            # Round shapes: the point is their centre, the radius is in the margin. Taking the
-            # surface along the normal, not along the turned offset, lets a sphere roll.
-            arm0 = body_arm(body_q, model, slot0, static_slot, record.point0)
-            arm1 = body_arm(body_q, model, slot1, static_slot, record.point1)
-            apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
-            # both bodies feel the force at one point, half way between the two surfaces
-            half = 0.5 * (apart + (margin0 - margin1) * normal)
-            row.gap = wp.dot(normal, apart) - (margin0 + margin1)
-            row.a = wp.where(owner == 0, slot0, slot1)
-            row.b = wp.where(owner == 0, slot1, slot0)
-            row.contact = wp.where(owner == 0, contact, ~contact)
-            row.normal = wp.where(owner == 0, normal, -normal)
-            row.arm = wp.where(owner == 0, arm0 + half, arm1 - (apart - half))
-            if not (wp.isfinite(row.gap) and wp.isfinite(row.arm)):
-                owner = -1
-        return row, owner
+        normal = contacts.normal[contact]
+        margin0 = contacts.margin0[contact]
+        margin1 = contacts.margin1[contact]
+        # Round shapes: the point is their centre, the radius is in the margin. Taking the surface
+        # along the normal, not along the turned offset, lets a sphere roll.
+        arm0 = body_arm(body_q, model, slot0, static_slot, record.point0)
+        arm1 = body_arm(body_q, model, slot1, static_slot, record.point1)
+        apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
+        # both bodies feel the force at one point, half way between the two surfaces
+        half = 0.5 * (apart + (margin0 - margin1) * normal)
+        row = ContactRow()
+        row.gap = wp.dot(normal, apart) - (margin0 + margin1)
+        row.a = body
+        if body == slot0:
+            row.b = slot1
+            row.contact = contact
+            row.normal = normal
+            row.arm = arm0 + half
+        else:
+            row.b = slot0
+            row.contact = ~contact
+            row.normal = -normal
+            row.arm = arm1 - (apart - half)
+        return row
 
     @wp.func
     def recall(
@@ -298,25 +248,22 @@ def make_build_rows(effects: Effects) -> wp.Function:
     @wp.func
     def build_rows(
         world: int,
-        first: int,
-        last: int,
+        body: int,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         model: BodyModel,
         shapes: ShapeModel,
         contacts: ContactInput,
-        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         history: History,
     ) -> float:
-        """Builds the rows of contacts first..last; returns the deepest penetration [m]."""
-        static_slot = scale.static_slot
-        sort_by_owner(world, static_slot, first, last, contacts, shapes, worlds, work, rows)
+        """Builds the rows that a body owns; returns their deepest penetration [m]."""
         side = history.parity[world]
         deepest = float(0.0)
-        for i in range(first, last):
-            contact = contact_at(worlds, i)
+        index = int(rows.owned_start[body])
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            contact = rows.contacts[i]
             if wp.static(effects.matching):
                 history.row_of_contact[1 - side, contact] = -1
             record = ContactRecord()
@@ -324,20 +271,20 @@ def make_build_rows(effects: Effects) -> wp.Function:
             record.shape1 = contacts.shape1[contact]
             record.point0 = contacts.point0[contact]
             record.point1 = contacts.point1[contact]
-            row, owner = linearise(
-                contact, record, static_slot, body_q, model, shapes, contacts, work
+            row = linearise(
+                body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
             )
-            # no slip is larger than the reach, so a gap of twice that cannot close
-            if owner >= 0 and row.gap <= 2.0 * scale.reach:
-                index = rows.owned_end[row.a]
+            # No slip is larger than the reach, so a gap of twice that cannot close. (A gap that is
+            # not a number fails the comparison.)
+            if row.gap <= 2.0 * scale.reach and wp.isfinite(row.arm):
                 force, penalty = recall(
                     world, side, contact, index, row, record, contacts, rows, history
                 )
                 row.force = force
                 if wp.static(effects.friction):
                     row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
-                span = work.com[row.a] - work.com[row.b]
-                u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
+                span = work.com[body] - work.com[row.b]
+                u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
                 stiffness = float(0.0)
                 damping = float(0.0)
                 if wp.static(effects.ramp or effects.compliance):
@@ -352,8 +299,8 @@ def make_build_rows(effects: Effects) -> wp.Function:
                         row.normal,
                         row.arm,
                         row.arm + span,
-                        work.inv_mass[row.a] + work.inv_mass[row.b],
-                        work.inv_inertia[row.a],
+                        work.inv_mass[body] + work.inv_mass[row.b],
+                        work.inv_inertia[body],
                         work.inv_inertia[row.b],
                     )
                     load = contact_rows.carried_mass(row, scale)
@@ -367,18 +314,16 @@ def make_build_rows(effects: Effects) -> wp.Function:
 
                 if row.k_n > 0.0:
                     rows.rows[index] = row
-                    rows.owned_end[row.a] = index + 1
+                    history.records[1 - side, index] = record
+                    if wp.static(effects.matching):
+                        history.row_of_contact[1 - side, contact] = index
                     if work.inv_mass[row.b] > 0.0:
                         other = rows.other_end[row.b]
                         rows.other_rows[other] = index
                         rows.other_end[row.b] = other + 1
-                    history.records[1 - side, index] = record
-                    if wp.static(effects.matching):
-                        history.row_of_contact[1 - side, contact] = index
                     deepest = wp.max(deepest, -row.gap)
-        if wp.static(effects.matching):
-            history.filling[world, 0] = contacts.buffer
-            history.filling[world, 1] = contacts.generation[0]
+                    index += 1
+        rows.owned_end[body] = index
         return deepest
 
     return build_rows

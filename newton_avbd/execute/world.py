@@ -22,7 +22,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from .bodies import report_held
-from .contacts import live_count, make_build_rows
+from .contacts import make_build_rows
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
@@ -336,28 +336,27 @@ def make_solve(effects: Effects) -> wp.Kernel:
             return
 
         # Rows: linearised at state_in, warm-started from the last step.
-        if world == 0:
-            worlds.overflow[0] = wp.max(worlds.overflow[0], contacts.count[0] - contacts.capacity)
-        first = int(0)
-        last = live_count(contacts)
-        if wp.static(effects.many_worlds):
-            first = worlds.contact_start[world]
-            last = worlds.contact_start[world + 1]
         scale = measure_world(world, h, model, worlds, work)
-        deepest = build_rows(
-            world,
-            first,
-            last,
-            scale,
-            body_q,
-            model,
-            shapes,
-            contacts,
-            worlds,
-            work,
-            rows,
-            history,
-        )
+        deepest = float(0.0)
+        for i in range(body_start, body_end):
+            deepest = wp.max(
+                deepest,
+                build_rows(
+                    world,
+                    worlds.bodies[i],
+                    scale,
+                    body_q,
+                    model,
+                    shapes,
+                    contacts,
+                    work,
+                    rows,
+                    history,
+                ),
+            )
+        if wp.static(effects.matching):
+            history.filling[world, 0] = contacts.buffer
+            history.filling[world, 1] = contacts.generation[0]
 
         # Sweeps: a body that nothing touches is at its target at once.
         sweeps = int(0)
