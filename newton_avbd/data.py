@@ -104,6 +104,13 @@ class ContactInput:
     normal: wp.array[wp.vec3]
     margin0: wp.array[float]
     margin1: wp.array[float]
+    surface_velocity: wp.array[wp.vec3]
+    """Velocity of surface 1 against surface 0 [m/s], world frame; empty where none moves."""
+    stiffness: wp.array[float]
+    """Overrides the materials' stiffness [N/m] where above zero; empty where none is given."""
+    damping: wp.array[float]
+    friction: wp.array[float]
+    """Scales the materials' friction where above zero."""
     generation: wp.array[wp.int32]
     buffer: int
     """Number of the buffer [1, 2, ...]; generations of different buffers do not compare."""
@@ -150,6 +157,34 @@ class WorldWork:
 
 
 @wp.struct
+class IslandSum:
+    """What is summed over the bodies of an island."""
+
+    bodies: int
+    mass: float
+    """Mass [kg]."""
+    com: wp.vec3
+    """Mass times COM [kg m]."""
+    momentum: wp.vec3
+    """Missing momentum times h [kg m]."""
+    angular: wp.vec3
+    """Missing angular momentum about the island's COM times h [kg m^2]."""
+    inertia: wp.mat33
+    """Inertia about the island's COM [kg m^2]."""
+
+
+@wp.struct
+class IslandWork:
+    """Per body slot: which bodies push each other, as a forest whose roots are their first body."""
+
+    parent: wp.array[wp.int32]
+    fixed: wp.array[wp.int32]
+    """1 at the root of an island that pushes something the solver does not move."""
+    sum: wp.array[IslandSum]
+    """At the root of an island."""
+
+
+@wp.struct
 class RowWork:
     """Contact rows of the step; see the module docstring for the order of rows."""
 
@@ -158,6 +193,8 @@ class RowWork:
     contacts: wp.array[wp.int32]
     """Contacts sorted by owner."""
     rows: wp.array[ContactRow]
+    drift: wp.array[wp.vec3]
+    """Moving surfaces: how far they carry b against a in the step [m]."""
     share: wp.array[float]
     """Compliant contacts: K/(K + k), the share of the multiplier that a compliant row keeps."""
     stiffness: wp.array[float]

@@ -25,12 +25,14 @@ class Effects:
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
     matching: bool = False
-    """The contact buffer says which contact is which (set by the buffer in use)."""
+    """The contact buffer in use says which contact is which."""
+    moving_surfaces: bool = False
+    """The contact buffer in use has surface velocities."""
+    contact_materials: bool = False
+    """The contact buffer in use has materials of its own for each contact."""
 
     @classmethod
-    def of_model(
-        cls, model: newton.Model, *, compliance: bool, ramp: bool
-    ) -> "Effects":
+    def of_model(cls, model: newton.Model, *, compliance: bool, ramp: bool) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
         mu = model.shape_material_mu.numpy() if contact else np.zeros(0)

@@ -114,6 +114,8 @@ class SolverAVBD(SolverBase):
         """What the scene calls for and the kernels are compiled with."""
         self._compliance = compliant_contacts
         self._ramp = formulation == "ramp"
+        self._groups: np.ndarray | None = None
+        self._moving_surfaces = False
         self._inputs: weakref.WeakKeyDictionary[newton.Contacts, data.ContactInput] = (
             weakref.WeakKeyDictionary()
         )
@@ -164,19 +166,21 @@ class SolverAVBD(SolverBase):
         joint_f = self.model.joint_f if control is None else control.joint_f
         if self._owns_detection:
             self._run_rigid_collision(state_in, dt)
-        acceleration = self._acceleration_array(state_out, observables)
-        if acceleration is not None:
-            wp.copy(acceleration, state_in.body_qd)
+        accelerations = _requested(observables and observables.body_qdd, state_out.body_qdd)
+        for body_qdd in accelerations:
+            wp.copy(body_qdd, state_in.body_qd)
 
         if contacts is None or not self.effects.contact:
             self._integrate(state_in, state_out, joint_f, dt)
         else:
             self._solve(state_in, state_out, joint_f, contacts, dt)
 
-        if acceleration is not None:
-            self._launch_bodies(export_acceleration, [state_out.body_qd, dt, acceleration])
-        if observables is not None and observables.contact_f is not None:
-            self._export_contact_force(observables.contact_f)
+        for body_qdd in accelerations:
+            self._launch_bodies(export_acceleration, [state_out.body_qd, dt, body_qdd])
+        for contact_f in _requested(
+            observables and observables.contact_f, contacts and contacts.force
+        ):
+            self._export_contact_force(contact_f)
 
     def _integrate(
         self, state_in: newton.State, state_out: newton.State, joint_f: wp.array, dt: float
@@ -207,9 +211,7 @@ class SolverAVBD(SolverBase):
     ) -> None:
         """The step with contacts: predict, sort the contacts by owner, solve each world."""
         source = self._contact_input(contacts)
-        effects = self.effects
-        if contacts.rigid_contact_match_index is not None:
-            effects = dataclasses.replace(effects, matching=True)
+        effects = self._effects_with(contacts)
         self._launch_bodies(
             make_predict(self.effects),
             [
@@ -223,9 +225,7 @@ class SolverAVBD(SolverBase):
                 self._work,
             ],
         )
-        self._launch(
-            sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows]
-        )
+        self._launch(sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows])
         self._launch(
             make_solve(effects),
             self._world_count,
@@ -240,6 +240,7 @@ class SolverAVBD(SolverBase):
                 self._worlds,
                 self._work,
                 self._rows,
+                self._islands,
                 self._history,
                 state_out.body_q,
                 state_out.body_qd,
@@ -366,9 +367,14 @@ class SolverAVBD(SolverBase):
 
     def _allocate_bodies(self) -> None:
         """Buffers by body slot; the last slot is the static world, which stays zero."""
-        slots = self.model.body_count + 1
+        model = self.model
+        slots = model.body_count + 1
+        free_dof = np.full(model.body_count, -1, dtype=np.int32)
+        if model.joint_count:
+            free_dof[model.joint_child.numpy()] = model.joint_qd_start.numpy()[:-1]
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
+            self._free_dof = wp.array(free_dof, dtype=wp.int32)
             self._work = data.BodyWork()
             self._work.com = wp.zeros(slots, dtype=wp.vec3)
             self._work.inv_mass = wp.zeros(slots, dtype=float)
@@ -379,6 +385,10 @@ class SolverAVBD(SolverBase):
             self._work.spin_gain = wp.zeros(slots, dtype=wp.vec3)
             self._work.finite = wp.zeros(slots, dtype=wp.int32)
             self._work.factor = wp.zeros(slots, dtype=BlockFactor)
+            self._islands = data.IslandWork()
+            self._islands.parent = wp.zeros(slots, dtype=wp.int32)
+            self._islands.fixed = wp.zeros(slots, dtype=wp.int32)
+            self._islands.sum = wp.zeros(slots, dtype=data.IslandSum)
             self._rows = data.RowWork()
             self._rows.owned_start = wp.zeros(slots, dtype=wp.int32)
             self._rows.owned_end = wp.zeros(slots, dtype=wp.int32)
@@ -393,9 +403,6 @@ class SolverAVBD(SolverBase):
         """Points the kernels to the model's arrays."""
         self._launch.forget()
         model = self.model
-        free_dof = np.full(model.body_count, -1, dtype=np.int32)
-        if model.joint_count:
-            free_dof[model.joint_child.numpy()] = model.joint_qd_start.numpy()[:-1]
         self._bodies = data.BodyModel()
         self._bodies.mass = model.body_mass
         self._bodies.inertia = model.body_inertia
@@ -405,7 +412,7 @@ class SolverAVBD(SolverBase):
         self._bodies.flags = model.body_flags
         self._bodies.world = model.body_world
         self._bodies.gravity = model.gravity
-        self._bodies.free_dof = wp.array(free_dof, dtype=wp.int32, device=self.device)
+        self._bodies.free_dof = self._free_dof
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu
@@ -418,15 +425,13 @@ class SolverAVBD(SolverBase):
         A group is a Newton world, or, where global bodies that move tie the worlds together, all
         bodies at once.
         """
+        self.effects = Effects.of_model(self.model, compliance=self._compliance, ramp=self._ramp)
+        groups = _solver_worlds(self.model)
+        if self._groups is not None and np.array_equal(groups, self._groups):
+            return
         self._launch.forget()
-        model = self.model
-        groups = _solver_worlds(model)
+        self._groups = groups
         self._world_count = int(groups.max(initial=0)) + 1
-        self.effects = Effects.of_model(
-            model,
-            compliance=self._compliance,
-            ramp=self._ramp,
-        )
         order = np.argsort(groups, kind="stable")
         starts = np.searchsorted(groups[order], np.arange(self._world_count + 1))
         with wp.ScopedDevice(self.device):
@@ -452,6 +457,8 @@ class SolverAVBD(SolverBase):
         if self._capacity:
             self._history.start.zero_()
             self._history.end.zero_()
+            self._history.age.zero_()
+            self._history.filling.zero_()
         self._launch.forget()
         self._capacity = capacity
         with wp.ScopedDevice(self.device):
@@ -459,6 +466,8 @@ class SolverAVBD(SolverBase):
             self._rows.contacts = wp.empty(capacity, dtype=wp.int32)
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
+            if self._moving_surfaces:
+                self._rows.drift = wp.empty(capacity, dtype=wp.vec3)
             if self.effects.compliance:
                 self._rows.share = wp.empty(capacity, dtype=float)
             if self.effects.ramp:
@@ -472,8 +481,11 @@ class SolverAVBD(SolverBase):
         source = self._inputs.get(contacts)
         if source is not None:
             return source
-        if contacts.rigid_contact_max > self._capacity:
-            self._allocate_contacts(contacts.rigid_contact_max)
+        surfaces = contacts.rigid_contact_surface_velocity
+        new_surfaces = surfaces is not None and not self._moving_surfaces
+        if contacts.rigid_contact_max > self._capacity or new_surfaces:
+            self._moving_surfaces |= new_surfaces
+            self._allocate_contacts(max(contacts.rigid_contact_max, self._capacity))
         self._buffer_count += 1
         source = data.ContactInput()
         source.buffer = self._buffer_count
@@ -487,11 +499,31 @@ class SolverAVBD(SolverBase):
         source.margin0 = contacts.rigid_contact_margin0
         source.margin1 = contacts.rigid_contact_margin1
         source.generation = contacts.contact_generation
+        if surfaces is not None:
+            source.surface_velocity = surfaces
+        if contacts.rigid_contact_friction is not None:
+            source.stiffness = contacts.rigid_contact_stiffness
+            source.damping = contacts.rigid_contact_damping
+            source.friction = contacts.rigid_contact_friction
         if contacts.rigid_contact_match_index is not None:
             source.match_index = contacts.rigid_contact_match_index
             source.match_generation = contacts.rigid_contact_match_generation
         self._inputs[contacts] = source
         return source
+
+    def _effects_with(self, contacts: newton.Contacts) -> Effects:
+        """The scene's effects, with those that a contact buffer adds."""
+        matching = contacts.rigid_contact_match_index is not None
+        surfaces = contacts.rigid_contact_surface_velocity is not None
+        materials = contacts.rigid_contact_friction is not None
+        if not (matching or surfaces or materials):
+            return self.effects
+        return dataclasses.replace(
+            self.effects,
+            matching=matching,
+            moving_surfaces=surfaces,
+            contact_materials=materials,
+        )
 
     @property
     def _owns_detection(self) -> bool:
@@ -524,14 +556,6 @@ class SolverAVBD(SolverBase):
                 f"contacts are on device {contacts.device}, the solver on {self.device}."
             )
 
-    def _acceleration_array(
-        self, state_out: newton.State, observables: SolverBase.Observables | None
-    ) -> wp.array | None:
-        """Where accelerations are asked for: the observable, or the state's deprecated array."""
-        if observables is not None and observables.body_qdd is not None:
-            return observables.body_qdd
-        return state_out.body_qdd
-
     def _export_contact_force(self, contact_f: wp.array) -> None:
         contact_f.zero_()
         if self._capacity:
@@ -540,6 +564,11 @@ class SolverAVBD(SolverBase):
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""
         self._launch(kernel, self.model.body_count, arguments)
+
+
+def _requested(*arrays: wp.array | None) -> list[wp.array]:
+    """The arrays that exist: an observable's, and the deprecated one beside it."""
+    return [array for array in arrays if array is not None]
 
 
 def _solver_worlds(model: newton.Model) -> np.ndarray:

@@ -47,12 +47,13 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
         turned = wp.quat_rotate_inv(exp_quat(h * w), momentum)
         residual = inertia * w - turned
         jacobian = inertia - h * (wp.skew(turned) * right_jacobian(h * w))
-        w = w - wp.inverse(jacobian) * residual
+        # scaled by the inertia: the determinant of a millimetre's would underflow
+        w = w - wp.inverse(inv_inertia * jacobian) * (inv_inertia * residual)
         if wp.dot(residual, residual) <= GYRO_CLOSE * GYRO_CLOSE * scale:
             return w
     # No solution in reach: more than about a turn a step. The mean motion is a turn about the
     # momentum at the rate 2 E / |L|, which keeps the energy, too.
-    return (wp.dot(spin, momentum) / wp.max(scale, 1.0e-30)) * momentum
+    return wp.dot(spin, wp.normalize(momentum)) * wp.normalize(momentum)
 
 
 @wp.func
@@ -86,9 +87,22 @@ def free_rotation(
 
 
 @wp.func
+def renormalised(q: wp.quat) -> wp.quat:
+    """Unit quaternion from one that is a few roundings off.
+
+    wp.normalize rounds to a mean length above 1, which feeds the angular momentum at each step; the
+    residual of the length needs float64.
+    """
+    excess = wp.float64(-1.0)
+    for i in range(4):
+        excess += wp.float64(q[i]) * wp.float64(q[i])
+    return q - q * float(wp.float64(0.5) * excess)
+
+
+@wp.func
 def moved_pose(pose: wp.transform, com: wp.vec3, increment: wp.spatial_vector) -> wp.transform:
     """Pose of the body origin after the increment (dx, dtheta) of its COM."""
     r0 = wp.transform_get_rotation(pose)
-    r1 = wp.normalize(exp_quat(wp.spatial_bottom(increment)) * r0)
+    r1 = renormalised(exp_quat(wp.spatial_bottom(increment)) * wp.normalize(r0))
     shift = wp.quat_rotate(r0, com) - wp.quat_rotate(r1, com)
     return wp.transform(wp.transform_get_translation(pose) + wp.spatial_top(increment) + shift, r1)

@@ -34,11 +34,11 @@ def make_target(effects: Effects) -> wp.Function:
             dtheta, remainder = free_rotation(
                 model.inertia[body], model.inv_inertia[body], rotation, omega, torque, h
             )
-            return wp.spatial_vector(dx, dtheta), remainder, acceleration
+            return wp.spatial_vector(dx, dtheta), remainder
         else:
             spun = model.inv_inertia[body] * wp.quat_rotate_inv(rotation, torque)
             dtheta = h * omega + (h * h) * wp.quat_rotate(rotation, spun)
-            return wp.spatial_vector(dx, dtheta), wp.vec3(0.0), acceleration
+            return wp.spatial_vector(dx, dtheta), wp.vec3(0.0)
 
     return inertial_target
 
@@ -121,7 +121,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
             return
 
         rotation = wp.transform_get_rotation(pose)
-        target, remainder, acceleration = inertial_target(model, body, pose, velocity, wrench, h)
+        target, remainder = inertial_target(model, body, pose, velocity, wrench, h)
         work.inv_mass[body] = model.inv_mass[body]
         work.inertia[body] = world_inertia(rotation, model.inertia[body])
         work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
@@ -133,8 +133,8 @@ def make_predict(effects: Effects) -> wp.Kernel:
             return
         # Start from the share of its free acceleration that the body had in the last step (VBD,
         # section 3.7): a resting body starts at rest, a falling one at its target.
-        held = (1.0 - history.falling[body]) * (h * h) * acceleration
-        work.increment[body] = target - wp.spatial_vector(held, wp.vec3(0.0))
+        coasting = h * velocity
+        work.increment[body] = coasting + history.falling[body] * (target - coasting)
 
     return predict
 
@@ -172,7 +172,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             body_q_out[body] = pose
             body_qd_out[body] = velocity
             return
-        target, remainder, _acceleration = inertial_target(model, body, pose, velocity, wrench, h)
+        target, remainder = inertial_target(model, body, pose, velocity, wrench, h)
         body_q_out[body] = moved_pose(pose, model.com[body], target)
         body_qd_out[body] = target / h + wp.spatial_vector(wp.vec3(0.0), remainder)
 

@@ -25,6 +25,8 @@ from ..rows import ramp as ramp_rows
 
 NEAR = wp.constant(1.0e-2)
 """An anchor that moved less than this share of its lever arm is the same one without a search."""
+FAR = wp.constant(0.2)
+"""An anchor that moved more than this share of its lever arm is another one."""
 
 
 @wp.func
@@ -130,24 +132,25 @@ def find_record(
     end: int,
     guess: int,
     contact: ContactRecord,
-    near: float,
+    arm: float,
 ) -> int:
     """Record of the same contact in the last step, -1 when there is none.
 
     That is the nearest anchor of the same two shapes; the guess is taken at once if it is near.
+    Distances are judged by the lever arm [m].
     """
     if guess < end:
         record = history.records[side, guess]
         if record.shape0 == contact.shape0 and record.shape1 == contact.shape1:
-            if anchor_distance(record, contact.point0, contact.point1) < near:
+            if anchor_distance(record, contact.point0, contact.point1) < NEAR * NEAR * arm * arm:
                 return guess
     found = int(-1)
-    best = float(0.0)
+    best = FAR * FAR * arm * arm
     for i in range(start, end):
         record = history.records[side, i]
         if record.shape0 == contact.shape0 and record.shape1 == contact.shape1:
             distance = anchor_distance(record, contact.point0, contact.point1)
-            if found < 0 or distance < best:
+            if distance < best:
                 found = i
                 best = distance
     return found
@@ -166,6 +169,12 @@ def matched_record(
         match = contacts.match_index[contact]
         return wp.where(match < 0, -1, history.row_of_contact[side, wp.max(match, 0)])
     return -2
+
+
+@wp.func
+def override(value: float, default: float) -> float:
+    """A contact's own material value, or the default where it has none (zero)."""
+    return wp.where(value > 0.0, value, default)
 
 
 @functools.cache
@@ -232,8 +241,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
             start = history.start[side, row.a]
             end = history.end[side, row.a]
             guess = start + (index - rows.owned_start[row.a])
-            near = NEAR * NEAR * wp.length_sq(row.arm)
-            known = find_record(history, side, start, end, guess, record, near)
+            known = find_record(history, side, start, end, guess, record, wp.length(row.arm))
         force = wp.vec3(0.0)
         penalty = float(0.0)
         if known >= 0:
@@ -283,13 +291,23 @@ def make_build_rows(effects: Effects) -> wp.Function:
                 row.force = force
                 if wp.static(effects.friction):
                     row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
+                    if wp.static(effects.contact_materials):
+                        row.mu *= override(contacts.friction[contact], 1.0)
                 span = work.com[body] - work.com[row.b]
                 u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
+                if wp.static(effects.moving_surfaces):
+                    drift = scale.h * contacts.surface_velocity[contact]
+                    drift -= row.normal * wp.dot(row.normal, drift)
+                    rows.drift[index] = wp.where(row.contact >= 0, drift, -drift)
+                    u += rows.drift[index]
                 stiffness = float(0.0)
                 damping = float(0.0)
                 if wp.static(effects.ramp or effects.compliance):
                     stiffness = 0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1])
                     damping = 0.5 * (shapes.kd[record.shape0] + shapes.kd[record.shape1])
+                    if wp.static(effects.contact_materials):
+                        stiffness = override(contacts.stiffness[contact], stiffness)
+                        damping = override(contacts.damping[contact], damping)
                 if wp.static(effects.ramp):
                     row.k_n = ramp_rows.warm_penalty(penalty, stiffness)
                     rows.stiffness[index] = stiffness
@@ -372,7 +390,9 @@ def reset_bodies(
     """Puts the bodies of the masked worlds back and forgets their contacts; one thread a body."""
     body = wp.tid()
     world = body_world[body]
-    if mask.shape[0] > 0:
+    if mask.shape[0] == 0:
+        worlds.overflow[0] = 0
+    else:
         if not is_selected(world, mask):
             return
     if (flags & wp.static(int(newton.StateFlags.BODY_Q))) != 0:

@@ -13,6 +13,7 @@ from ..data import (
     BodyWork,
     ContactInput,
     History,
+    IslandWork,
     RowWork,
     ShapeModel,
     WorldScale,
@@ -23,6 +24,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from .bodies import report_held
 from .contacts import make_build_rows
+from .islands import begin_island, join_islands, keep_momentum
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
@@ -159,10 +161,10 @@ def make_sweep(
             if row.b != partner:
                 partner = row.b
                 span = work.com[body] - work.com[partner]
-                shift, turn = contact_rows.relative_motion(
-                    increment, work.increment[partner], span
-                )
+                shift, turn = contact_rows.relative_motion(increment, work.increment[partner], span)
             u = shift + wp.cross(turn, row.arm)
+            if wp.static(effects.moving_surfaces):
+                u += rows.drift[i]
             gap = gap_of(row.gap, slop)
             push = contact_force(row, u, gap)
             if wp.static(has_dual):
@@ -176,14 +178,15 @@ def make_sweep(
             tau -= wp.cross(row.arm, push)
         partner = int(-1)
         for i in range(rows.other_start[body], rows.other_end[body]):
-            row = rows.rows[rows.other_rows[i]]
+            other = rows.other_rows[i]
+            row = rows.rows[other]
             if row.a != partner:
                 partner = row.a
                 span = work.com[partner] - work.com[body]
-                shift, turn = contact_rows.relative_motion(
-                    work.increment[partner], increment, span
-                )
+                shift, turn = contact_rows.relative_motion(work.increment[partner], increment, span)
             u = shift + wp.cross(turn, row.arm)
+            if wp.static(effects.moving_surfaces):
+                u += rows.drift[other]
             push = contact_force(row, u, gap_of(row.gap, slop))
             f += push
             tau += wp.cross(row.arm + span, push)
@@ -233,6 +236,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
             row = rows.rows[i]
             span = work.com[body] - work.com[row.b]
             u = contact_rows.slip(row, increment, work.increment[row.b], span)
+            if wp.static(effects.moving_surfaces):
+                u += rows.drift[i]
             push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
             f -= push
             tau -= wp.cross(row.arm, push)
@@ -242,6 +247,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
             row = rows.rows[i]
             span = work.com[row.a] - work.com[body]
             u = contact_rows.slip(row, work.increment[row.a], increment, span)
+            if wp.static(effects.moving_surfaces):
+                u += rows.drift[i]
             push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
             f += push
             tau += wp.cross(row.arm + span, push)
@@ -267,6 +274,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_qd: wp.array[wp.spatial_vector],
         work: BodyWork,
         rows: RowWork,
+        islands: IslandWork,
         history: History,
     ):
         """The last dual update of the rows that a body owns, kept for the next step."""
@@ -277,6 +285,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
             row = rows.rows[i]
             span = work.com[body] - work.com[row.b]
             u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
+            if wp.static(effects.moving_surfaces):
+                u += rows.drift[i]
             if wp.static(effects.ramp):
                 push, _k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
                 history.records[side, i].penalty = row.k_n
@@ -284,6 +294,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
             else:
                 push = contact_force(row, u, sweep_gap(row.gap, 0.0))
                 rows.rows[i].force = push
+                if wp.length_sq(push) > 0.0:
+                    join_islands(islands, work, body, row.b)
                 if wp.static(not effects.compliance):
                     coasting = contact_rows.slip(
                         row,
@@ -306,9 +318,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
     flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
 
-    @wp.kernel(
-        enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags}
-    )
+    @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
     def solve(
         # Model:
         model: BodyModel,
@@ -323,6 +333,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
+        islands: IslandWork,
         history: History,
         # State out:
         body_q_out: wp.array[wp.transform],
@@ -363,6 +374,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         for i in range(body_start, body_end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
+                begin_island(islands, body)
                 if has_rows(rows, body):
                     sweeps = iterations
                     if wp.static(not effects.ramp):
@@ -388,7 +400,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
             return
         side = 1 - history.parity[world]
         for i in range(body_start, body_end):
-            remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, history)
+            remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, islands, history)
+        if wp.static(not effects.ramp):
+            keep_momentum(world, model, worlds, work, islands)
         history.parity[world] = side
         history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
 

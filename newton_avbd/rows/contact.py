@@ -25,7 +25,7 @@ LOAD_WEIGHT = wp.constant(0.1)
 """Weight of the carried mass (multiplier over gravity) against the effective mass."""
 TANGENT_RATIO = wp.constant(0.3)
 """Tangential penalty over normal penalty."""
-RELEASE_RATIO = wp.constant(0.2)
+RELEASE_RATIO = wp.constant(0.15)
 """What a row near release (or at the cone, tangentially) keeps of its penalty: the majoriser would
 hold back a body that is about to leave or slide."""
 RECOVERY = wp.constant(0.5)
@@ -33,9 +33,7 @@ RECOVERY = wp.constant(0.5)
 
 
 @wp.func
-def relative_motion(
-    increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3
-):
+def relative_motion(increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3):
     """Motion of b against a as the shift at the COM of a [m] and the turn [rad].
 
     All contacts of a pair of bodies share it: u = shift + turn x r_a. The span leads from the COM
@@ -125,6 +123,14 @@ def carried_mass(row: ContactRow, scale: WorldScale) -> float:
 
 
 @wp.func
+def slides(row: ContactRow, k_t: float, u: wp.vec3, f_n: float) -> bool:
+    """Whether the slip u [m] would take the row beyond its cone at the normal force f_n [N]."""
+    n = row.normal
+    trial = row.force - k_t * u
+    return wp.length(trial - n * wp.dot(n, trial)) > row.mu * wp.max(f_n, 0.0)
+
+
+@wp.func
 def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: WorldScale):
     """The row with its penalties for this step; k_n = 0 where the row cannot matter.
 
@@ -150,10 +156,8 @@ def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: World
             k = 0.0
     out.k_n = k
     out.k_t = TANGENT_RATIO * k
-    if f_n > 0.0:
-        f_t = row.force - row.normal * lambda_n - out.k_t * (u - row.normal * u_n)
-        if wp.length(f_t) > row.mu * f_n:
-            out.k_t = RELEASE_RATIO * out.k_t
+    if f_n > 0.0 and slides(row, out.k_t, u, f_n):
+        out.k_t = RELEASE_RATIO * out.k_t
     return out
 
 
@@ -203,6 +207,8 @@ def comply(
     share = total / (total + k)
     out.k_n = share * k
     out.k_t = TANGENT_RATIO * k
+    if slides(row, out.k_t, u, wp.dot(row.normal, row.force) - k * (u_n + row.gap)):
+        out.k_t = RELEASE_RATIO * out.k_t
     out.force = keep_share(row, out.force, share)
     return out, share
 

@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Momentum of islands: bodies that push each other and nothing that is fixed.
+
+Forces within an island cannot change its momentum. Sweeps that stop early do: two bodies that meet
+are held together by the penalty, and their common motion converges slowly. The rigid motion of the
+island that brings back its momentum is known in closed form and leaves all slips as they are.
+"""
+
+import warp as wp
+
+from ..data import BodyModel, BodyWork, IslandSum, IslandWork, WorldWork
+
+
+@wp.func
+def begin_island(islands: IslandWork, body: int):
+    """Puts a body into an island of its own."""
+    islands.parent[body] = body
+    islands.fixed[body] = 0
+
+
+@wp.func
+def island_of(islands: IslandWork, body: int) -> int:
+    """First body of the island; shortens the way for the next call."""
+    root = int(body)
+    while islands.parent[root] != root:
+        root = islands.parent[root]
+    islands.parent[body] = root
+    return root
+
+
+@wp.func
+def join_islands(islands: IslandWork, work: BodyWork, a: int, b: int):
+    """Makes one island of two bodies that push each other; b may be one that does not move."""
+    root_a = island_of(islands, a)
+    if work.inv_mass[b] > 0.0:
+        root_b = island_of(islands, b)
+        first = wp.min(root_a, root_b)
+        islands.fixed[first] = wp.max(islands.fixed[root_a], islands.fixed[root_b])
+        islands.parent[wp.max(root_a, root_b)] = first
+    else:
+        islands.fixed[root_a] = 1
+
+
+@wp.func
+def is_free_island(islands: IslandWork, body: int) -> bool:
+    """Whether the body's island has other bodies and touches nothing fixed."""
+    root = island_of(islands, body)
+    return islands.fixed[root] == 0 and islands.sum[root].bodies > 1
+
+
+@wp.func
+def keep_momentum(
+    world: int, model: BodyModel, worlds: WorldWork, work: BodyWork, islands: IslandWork
+):
+    """Moves each free island rigidly so that it has the momentum of its inertial targets.
+
+    With r from the island's COM, the missing momentum is sum m (dx* - dx) and the missing angular
+    momentum sum r x m (dx* - dx) + I (dtheta* - dtheta), both times h.
+    """
+    first = worlds.body_start[world]
+    last = worlds.body_start[world + 1]
+    for i in range(first, last):
+        islands.sum[worlds.bodies[i]] = IslandSum()
+    for i in range(first, last):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0:
+            root = island_of(islands, body)
+            if islands.fixed[root] == 0:
+                total = islands.sum[root]
+                total.bodies += 1
+                total.mass += model.mass[body]
+                total.com += model.mass[body] * work.com[body]
+                islands.sum[root] = total
+    for i in range(first, last):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
+            root = island_of(islands, body)
+            total = islands.sum[root]
+            missing = work.target[body] - work.increment[body]
+            momentum = model.mass[body] * wp.spatial_top(missing)
+            r = work.com[body] - total.com / total.mass
+            total.momentum += momentum
+            total.angular += wp.cross(r, momentum)
+            total.angular += work.inertia[body] * wp.spatial_bottom(missing)
+            total.inertia += work.inertia[body]
+            total.inertia += model.mass[body] * (wp.diag(wp.vec3(wp.dot(r, r))) - wp.outer(r, r))
+            islands.sum[root] = total
+    for i in range(first, last):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
+            total = islands.sum[island_of(islands, body)]
+            r = work.com[body] - total.com / total.mass
+            # scaled: the determinant of a small island's inertia would underflow
+            size = wp.trace(total.inertia)
+            turn = wp.inverse(total.inertia / size) * (total.angular / size)
+            shift = total.momentum / total.mass + wp.cross(turn, r)
+            work.increment[body] = work.increment[body] + wp.spatial_vector(shift, turn)

@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Messages: what a model or an argument gets wrong, by name, before anything is simulated."""
+
+from collections.abc import Callable
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from contract import pile, resting_box
+from helpers import Simulation, add_mass
+
+from newton_avbd import SolverAVBD
+
+DT = 1.0 / 240.0
+
+
+@pytest.mark.parametrize(
+    "kind", ["prismatic", "revolute", "ball", "fixed", "distance", "d6", "rod"]
+)
+def test_a_joint_is_refused_by_name_and_type(kind: str) -> None:
+    """Until joints are supported: which one, what it is, and who can simulate it."""
+    builder = newton.ModelBuilder()
+    parent = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    child = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    root = builder.add_joint_free(parent=-1, child=parent)
+    joint = getattr(builder, f"add_joint_{kind}")(parent=parent, child=child, label="elbow")
+    builder.add_articulation([root, joint])
+    message = rf"joint 1 '.*elbow' is of type {kind.upper()}.*SolverXPBD"
+    with pytest.raises(NotImplementedError, match=message):
+        SolverAVBD(builder.finalize(device="cpu"))
+
+
+def test_a_free_joint_below_a_body_is_refused_by_name() -> None:
+    """Its coordinates and forces would be relative to the parent."""
+    builder = newton.ModelBuilder()
+    parent = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    child = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    joints = [
+        builder.add_joint_free(parent=-1, child=parent),
+        builder.add_joint_free(parent=parent, child=child, label="tether"),
+    ]
+    builder.add_articulation(joints)
+    with pytest.raises(NotImplementedError, match=r"joint 1 '.*tether' hangs on body 0"):
+        SolverAVBD(builder.finalize(device="cpu"))
+
+
+def spoil(name: str, value: float) -> Callable[[newton.Model], None]:
+    """Puts a value into the last entry of a model array."""
+
+    def change(model: newton.Model) -> None:
+        array = getattr(model, name)
+        values = array.numpy()
+        values.reshape(len(values), -1)[-1, 0] = value
+        array.assign(values)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("body_mass", np.nan, "is not finite"),
+        ("body_mass", -1.0, "is negative"),
+        ("body_inv_mass", np.inf, "is not finite"),
+        ("body_inertia", np.nan, "is not finite"),
+        ("body_inv_inertia", np.nan, "is not finite"),
+        ("body_com", np.inf, "is not finite"),
+        ("shape_material_mu", np.nan, "is not finite"),
+        ("shape_material_mu", -0.5, "is negative"),
+    ],
+)
+def test_a_number_that_makes_no_sense_is_named(name: str, value: float, problem: str) -> None:
+    """The array, the index, the label, and what is wrong with the value."""
+    builder = pile()
+    builder.body_label[-1] = builder.shape_label[-1] = "culprit"
+    model = builder.finalize(device="cpu")
+    spoil(name, value)(model)
+    index = len(getattr(model, name)) - 1
+    with pytest.raises(ValueError, match=rf"model\.{name}\[{index}\] \('culprit'\) {problem}"):
+        SolverAVBD(model)
+
+
+def test_a_mass_without_inertia_is_named() -> None:
+    """A body that has mass and cannot turn is a forgotten shape or inertia, not a request."""
+    builder = newton.ModelBuilder()
+    add_mass(builder)
+    builder.body_label[0] = "ghost"
+    model = builder.finalize(device="cpu")
+    model.body_inertia.zero_()
+    with pytest.raises(ValueError, match=r"body 0 'ghost' has a mass but no inertia.*body_inertia"):
+        SolverAVBD(model)
+
+
+def test_gravity_that_is_not_finite_is_an_error() -> None:
+    """With the call that sets it."""
+    model = resting_box().finalize(device="cpu")
+    model.gravity.fill_(wp.vec3(0.0, 0.0, np.nan))
+    with pytest.raises(ValueError, match=r"gravity is not finite.*set_gravity"):
+        SolverAVBD(model)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"iterations": 0}, "iterations must be at least 1, got 0"),
+        ({"formulation": "classic"}, "must be 'augmented' or 'ramp', got 'classic'"),
+        ({"formulation": "ramp", "compliant_contacts": True}, "leave compliant_contacts out"),
+    ],
+)
+def test_a_setting_that_makes_no_sense_is_named(settings: dict, message: str) -> None:
+    """What was given and what is possible."""
+    with pytest.raises(ValueError, match=message):
+        SolverAVBD(resting_box().finalize(device="cpu"), **settings)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.01, np.nan, np.inf])
+def test_a_time_step_must_be_positive(dt: float) -> None:
+    """Nothing is written when it is not."""
+    simulation = Simulation(resting_box())
+    before = simulation.state.body_q.numpy()
+    with pytest.raises(ValueError, match="dt must be a positive number of seconds"):
+        simulation.solver.step(simulation.state, simulation.state, None, None, dt)
+    np.testing.assert_array_equal(simulation.state.body_q.numpy(), before)
+
+
+def test_a_state_of_another_model_is_an_error() -> None:
+    """Which of the two, and how many bodies there should be; also a state without bodies."""
+    simulation = Simulation(pile())
+    own = simulation.state
+    for foreign in (resting_box(), newton.ModelBuilder()):
+        state = foreign.finalize(device="cpu").state()
+        with pytest.raises(ValueError, match=r"state_in .*the solver's model has 4"):
+            simulation.solver.step(state, own, None, None, DT)
+        with pytest.raises(ValueError, match=r"state_out .*the solver's model has 4"):
+            simulation.solver.step(own, state, None, None, DT)
+
+
+class Elsewhere:
+    """A device that is not the solver's."""
+
+    def __str__(self) -> str:
+        return "cuda:7"
+
+
+def test_buffers_on_another_device_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Both devices are named; the check needs no such device to be there."""
+    simulation = Simulation(resting_box())
+    foreign = simulation.model.state()
+    monkeypatch.setattr(foreign.body_q, "device", Elsewhere())
+    with pytest.raises(ValueError, match=r"state_in is on device cuda:7, the solver on cpu"):
+        simulation.solver.step(foreign, simulation.state, None, None, DT)
+    with pytest.raises(ValueError, match=r"state_out is on device cuda:7, the solver on cpu"):
+        simulation.solver.step(simulation.state, foreign, None, None, DT)
+    monkeypatch.setattr(simulation.contacts.rigid_contact_count, "device", Elsewhere())
+    state = simulation.state
+    with pytest.raises(ValueError, match=r"contacts are on device cuda:7, the solver on cpu"):
+        simulation.solver.step(state, state, None, simulation.contacts, DT)
+
+
+def test_particles_are_left_alone_with_a_warning() -> None:
+    """How many, and who moves them; the bodies are simulated."""
+    builder = resting_box()
+    builder.add_particle(pos=(0.0, 0.0, 3.0), vel=(0.0, 0.0, 0.0), mass=1.0)
+    model = builder.finalize(device="cpu")
+    with pytest.warns(UserWarning, match=r"model's 1 particles stay where they are.*SolverXPBD"):
+        solver = SolverAVBD(model)
+    state = model.state()
+    before = state.particle_q.numpy()
+    solver.step(state, state, None, None, DT)
+    np.testing.assert_array_equal(state.particle_q.numpy(), before)
+
+
+def test_a_warning_points_to_the_users_line() -> None:
+    """Not into the package: the stack level leads to the call of the constructor."""
+    builder = resting_box()
+    builder.add_particle(pos=(0.0, 0.0, 3.0), vel=(0.0, 0.0, 0.0), mass=1.0)
+    with pytest.warns(UserWarning, match="particles") as caught:
+        SolverAVBD(builder.finalize(device="cpu"))
+    assert caught[0].filename == __file__
+
+
+def test_a_world_that_is_not_finite_is_reported_once(capfd: pytest.CaptureFixture[str]) -> None:
+    """One line in the terminal, by world, whatever the number of steps and bodies."""
+    simulation = Simulation(pile())
+    simulation.set_velocity(2, (np.nan, 0.0, 0.0))
+    simulation.step(5)
+    assert capfd.readouterr().out.count("world 0 is not finite and is held still") == 1
+    assert simulation.solver.status.held_steps.tolist() == [5]

@@ -1,0 +1,142 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Coulomb friction: sticks inside the cone, slides on it, and lets round bodies roll."""
+
+import math
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, surface
+
+
+def box_on_slope(angle: float, mu: float) -> tuple[Simulation, np.ndarray]:
+    """A cube resting on a slope that falls towards +x, and the direction downhill."""
+    slope = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), angle)
+    builder = newton.ModelBuilder()
+    builder.add_shape_plane(
+        xform=wp.transform(wp.vec3(), slope), width=0.0, length=0.0, cfg=surface(mu, density=0.0)
+    )
+    position = (0.25 * math.sin(angle), 0.0, 0.25 * math.cos(angle))
+    add_box(builder, position, rotation=slope, mu=mu)
+    return Simulation(builder), np.array([math.cos(angle), 0.0, -math.sin(angle)])
+
+
+@pytest.mark.parametrize("mu", [0.2, 0.5, 1.0])
+def test_a_box_sticks_just_below_the_friction_angle(mu: float) -> None:
+    """At 98 % of tan(angle) = mu it creeps less than 1e-6 m/s.
+
+    The multipliers hold it, so only rounding could move it: half a unit of its position
+    (3e-8 m) a second would still be below that bound, a unit each step would not.
+    """
+    sim, downhill = box_on_slope(math.atan(0.98 * mu), mu)
+    sim.run(0.5)
+    start = sim.pose[0, :3]
+    sim.run(2.0)
+    assert abs((sim.pose[0, :3] - start) @ downhill) / 2.0 < 1.0e-6
+    assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+@pytest.mark.parametrize("excess", [1.02, 1.5])
+def test_a_box_slides_just_above_the_friction_angle(excess: float) -> None:
+    """It accelerates with g (sin a - mu cos a): within 1 %, and 2e-3 of what friction takes.
+
+    At 2 % above the angle the two terms nearly cancel, so that the error of each one counts.
+    """
+    mu = 0.5
+    angle = math.atan(excess * mu)
+    sim, downhill = box_on_slope(angle, mu)
+    sim.run(0.25)
+    start = sim.velocity[0, :3] @ downhill
+    sim.run(1.0)
+    got = sim.velocity[0, :3] @ downhill - start
+    expected = G * (math.sin(angle) - mu * math.cos(angle))
+    assert got == pytest.approx(expected, rel=0.01, abs=2.0e-3 * G * mu * math.cos(angle))
+
+
+@pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0, 1.0 / 1000.0])
+@pytest.mark.parametrize("mu", [0.1, 0.5])
+def test_a_sliding_box_stops_after_v_squared_over_two_mu_g(mu: float, dt: float) -> None:
+    """Slide distance within 1 % of v^2/(2 mu g), beyond what backward Euler takes: v dt/2."""
+    v = 3.0
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu)
+    add_box(builder, (0.0, 0.0, 0.05), (0.5, 0.5, 0.1), mu=mu)
+    sim = Simulation(builder, dt=dt)
+    sim.set_velocity(0, (v, 0.0, 0.0))
+    sim.run(1.2 * v / (mu * G))
+    expected = v * v / (2.0 * mu * G)
+    assert sim.pose[0, 0] == pytest.approx(expected - 0.5 * v * dt, rel=0.01)
+    assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+def test_friction_is_the_same_in_every_direction() -> None:
+    """The cone is round: equal slide distances along x, y and between, to 0.1 %.
+
+    A pyramid of two axes would stop the diagonal slide after 1/sqrt(2) of the way.
+    """
+    builder = newton.ModelBuilder()
+    add_ground(builder, 0.5)
+    angles = np.radians([0.0, 30.0, 45.0, 90.0, 200.0])
+    for i in range(len(angles)):
+        body = builder.add_body(xform=wp.transform(wp.vec3(0.0, 5.0 * i, 0.05), IDENTITY))
+        builder.add_shape_cylinder(body, radius=0.3, half_height=0.05, cfg=surface(0.5))
+    sim = Simulation(builder)
+    start = sim.pose[:, :2]
+    for i, angle in enumerate(angles):
+        sim.set_velocity(i, (2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.0))
+    sim.run(0.6)
+    moved = sim.pose[:, :2] - start
+    distance = np.linalg.norm(moved, axis=1)
+    assert distance == pytest.approx(distance[0], rel=1.0e-3)
+    direction = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    assert np.sum(moved * direction, axis=1) == pytest.approx(distance, rel=1.0e-3)
+
+
+@pytest.mark.parametrize(("shape", "share"), [("sphere", 5.0 / 7.0), ("cylinder", 2.0 / 3.0)])
+def test_a_sliding_round_body_ends_up_rolling(shape: str, share: float) -> None:
+    """Friction turns v into rolling at v/(1 + I/(m r^2)): 5/7 v or 2/3 v, within 1 %.
+
+    Then it rolls on: no slip, and no loss of speed in a second (rolling friction is not modelled).
+    """
+    v, radius, mu = 2.0, 0.25, 0.4
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu)
+    if shape == "sphere":
+        add_sphere(builder, (0.0, 0.0, radius), radius, mu=mu)
+    else:
+        on_side = wp.quat_from_axis_angle(wp.vec3(1.0, 0.0, 0.0), 0.5 * math.pi)
+        body = builder.add_body(xform=wp.transform(wp.vec3(0.0, 0.0, radius), on_side))
+        builder.add_shape_cylinder(body, radius=radius, half_height=0.2, cfg=surface(mu))
+    sim = Simulation(builder)
+    sim.set_velocity(0, (v, 0.0, 0.0))
+    sim.run(0.5)  # slipping ends after v (1 - share) / (mu g) = 0.17 s at the latest
+    assert sim.velocity[0, 0] == pytest.approx(share * v, rel=0.01)
+    assert sim.velocity[0, 4] * radius == pytest.approx(sim.velocity[0, 0], rel=1.0e-3)
+    rolling = sim.velocity[0, 0]
+    sim.run(1.0)
+    assert sim.velocity[0, 0] == pytest.approx(rolling, rel=1.0e-3)
+
+
+def test_without_friction_nothing_slows_a_slide() -> None:
+    """mu = 0 on both: the speed along the ground stays as it is, to rounding."""
+    builder = newton.ModelBuilder()
+    add_ground(builder, 0.0)
+    add_box(builder, (0.0, 0.0, 0.25), mu=0.0)
+    sim = Simulation(builder)
+    sim.set_velocity(0, (3.0, 1.0, 0.0))
+    sim.run(1.0)
+    assert sim.velocity[0, :3] == pytest.approx([3.0, 1.0, 0.0], abs=1.0e-5)
+
+
+def test_friction_of_two_shapes_is_their_geometric_mean() -> None:
+    """As SolverVBD mixes it: mu = sqrt(0.2 * 0.8) = 0.4; slide distance within 1 %."""
+    builder = newton.ModelBuilder()
+    add_ground(builder, 0.2)
+    add_box(builder, (0.0, 0.0, 0.05), (0.5, 0.5, 0.1), mu=0.8)
+    sim = Simulation(builder)
+    sim.set_velocity(0, (2.0, 0.0, 0.0))
+    sim.run(1.0)
+    expected = 2.0**2 / (2.0 * 0.4 * G) - 0.5 * 2.0 * sim.dt
+    assert sim.pose[0, 0] == pytest.approx(expected, rel=0.01)
