@@ -44,15 +44,18 @@ def make_target(effects: Effects) -> wp.Function:
 
 
 @wp.func
+def is_pose_finite(pose: wp.transform) -> bool:
+    """Whether a pose holds no NaN and no infinity."""
+    r = wp.transform_get_rotation(pose)
+    return wp.isfinite(wp.transform_get_translation(pose)) and wp.isfinite(
+        wp.vec4(r[0], r[1], r[2], r[3])
+    )
+
+
+@wp.func
 def is_finite(pose: wp.transform, velocity: wp.spatial_vector, wrench: wp.spatial_vector) -> bool:
     """Whether a body's input holds no NaN and no infinity."""
-    r = wp.transform_get_rotation(pose)
-    return (
-        wp.isfinite(wp.transform_get_translation(pose))
-        and wp.isfinite(wp.vec4(r[0], r[1], r[2], r[3]))
-        and wp.isfinite(velocity)
-        and wp.isfinite(wrench)
-    )
+    return is_pose_finite(pose) and wp.isfinite(velocity) and wp.isfinite(wrench)
 
 
 def make_wrench(effects: Effects) -> wp.Function:
@@ -123,11 +126,15 @@ def make_predict(effects: Effects) -> wp.Kernel:
         rotation = wp.transform_get_rotation(pose)
         target, remainder = inertial_target(model, body, pose, velocity, wrench, h)
         work.inv_mass[body] = model.inv_mass[body]
-        work.inertia[body] = world_inertia(rotation, model.inertia[body])
-        work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
         work.target[body] = target
         if wp.static(effects.gyroscopic):
+            work.inertia[body] = world_inertia(rotation, model.inertia[body])
+            work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
             work.spin_gain[body] = remainder
+        else:
+            # equal principal moments look the same from all sides
+            work.inertia[body] = model.inertia[body]
+            work.inv_inertia[body] = model.inv_inertia[body]
         if wp.static(effects.ramp):
             work.increment[body] = target
             return

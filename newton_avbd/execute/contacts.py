@@ -116,40 +116,41 @@ def body_arm(
 
 
 @wp.func
-def anchor_distance(record: ContactRecord, point0: wp.vec3, point1: wp.vec3) -> float:
-    """Squared distance of a contact from a remembered one [m^2], on the shape where it is nearer.
+def anchor_distance(a: ContactRecord, b: ContactRecord) -> float:
+    """Squared distance of two contacts of the same shapes [m^2], on the shape where it is smaller.
 
     A contact that slides stays put on one of its two shapes.
     """
-    return wp.min(wp.length_sq(record.point0 - point0), wp.length_sq(record.point1 - point1))
+    return wp.min(wp.length_sq(a.point0 - b.point0), wp.length_sq(a.point1 - b.point1))
 
 
 @wp.func
-def find_record(
-    history: History,
-    side: int,
+def find_row(
+    record: ContactRecord,
+    guess: int,
     start: int,
     end: int,
-    guess: int,
-    contact: ContactRecord,
-    arm: float,
+    side: int,
+    rows: RowWork,
+    history: History,
 ) -> int:
-    """Record of the same contact in the last step, -1 when there is none.
+    """Row of a remembered contact, -1 when there is none.
 
-    That is the nearest anchor of the same two shapes; the guess is taken at once if it is near.
-    Distances are judged by the lever arm [m].
+    That is the nearest anchor of the same two shapes, distances judged by the row's lever arm; the
+    guess is taken at once if it is near.
     """
     if guess < end:
-        record = history.records[side, guess]
-        if record.shape0 == contact.shape0 and record.shape1 == contact.shape1:
-            if anchor_distance(record, contact.point0, contact.point1) < NEAR * NEAR * arm * arm:
+        here = history.records[side, guess]
+        if here.shape0 == record.shape0 and here.shape1 == record.shape1:
+            near = NEAR * NEAR * wp.length_sq(rows.rows[guess].arm)
+            if anchor_distance(here, record) < near:
                 return guess
     found = int(-1)
-    best = FAR * FAR * arm * arm
+    best = FAR * FAR
     for i in range(start, end):
-        record = history.records[side, i]
-        if record.shape0 == contact.shape0 and record.shape1 == contact.shape1:
-            distance = anchor_distance(record, contact.point0, contact.point1)
+        here = history.records[side, i]
+        if here.shape0 == record.shape0 and here.shape1 == record.shape1:
+            distance = anchor_distance(here, record) / wp.length_sq(rows.rows[i].arm)
             if distance < best:
                 found = i
                 best = distance
@@ -160,15 +161,15 @@ def find_record(
 def matched_record(
     history: History, side: int, world: int, contacts: ContactInput, contact: int
 ) -> int:
-    """Record that the pipeline's contact matching names: -1 for none, -2 when it cannot tell."""
+    """Record that the pipeline's contact matching names, -1 for none."""
     if history.filling[world, 0] != contacts.buffer:
-        return -2
+        return -1
     if history.filling[world, 1] == contacts.generation[0]:
         return history.row_of_contact[side, contact]
     if history.filling[world, 1] == contacts.match_generation[0]:
         match = contacts.match_index[contact]
         return wp.where(match < 0, -1, history.row_of_contact[side, wp.max(match, 0)])
-    return -2
+    return -1
 
 
 @wp.func
@@ -222,36 +223,148 @@ def make_build_rows(effects: Effects) -> wp.Function:
         return row
 
     @wp.func
-    def recall(
+    def linearise_rows(
         world: int,
-        side: int,
-        contact: int,
-        index: int,
-        row: ContactRow,
-        record: ContactRecord,
+        body: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        shapes: ShapeModel,
         contacts: ContactInput,
+        work: BodyWork,
         rows: RowWork,
         history: History,
     ):
-        """What is remembered of a contact: its multiplier [N] and its ramped penalty [N/m]."""
-        known = int(-2)
-        if wp.static(effects.matching):
-            known = matched_record(history, side, world, contacts, contact)
-        if known == -2:
-            start = history.start[side, row.a]
-            end = history.end[side, row.a]
-            guess = start + (index - rows.owned_start[row.a])
-            known = find_record(history, side, start, end, guess, record, wp.length(row.arm))
-        force = wp.vec3(0.0)
-        penalty = float(0.0)
-        if known >= 0:
-            force = history.records[side, known].force
-            penalty = history.records[side, known].penalty
-            # a record serves one contact
-            history.records[side, known].shape0 = -1
-            if wp.dot(row.normal, force) <= 0.0:
-                force = wp.vec3(0.0)
-        return force, penalty
+        """Turns the contacts that a body owns into rows, without those that cannot close."""
+        side = history.parity[world]
+        index = int(rows.owned_start[body])
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            contact = rows.contacts[i]
+            record = ContactRecord()
+            record.shape0 = contacts.shape0[contact]
+            record.shape1 = contacts.shape1[contact]
+            record.point0 = contacts.point0[contact]
+            record.point1 = contacts.point1[contact]
+            row = linearise(
+                body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
+            )
+            if wp.static(effects.matching):
+                history.row_of_contact[1 - side, contact] = -1
+            # No slip is larger than the reach, so a gap of twice that cannot close. (A gap that is
+            # not a number fails the comparison.)
+            if row.gap <= 2.0 * scale.reach and wp.isfinite(row.arm):
+                if wp.static(effects.matching):
+                    known = matched_record(history, side, world, contacts, contact)
+                    if known >= 0:
+                        row.force = history.records[side, known].force
+                        record.penalty = history.records[side, known].penalty
+                        history.records[side, known].shape0 = -1
+                rows.rows[index] = row
+                history.records[1 - side, index] = record
+                index += 1
+        rows.owned_end[body] = index
+
+    @wp.func
+    def recall_multipliers(world: int, body: int, rows: RowWork, history: History):
+        """Hands what is remembered of the last step to the rows of the same contacts.
+
+        Each record serves once and looks for its row, not the other way round: so no load is used
+        twice, contacts that merge add up, and the order of the contacts does not matter.
+        """
+        side = history.parity[world]
+        start = rows.owned_start[body]
+        first = history.start[side, body]
+        for i in range(first, history.end[side, body]):
+            record = history.records[side, i]
+            if record.shape0 >= 0:
+                row = find_row(
+                    record, start + i - first, start, rows.owned_end[body], 1 - side, rows, history
+                )
+                if row >= 0:
+                    if wp.static(effects.ramp):
+                        history.records[1 - side, row].penalty = wp.max(
+                            history.records[1 - side, row].penalty, record.penalty
+                        )
+                    else:
+                        rows.rows[row].force = rows.rows[row].force + record.force
+
+    @wp.func
+    def penalise_rows(
+        world: int,
+        body: int,
+        scale: WorldScale,
+        shapes: ShapeModel,
+        contacts: ContactInput,
+        work: BodyWork,
+        rows: RowWork,
+        history: History,
+    ) -> float:
+        """Gives a body's rows their penalties, drops those that cannot matter, lists the rest.
+
+        Returns the deepest penetration [m].
+        """
+        side = 1 - history.parity[world]
+        deepest = float(0.0)
+        index = int(rows.owned_start[body])
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            row = rows.rows[i]
+            record = history.records[side, i]
+            contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
+            if wp.dot(row.normal, row.force) <= 0.0:
+                row.force = wp.vec3(0.0)
+            if wp.static(effects.friction):
+                row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
+                if wp.static(effects.contact_materials):
+                    row.mu *= override(contacts.friction[contact], 1.0)
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
+            if wp.static(effects.moving_surfaces):
+                drift = scale.h * contacts.surface_velocity[contact]
+                drift -= row.normal * wp.dot(row.normal, drift)
+                rows.drift[index] = wp.where(row.contact >= 0, drift, -drift)
+                u += rows.drift[index]
+            stiffness = float(0.0)
+            damping = float(0.0)
+            if wp.static(effects.ramp or effects.compliance):
+                stiffness = 0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1])
+                damping = 0.5 * (shapes.kd[record.shape0] + shapes.kd[record.shape1])
+                if wp.static(effects.contact_materials):
+                    stiffness = override(contacts.stiffness[contact], stiffness)
+                    damping = override(contacts.damping[contact], damping)
+            if wp.static(effects.ramp):
+                row.k_n = ramp_rows.warm_penalty(record.penalty, stiffness)
+                rows.stiffness[index] = stiffness
+                rows.damping[index] = damping
+            else:
+                mass = contact_rows.effective_mass(
+                    row.normal,
+                    row.arm,
+                    row.arm + span,
+                    work.inv_mass[body] + work.inv_mass[row.b],
+                    work.inv_inertia[body],
+                    work.inv_inertia[row.b],
+                )
+                load = contact_rows.carried_mass(row, scale)
+                if wp.static(effects.compliance):
+                    row, share = contact_rows.comply(row, mass, load, u, stiffness, damping, scale)
+                    rows.share[index] = share
+                else:
+                    row = contact_rows.penalise(row, mass, load, u, scale)
+
+            if row.k_n > 0.0:
+                rows.rows[index] = row
+                if index < i:
+                    history.records[side, index] = record
+                if wp.static(effects.matching):
+                    history.row_of_contact[side, contact] = index
+                if work.inv_mass[row.b] > 0.0:
+                    other = rows.other_end[row.b]
+                    rows.other_rows[other] = index
+                    rows.other_end[row.b] = other + 1
+                deepest = wp.max(deepest, -row.gap)
+                index += 1
+        rows.owned_end[body] = index
+        return deepest
 
     @wp.func
     def build_rows(
@@ -267,82 +380,9 @@ def make_build_rows(effects: Effects) -> wp.Function:
         history: History,
     ) -> float:
         """Builds the rows that a body owns; returns their deepest penetration [m]."""
-        side = history.parity[world]
-        deepest = float(0.0)
-        index = int(rows.owned_start[body])
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            contact = rows.contacts[i]
-            if wp.static(effects.matching):
-                history.row_of_contact[1 - side, contact] = -1
-            record = ContactRecord()
-            record.shape0 = contacts.shape0[contact]
-            record.shape1 = contacts.shape1[contact]
-            record.point0 = contacts.point0[contact]
-            record.point1 = contacts.point1[contact]
-            row = linearise(
-                body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
-            )
-            # No slip is larger than the reach, so a gap of twice that cannot close. (A gap that is
-            # not a number fails the comparison.)
-            if row.gap <= 2.0 * scale.reach and wp.isfinite(row.arm):
-                force, penalty = recall(
-                    world, side, contact, index, row, record, contacts, rows, history
-                )
-                row.force = force
-                if wp.static(effects.friction):
-                    row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
-                    if wp.static(effects.contact_materials):
-                        row.mu *= override(contacts.friction[contact], 1.0)
-                span = work.com[body] - work.com[row.b]
-                u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
-                if wp.static(effects.moving_surfaces):
-                    drift = scale.h * contacts.surface_velocity[contact]
-                    drift -= row.normal * wp.dot(row.normal, drift)
-                    rows.drift[index] = wp.where(row.contact >= 0, drift, -drift)
-                    u += rows.drift[index]
-                stiffness = float(0.0)
-                damping = float(0.0)
-                if wp.static(effects.ramp or effects.compliance):
-                    stiffness = 0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1])
-                    damping = 0.5 * (shapes.kd[record.shape0] + shapes.kd[record.shape1])
-                    if wp.static(effects.contact_materials):
-                        stiffness = override(contacts.stiffness[contact], stiffness)
-                        damping = override(contacts.damping[contact], damping)
-                if wp.static(effects.ramp):
-                    row.k_n = ramp_rows.warm_penalty(penalty, stiffness)
-                    rows.stiffness[index] = stiffness
-                    rows.damping[index] = damping
-                else:
-                    mass = contact_rows.effective_mass(
-                        row.normal,
-                        row.arm,
-                        row.arm + span,
-                        work.inv_mass[body] + work.inv_mass[row.b],
-                        work.inv_inertia[body],
-                        work.inv_inertia[row.b],
-                    )
-                    load = contact_rows.carried_mass(row, scale)
-                    if wp.static(effects.compliance):
-                        row, share = contact_rows.comply(
-                            row, mass, load, u, stiffness, damping, scale
-                        )
-                        rows.share[index] = share
-                    else:
-                        row = contact_rows.penalise(row, mass, load, u, scale)
-
-                if row.k_n > 0.0:
-                    rows.rows[index] = row
-                    history.records[1 - side, index] = record
-                    if wp.static(effects.matching):
-                        history.row_of_contact[1 - side, contact] = index
-                    if work.inv_mass[row.b] > 0.0:
-                        other = rows.other_end[row.b]
-                        rows.other_rows[other] = index
-                        rows.other_end[row.b] = other + 1
-                    deepest = wp.max(deepest, -row.gap)
-                    index += 1
-        rows.owned_end[body] = index
-        return deepest
+        linearise_rows(world, body, scale, body_q, model, shapes, contacts, work, rows, history)
+        recall_multipliers(world, body, rows, history)
+        return penalise_rows(world, body, scale, shapes, contacts, work, rows, history)
 
     return build_rows
 

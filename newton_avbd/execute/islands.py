@@ -61,13 +61,14 @@ def keep_momentum(
     first = worlds.body_start[world]
     last = worlds.body_start[world + 1]
     for i in range(first, last):
-        islands.sum[worlds.bodies[i]] = IslandSum()
-    for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0:
+            # the root comes first, since it has the lowest index
             root = island_of(islands, body)
             if islands.fixed[root] == 0:
-                total = islands.sum[root]
+                total = IslandSum()
+                if body != root:
+                    total = islands.sum[root]
                 total.bodies += 1
                 total.mass += model.mass[body]
                 total.com += model.mass[body] * work.com[body]

@@ -22,7 +22,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
-from .bodies import report_held
+from .bodies import is_pose_finite, report_held
 from .contacts import make_build_rows
 from .islands import begin_island, join_islands, keep_momentum
 
@@ -281,6 +281,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         h = scale.h
         history.start[side, body] = rows.owned_start[body]
         history.end[side, body] = rows.owned_end[body]
+        joined = int(-1)
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
             span = work.com[body] - work.com[row.b]
@@ -294,8 +295,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
             else:
                 push = contact_force(row, u, sweep_gap(row.gap, 0.0))
                 rows.rows[i].force = push
-                if wp.length_sq(push) > 0.0:
-                    join_islands(islands, work, body, row.b)
+                if row.b != joined and wp.length_sq(push) > 0.0:
+                    joined = row.b
+                    join_islands(islands, work, body, joined)
                 if wp.static(not effects.compliance):
                     coasting = contact_rows.slip(
                         row,
@@ -395,14 +397,14 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if wp.static(effects.ramp):
                 for i in range(body_start, body_end):
                     sweep_duals_ramped(worlds.bodies[i], work, rows)
-        if not is_solution_finite(world, worlds, work):
-            hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
-            return
         side = 1 - history.parity[world]
         for i in range(body_start, body_end):
             remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, islands, history)
         if wp.static(not effects.ramp):
             keep_momentum(world, model, worlds, work, islands)
+        if not is_solution_finite(world, worlds, work):
+            hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
+            return
         history.parity[world] = side
         history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
 
@@ -435,7 +437,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[i]
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
-                pose = moved_pose(pose, model.com[body], work.increment[body])
+                moved = moved_pose(pose, model.com[body], work.increment[body])
+                if is_pose_finite(moved):
+                    pose = moved
+                else:
+                    report_held(worlds, world)
             body_q_out[body] = pose
 
     return solve
