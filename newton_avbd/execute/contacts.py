@@ -23,7 +23,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 
-NEAR = wp.constant(1.0e-2)
+NEAR = wp.constant(1.0e-3)
 """An anchor that moved less than this share of its lever arm is the same one without a search."""
 FAR = wp.constant(0.2)
 """An anchor that moved more than this share of its lever arm is another one."""
@@ -158,18 +158,23 @@ def find_row(
 
 
 @wp.func
+def is_matched(history: History, world: int, contacts: ContactInput) -> bool:
+    """Whether the pipeline's contact matching speaks of the contacts that are remembered."""
+    filling = history.filling[world, 1]
+    return history.filling[world, 0] == contacts.buffer and (
+        filling == contacts.generation[0] or filling == contacts.match_generation[0]
+    )
+
+
+@wp.func
 def matched_record(
     history: History, side: int, world: int, contacts: ContactInput, contact: int
 ) -> int:
-    """Record that the pipeline's contact matching names, -1 for none."""
-    if history.filling[world, 0] != contacts.buffer:
-        return -1
-    if history.filling[world, 1] == contacts.generation[0]:
-        return history.row_of_contact[side, contact]
-    if history.filling[world, 1] == contacts.match_generation[0]:
-        match = contacts.match_index[contact]
-        return wp.where(match < 0, -1, history.row_of_contact[side, wp.max(match, 0)])
-    return -1
+    """Record that the pipeline's contact matching names, -1 for a new contact."""
+    known = int(contact)
+    if history.filling[world, 1] != contacts.generation[0]:
+        known = contacts.match_index[contact]
+    return wp.where(known < 0, -1, history.row_of_contact[side, wp.max(known, 0)])
 
 
 @wp.func
@@ -254,11 +259,11 @@ def make_build_rows(effects: Effects) -> wp.Function:
             # not a number fails the comparison.)
             if row.gap <= 2.0 * scale.reach and wp.isfinite(row.arm):
                 if wp.static(effects.matching):
-                    known = matched_record(history, side, world, contacts, contact)
-                    if known >= 0:
-                        row.force = history.records[side, known].force
-                        record.penalty = history.records[side, known].penalty
-                        history.records[side, known].shape0 = -1
+                    if is_matched(history, world, contacts):
+                        known = matched_record(history, side, world, contacts, contact)
+                        if known >= 0:
+                            row.force = history.records[side, known].force
+                            record.penalty = history.records[side, known].penalty
                 rows.rows[index] = row
                 history.records[1 - side, index] = record
                 index += 1
@@ -276,17 +281,16 @@ def make_build_rows(effects: Effects) -> wp.Function:
         first = history.start[side, body]
         for i in range(first, history.end[side, body]):
             record = history.records[side, i]
-            if record.shape0 >= 0:
-                row = find_row(
-                    record, start + i - first, start, rows.owned_end[body], 1 - side, rows, history
-                )
-                if row >= 0:
-                    if wp.static(effects.ramp):
-                        history.records[1 - side, row].penalty = wp.max(
-                            history.records[1 - side, row].penalty, record.penalty
-                        )
-                    else:
-                        rows.rows[row].force = rows.rows[row].force + record.force
+            row = find_row(
+                record, start + i - first, start, rows.owned_end[body], 1 - side, rows, history
+            )
+            if row >= 0:
+                if wp.static(effects.ramp):
+                    history.records[1 - side, row].penalty = wp.max(
+                        history.records[1 - side, row].penalty, record.penalty
+                    )
+                else:
+                    rows.rows[row].force = rows.rows[row].force + record.force
 
     @wp.func
     def penalise_rows(
@@ -381,7 +385,11 @@ def make_build_rows(effects: Effects) -> wp.Function:
     ) -> float:
         """Builds the rows that a body owns; returns their deepest penetration [m]."""
         linearise_rows(world, body, scale, body_q, model, shapes, contacts, work, rows, history)
-        recall_multipliers(world, body, rows, history)
+        if wp.static(effects.matching):
+            if not is_matched(history, world, contacts):
+                recall_multipliers(world, body, rows, history)
+        else:
+            recall_multipliers(world, body, rows, history)
         return penalise_rows(world, body, scale, shapes, contacts, work, rows, history)
 
     return build_rows
