@@ -23,10 +23,8 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 
-NEAR = wp.constant(1.0e-3)
-"""An anchor that moved less than this share of its lever arm is the same one without a search."""
 FAR = wp.constant(0.2)
-"""An anchor that moved more than this share of its lever arm is another one."""
+"""An anchor that moved more than this share of its lever arm is another contact's."""
 
 
 @wp.func
@@ -126,34 +124,24 @@ def anchor_distance(a: ContactRecord, b: ContactRecord) -> float:
 
 @wp.func
 def find_row(
-    record: ContactRecord,
-    guess: int,
-    start: int,
-    end: int,
-    side: int,
-    rows: RowWork,
-    history: History,
+    record: ContactRecord, start: int, end: int, side: int, rows: RowWork, history: History
 ) -> int:
     """Row of a remembered contact, -1 when there is none.
 
-    That is the nearest anchor of the same two shapes, distances judged by the row's lever arm; the
-    guess is taken at once if it is near.
+    That is the nearest anchor of the same two shapes, if it is near for the row's lever arm.
     """
-    if guess < end:
-        here = history.records[side, guess]
-        if here.shape0 == record.shape0 and here.shape1 == record.shape1:
-            near = NEAR * NEAR * wp.length_sq(rows.rows[guess].arm)
-            if anchor_distance(here, record) < near:
-                return guess
     found = int(-1)
-    best = FAR * FAR
+    best = float(wp.inf)
     for i in range(start, end):
-        here = history.records[side, i]
-        if here.shape0 == record.shape0 and here.shape1 == record.shape1:
-            distance = anchor_distance(here, record) / wp.length_sq(rows.rows[i].arm)
+        if (
+            history.records[side, i].shape0 == record.shape0
+            and history.records[side, i].shape1 == record.shape1
+        ):
+            distance = anchor_distance(history.records[side, i], record)
             if distance < best:
-                found = i
-                best = distance
+                if distance < FAR * FAR * wp.length_sq(rows.rows[i].arm):
+                    found = i
+                    best = distance
     return found
 
 
@@ -278,12 +266,9 @@ def make_build_rows(effects: Effects) -> wp.Function:
         """
         side = history.parity[world]
         start = rows.owned_start[body]
-        first = history.start[side, body]
-        for i in range(first, history.end[side, body]):
+        for i in range(history.start[side, body], history.end[side, body]):
             record = history.records[side, i]
-            row = find_row(
-                record, start + i - first, start, rows.owned_end[body], 1 - side, rows, history
-            )
+            row = find_row(record, start, rows.owned_end[body], 1 - side, rows, history)
             if row >= 0:
                 if wp.static(effects.ramp):
                     history.records[1 - side, row].penalty = wp.max(
