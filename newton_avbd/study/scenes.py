@@ -172,9 +172,16 @@ def add_wall(
     length, height = 0.4, 0.2
     pitch = length + 0.005
     for row in range(rows):
-        for i in range(columns):
-            x = (i - 0.5 * (columns - 1) + 0.5 * (row % 2)) * pitch
-            _add_box(builder, (x, 0.0, (row + 0.5) * height), (length, 0.2, height), cfg)
+        z = (row + 0.5) * height
+        odd = row % 2
+        for i in range(columns - odd):
+            x = (i - 0.5 * (columns - 1 - odd)) * pitch
+            _add_box(builder, (x, 0.0, z), (length, 0.2, height), cfg)
+        if odd:
+            # half bricks close the row: a whole one would stand on the edge below it
+            x = 0.5 * (columns * pitch - 0.005 - 0.5 * length)
+            for end in (-x, x):
+                _add_box(builder, (end, 0.0, z), (0.5 * length, 0.2, height), cfg)
 
 
 def add_card_house(
