@@ -22,7 +22,8 @@ def check_model(model: newton.Model) -> None:
     _check_joints(model)
     _check_bodies(model)
     if model.shape_count:
-        _check_numbers(model, "shape_material_mu", model.shape_label, minimum=0.0)
+        for name in ("shape_material_mu", "shape_material_ke", "shape_material_kd"):
+            _check_numbers(model, name, model.shape_label, minimum=0.0)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
     if model.particle_count:

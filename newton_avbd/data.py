@@ -6,7 +6,8 @@ Who owns what, and what always holds:
 
 - A *body slot* is a body index; slot ``body_count`` is the static world, which never moves.
 - A *world* here is a group of bodies that one thread solves. It is a Newton world, or all bodies
-  at once where mobile global bodies (``body_world == -1``) tie the worlds together.
+  at once where mobile global bodies (``body_world == -1``) tie the worlds together; global bodies
+  that do not move otherwise make a world of their own, which passes them through.
 - A contact row has an *owner*, body ``a``: the first of its mobile bodies in visiting order. The
   rows of a world are sorted by owner, so that a body finds the rows it owns side by side in
   ``rows[owned_start[b]:owned_end[b]]`` and the rows in which it is ``b`` through
@@ -213,13 +214,13 @@ class History:
     """Kept between steps; arrays of two sides have shape (2, ...)."""
 
     parity: wp.array[wp.int32]
-    """Side that the next step of a world reads, shape (world_count,)."""
+    """Side that the next step reads, shape (world_count,); the same for all worlds."""
     start: wp.array2d[wp.int32]
     """First record owned by a body."""
     end: wp.array2d[wp.int32]
     records: wp.array2d[ContactRecord]
     row_of_contact: wp.array2d[wp.int32]
-    """Record of each row of the contact buffer, -1 without; empty without contact matching."""
+    """Record of each row of the contact buffer, -1 without; used with contact matching."""
     filling: wp.array2d[wp.int32]
     """Buffer and generation that a world's records came from, shape (world_count, 2)."""
     falling: wp.array[float]

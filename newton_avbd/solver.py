@@ -31,7 +31,8 @@ class Status:
     """What happened in a solver since its construction or the last reset; read on request."""
 
     held_steps: np.ndarray
-    """Steps in which a world was held still because its state was not finite, by world."""
+    """How often a world, or a body that touches nothing, was held still because its state was not
+    finite; by Newton world, where worlds are solved apart."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
 
@@ -115,6 +116,8 @@ class SolverAVBD(SolverBase):
         self._compliance = compliant_contacts
         self._ramp = formulation == "ramp"
         self._groups: np.ndarray | None = None
+        self._worlds: data.WorldWork
+        self._retired: list[tuple] = []
         self._moving_surfaces = False
         self._inputs: weakref.WeakKeyDictionary[newton.Contacts, data.ContactInput] = (
             weakref.WeakKeyDictionary()
@@ -124,12 +127,10 @@ class SolverAVBD(SolverBase):
         self._allocate_bodies()
         self._bind_model()
         self._group_worlds()
-        known = max(
-            int(model.rigid_contact_max or 0),
-            0 if self.contacts is None else self.contacts.rigid_contact_max,
-        )
-        if self.effects.contact and known:
-            self._allocate_contacts(known)
+        if self.effects.contact and self.contacts is not None:
+            self._contact_input(self.contacts)
+        elif self.effects.contact and model.rigid_contact_max:
+            self._allocate_contacts(model.rigid_contact_max)
 
     # What a step does, top to bottom.
 
@@ -171,6 +172,7 @@ class SolverAVBD(SolverBase):
             wp.copy(body_qdd, state_in.body_qd)
 
         if contacts is None or not self.effects.contact:
+            self._forget_contacts()
             self._integrate(state_in, state_out, joint_f, dt)
         else:
             self._solve(state_in, state_out, joint_f, contacts, dt)
@@ -295,8 +297,10 @@ class SolverAVBD(SolverBase):
 
         Arrays of the model are read live, so changing their values needs no call, except where it
         calls for an effect that the scene did without: friction, unequal moments of inertia, or
-        other bodies that move. The call copies model arrays to the host; while a graph is being
-        captured it compiles in every effect instead.
+        other bodies that move. The call copies model arrays to the host. While a graph is being
+        captured it compiles in these effects instead, and global bodies that start or stop to move
+        need another call outside the capture. Capture again after a call that changed which global
+        bodies move.
 
         Args:
             flags: What changed; unknown bits are ignored.
@@ -429,6 +433,11 @@ class SolverAVBD(SolverBase):
         groups = _solver_worlds(self.model)
         if self._groups is not None and np.array_equal(groups, self._groups):
             return
+        if self._groups is not None:
+            self._forget_contacts()
+            # graphs that were captured before go on using the old arrays
+            self._retired.append((self._worlds, self._history.parity))
+            self._retired.append((self._history.filling, self._history.age))
         self._launch.forget()
         self._groups = groups
         self._world_count = int(groups.max(initial=0)) + 1
@@ -455,10 +464,14 @@ class SolverAVBD(SolverBase):
                 "take one step with these contacts first."
             )
         if self._capacity:
-            self._history.start.zero_()
-            self._history.end.zero_()
+            self._forget_contacts()
             self._history.age.zero_()
             self._history.filling.zero_()
+            # graphs that were captured before go on using the old arrays
+            self._retired.append((self._rows.rows, self._rows.owner, self._rows.contacts))
+            self._retired.append((self._rows.other_rows, self._rows.drift, self._rows.share))
+            self._retired.append((self._rows.stiffness, self._rows.damping))
+            self._retired.append((self._history.records, self._history.row_of_contact))
         self._launch.forget()
         self._capacity = capacity
         with wp.ScopedDevice(self.device):
@@ -475,6 +488,17 @@ class SolverAVBD(SolverBase):
                 self._rows.damping = wp.empty(capacity, dtype=float)
             self._history.records = wp.empty((_SIDES, capacity), dtype=data.ContactRecord)
             self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
+
+    def _forget_contacts(self) -> None:
+        """Drops all multipliers and rows, on the device."""
+        if self._capacity:
+            for array in (
+                self._history.start,
+                self._history.end,
+                self._rows.owned_start,
+                self._rows.owned_end,
+            ):
+                array.zero_()
 
     def _contact_input(self, contacts: newton.Contacts) -> data.ContactInput:
         """What the kernels see of a contact buffer; made once for each buffer."""

@@ -30,8 +30,6 @@ FAR = wp.constant(0.2)
 @wp.func
 def body_slot(shapes: ShapeModel, shape: int, static_slot: int) -> int:
     """Slot of the body that carries a shape; the static world for a shape without a body."""
-    if shape < 0:
-        return static_slot
     body = shapes.body[shape]
     return wp.where(body < 0, static_slot, body)
 
@@ -75,11 +73,16 @@ def sort_contacts(
         rows.owned_end[body] = 0
         rows.other_end[body] = 0
     for contact in range(count):
-        slot0 = body_slot(shapes, contacts.shape0[contact], static_slot)
-        slot1 = body_slot(shapes, contacts.shape1[contact], static_slot)
+        shape0 = contacts.shape0[contact]
+        shape1 = contacts.shape1[contact]
+        rows.owner[contact] = -1
+        if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
+            continue
+        slot0 = body_slot(shapes, shape0, static_slot)
+        slot1 = body_slot(shapes, shape1, static_slot)
         a = owner_of(work, slot0, slot1)
-        rows.owner[contact] = a
         if a >= 0:
+            rows.owner[contact] = a
             rows.owned_end[a] = rows.owned_end[a] + 1
             b = slot0 + slot1 - a
             if work.inv_mass[b] > 0.0:
@@ -115,11 +118,14 @@ def body_arm(
 
 @wp.func
 def anchor_distance(a: ContactRecord, b: ContactRecord) -> float:
-    """Squared distance of two contacts of the same shapes [m^2], on the shape where it is smaller.
+    """Squared distance of two contacts of the same shapes [m^2].
 
-    A contact that slides stays put on one of its two shapes.
+    A contact that slides stays put on one of its two shapes: that one counts. The other decides
+    between contacts that share a point, such as the centre of a sphere in a groove.
     """
-    return wp.min(wp.length_sq(a.point0 - b.point0), wp.length_sq(a.point1 - b.point1))
+    on0 = wp.length_sq(a.point0 - b.point0)
+    on1 = wp.length_sq(a.point1 - b.point1)
+    return wp.min(on0, on1) + 1.0e-3 * wp.max(on0, on1)
 
 
 @wp.func
@@ -156,13 +162,19 @@ def is_matched(history: History, world: int, contacts: ContactInput) -> bool:
 
 @wp.func
 def matched_record(
-    history: History, side: int, world: int, contacts: ContactInput, contact: int
+    history: History, side: int, world: int, body: int, contacts: ContactInput, contact: int
 ) -> int:
     """Record that the pipeline's contact matching names, -1 for a new contact."""
     known = int(contact)
     if history.filling[world, 1] != contacts.generation[0]:
         known = contacts.match_index[contact]
-    return wp.where(known < 0, -1, history.row_of_contact[side, wp.max(known, 0)])
+    if known < 0:
+        return -1
+    record = history.row_of_contact[side, known]
+    # the owner may have changed since, when bodies start or stop to move
+    if record < history.start[side, body] or record >= history.end[side, body]:
+        return -1
+    return record
 
 
 @wp.func
@@ -243,12 +255,17 @@ def make_build_rows(effects: Effects) -> wp.Function:
             )
             if wp.static(effects.matching):
                 history.row_of_contact[1 - side, contact] = -1
-            # No slip is larger than the reach, so a gap of twice that cannot close. (A gap that is
+            # Out of reach of what the two bodies and all others do in this step? (A gap that is
             # not a number fails the comparison.)
-            if row.gap <= 2.0 * scale.reach and wp.isfinite(row.arm):
+            gap = row.gap
+            if gap > scale.reach:
+                span = work.com[body] - work.com[row.b]
+                u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
+                gap += wp.min(wp.dot(row.normal, u), 0.0)
+            if gap <= scale.reach and wp.isfinite(row.arm):
                 if wp.static(effects.matching):
                     if is_matched(history, world, contacts):
-                        known = matched_record(history, side, world, contacts, contact)
+                        known = matched_record(history, side, world, body, contacts, contact)
                         if known >= 0:
                             row.force = history.records[side, known].force
                             record.penalty = history.records[side, known].penalty
@@ -268,7 +285,9 @@ def make_build_rows(effects: Effects) -> wp.Function:
         start = rows.owned_start[body]
         for i in range(history.start[side, body], history.end[side, body]):
             record = history.records[side, i]
-            row = find_row(record, start, rows.owned_end[body], 1 - side, rows, history)
+            row = int(-1)
+            if wp.static(effects.ramp) or wp.length_sq(record.force) > 0.0:
+                row = find_row(record, start, rows.owned_end[body], 1 - side, rows, history)
             if row >= 0:
                 if wp.static(effects.ramp):
                     history.records[1 - side, row].penalty = wp.max(
@@ -392,6 +411,8 @@ def export_contact_force(
     body = wp.tid()
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
+        if wp.max(row.contact, ~row.contact) >= contact_f.shape[0]:
+            continue
         if row.contact >= 0:
             contact_f[row.contact] = wp.spatial_vector(-row.force, wp.cross(row.arm, -row.force))
         else:

@@ -115,6 +115,8 @@ def hold_world(
             history.end[side, body] = 0
     history.age[world] = 0
     history.filling[world, 0] = 0
+    # all worlds stay on the same side: their records lie in one array
+    history.parity[world] = 1 - history.parity[world]
 
 
 @wp.func
@@ -367,6 +369,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     history,
                 ),
             )
+        history.filling[world, 0] = 0
         if wp.static(effects.matching):
             history.filling[world, 0] = contacts.buffer
             history.filling[world, 1] = contacts.generation[0]

@@ -123,6 +123,12 @@ def carried_mass(row: ContactRow, scale: WorldScale) -> float:
 
 
 @wp.func
+def tangent_penalty(row: ContactRow, k: float) -> float:
+    """Penalty across the normal [N/m]: none without friction."""
+    return wp.where(row.mu > 0.0, TANGENT_RATIO * k, 0.0)
+
+
+@wp.func
 def slides(row: ContactRow, k_t: float, u: wp.vec3, f_n: float) -> bool:
     """Whether the slip u [m] would take the row beyond its cone at the normal force f_n [N]."""
     n = row.normal
@@ -155,7 +161,7 @@ def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: World
         if row.gap + wp.min(u_n, 0.0) > scale.reach:
             k = 0.0
     out.k_n = k
-    out.k_t = TANGENT_RATIO * k
+    out.k_t = tangent_penalty(row, k)
     if f_n > 0.0 and slides(row, out.k_t, u, f_n):
         out.k_t = RELEASE_RATIO * out.k_t
     return out
@@ -201,13 +207,17 @@ def comply(
         if row.gap + wp.min(u_n, 0.0) > scale.reach:
             k = 0.0
     total = stiffness + damping / scale.h
+    if total <= 0.0:
+        out.k_n = 0.0
+        return out, 0.0
     if row.gap < 0.0:
         # -K (gap + u_n) - kd/h u_n = -total (gap K/total + u_n)
         out.gap = row.gap * stiffness / total
     share = total / (total + k)
     out.k_n = share * k
-    out.k_t = TANGENT_RATIO * k
-    if slides(row, out.k_t, u, wp.dot(row.normal, row.force) - k * (u_n + row.gap)):
+    out.k_t = tangent_penalty(row, k)
+    f_n = wp.dot(row.normal, out.force) - k * (u_n + row.gap)
+    if f_n > 0.0 and slides(out, out.k_t, u, f_n):
         out.k_t = RELEASE_RATIO * out.k_t
     out.force = keep_share(row, out.force, share)
     return out, share
