@@ -60,6 +60,7 @@ def keep_momentum(
     """
     first = worlds.body_start[world]
     last = worlds.body_start[world + 1]
+    largest = int(0)
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0:
@@ -73,6 +74,9 @@ def keep_momentum(
                 total.mass += model.mass[body]
                 total.com += model.mass[body] * work.com[body]
                 islands.sum[root] = total
+                largest = wp.max(largest, total.bodies)
+    if largest < 2:
+        return
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body):

@@ -351,24 +351,31 @@ def make_solve(effects: Effects) -> wp.Kernel:
             return
 
         # Rows: linearised at state_in, warm-started from the last step.
-        scale = measure_world(world, h, model, worlds, work)
-        deepest = float(0.0)
+        contact_count = int(0)
         for i in range(body_start, body_end):
-            deepest = wp.max(
-                deepest,
-                build_rows(
-                    world,
-                    worlds.bodies[i],
-                    scale,
-                    body_q,
-                    model,
-                    shapes,
-                    contacts,
-                    work,
-                    rows,
-                    history,
-                ),
-            )
+            body = worlds.bodies[i]
+            contact_count += rows.owned_end[body] - rows.owned_start[body]
+        scale = WorldScale()
+        deepest = float(0.0)
+        if contact_count > 0:
+            scale = measure_world(world, h, model, worlds, work)
+            for i in range(body_start, body_end):
+                body = worlds.bodies[i]
+                deepest = wp.max(
+                    deepest,
+                    build_rows(
+                        world,
+                        body,
+                        scale,
+                        body_q,
+                        model,
+                        shapes,
+                        contacts,
+                        work,
+                        rows,
+                        history,
+                    ),
+                )
         history.filling[world, 0] = 0
         if wp.static(effects.matching):
             history.filling[world, 0] = contacts.buffer
@@ -404,7 +411,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
         for i in range(body_start, body_end):
             remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, islands, history)
         if wp.static(not effects.ramp):
-            keep_momentum(world, model, worlds, work, islands)
+            if sweeps > 0:
+                keep_momentum(world, model, worlds, work, islands)
         if not is_solution_finite(world, worlds, work):
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
@@ -429,7 +437,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
         # Recovery: old penetration goes, without entering the velocity.
         if wp.static(not effects.ramp and not effects.compliance):
-            if deepest > scale.slop:
+            if sweeps > 0 and deepest > scale.slop:
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
                     if work.inv_mass[body] > 0.0 and has_rows(rows, body):
