@@ -43,12 +43,13 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
     spin = inv_inertia * momentum
     w = spin
     scale = wp.dot(momentum, momentum)
+    # the determinant of a millimetre's inertia would underflow
+    unit = 1.0 / wp.trace(inertia)
     for _ in range(GYRO_ITERATIONS):
         turned = wp.quat_rotate_inv(exp_quat(h * w), momentum)
         residual = inertia * w - turned
         jacobian = inertia - h * (wp.skew(turned) * right_jacobian(h * w))
-        # scaled by the inertia: the determinant of a millimetre's would underflow
-        w = w - wp.inverse(inv_inertia * jacobian) * (inv_inertia * residual)
+        w = w - wp.inverse(unit * jacobian) * (unit * residual)
         if wp.dot(residual, residual) <= GYRO_CLOSE * GYRO_CLOSE * scale:
             return w
     # No solution in reach: more than about a turn a step. The mean motion is a turn about the
