@@ -45,7 +45,8 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
     scale = wp.dot(momentum, momentum)
     # the determinant of a millimetre's inertia would underflow
     unit = 1.0 / wp.trace(inertia)
-    for _ in range(GYRO_ITERATIONS):
+    most = int(GYRO_ITERATIONS)  # not a constant: one copy of the loop's body, not five
+    for _ in range(most):
         turned = wp.quat_rotate_inv(exp_quat(h * w), momentum)
         residual = inertia * w - turned
         jacobian = inertia - h * (wp.skew(turned) * right_jacobian(h * w))
