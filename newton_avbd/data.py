@@ -244,3 +244,4 @@ class WorldScale:
     slop: float
     """Penetration that is left alone [m]."""
     static_slot: int
+    """Slot of the static world."""
