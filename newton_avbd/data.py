@@ -80,6 +80,25 @@ class BodyModel:
 
 
 @wp.struct
+class JointModel:
+    """The model's joints, read live."""
+
+    type: wp.array[wp.int32]
+    parent: wp.array[wp.int32]
+    """Parent body; -1 for the world."""
+    child: wp.array[wp.int32]
+    parent_frame: wp.array[wp.transform]
+    """Anchor frame on the parent, in its body frame."""
+    child_frame: wp.array[wp.transform]
+    enabled: wp.array[wp.bool]
+    axis: wp.array[wp.vec3]
+    """Axis of each degree of freedom, in the parent anchor frame."""
+    dof_start: wp.array[wp.int32]
+    dof_dim: wp.array2d[wp.int32]
+    """Free linear and angular axes of each joint, shape (joint_count, 2)."""
+
+
+@wp.struct
 class ShapeModel:
     """The model's shapes and their materials, read live."""
 
@@ -149,10 +168,19 @@ class WorldWork:
     body_start: wp.array[wp.int32]
     bodies: wp.array[wp.int32]
     """Bodies of all worlds in visiting order, shape (body_count,)."""
+    block_end: wp.array[wp.int32]
+    """By position in ``bodies``: end of the block that the body belongs to, a tree or one body."""
+    rank: wp.array[wp.int32]
+    """Position of each body slot in ``bodies``."""
     of_body: wp.array[wp.int32]
     """World of each body slot; -1 for the static world."""
     held: wp.array[wp.int32]
     """Steps in which a world was held still because its state was not finite."""
+    sweeps: wp.array[wp.int32]
+    """Sweeps of the last step."""
+    update: wp.array[float]
+    """How far the last sweep of the last step still moved a body [m], a turn by its radius of
+    gyration."""
     overflow: wp.array[wp.int32]
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
 
@@ -183,6 +211,61 @@ class IslandWork:
     """1 at the root of an island that pushes something the solver does not move."""
     sum: wp.array[IslandSum]
     """At the root of an island."""
+
+
+@wp.struct
+class TreeAxis:
+    """One degree of freedom of a joint, eliminated from its child's block."""
+
+    linear: wp.vec3
+    """Motion of the child's COM by a unit of the coordinate, world frame [m or 1]."""
+    angular: wp.vec3
+    """Turn of the child by a unit of the coordinate [rad or 0]."""
+    force: wp.vec3
+    """Force that a unit of the coordinate meets in the articulated block [N]."""
+    torque: wp.vec3
+    inv_pivot: float
+    """1 over the stiffness of the coordinate in the articulated block."""
+    push: float
+    """Generalized force on the coordinate [N or N m]."""
+
+
+@wp.struct
+class TreeWork:
+    """Per body slot: the tree that joints make of the bodies of an articulation.
+
+    The bodies of a tree follow each other in visiting order, parents before children.
+    """
+
+    joint: wp.array[wp.int32]
+    """Joint that links the body to its parent; -1 for a root that floats."""
+    parent: wp.array[wp.int32]
+    """Slot of the parent; the static world's for a root."""
+    axis_start: wp.array[wp.int32]
+    """First of the body's entries in ``axes``."""
+    axes: wp.array[TreeAxis]
+    rotation: wp.array[wp.quat]
+    """Orientation after the increment."""
+    start_span: wp.array[wp.vec3]
+    """Arm of the child less arm of the parent, at the start of the step [m]."""
+    start_offset: wp.array[wp.vec3]
+    """From the parent anchor to the child anchor at the start of the step [m]."""
+    start_tilt: wp.array[wp.vec3]
+    """Angular misfit at the start of the step [rad]."""
+    span: wp.array[wp.vec3]
+    """From the COM of the parent to that of the body, joint closed [m]."""
+    closing: wp.array[wp.spatial_vector]
+    """Motion of the body that closes the misfit of its joint."""
+    update: wp.array[wp.spatial_vector]
+    """What the last substitution added to the pose of the body."""
+    h_ll: wp.array[wp.mat33]
+    """Children's share of the block; zero between sweeps."""
+    h_al: wp.array[wp.mat33]
+    h_aa: wp.array[wp.mat33]
+    push: wp.array[wp.spatial_vector]
+    """Children's share of the reduced wrench; zero between sweeps."""
+    load: wp.array[wp.spatial_vector]
+    """Children's share of the wrench that holds the tree; zero between sweeps."""
 
 
 @wp.struct
@@ -223,6 +306,8 @@ class History:
     """Record of each row of the contact buffer, -1 without; used with contact matching."""
     filling: wp.array2d[wp.int32]
     """Buffer and generation that a world's records came from, shape (world_count, 2)."""
+    joint_force: wp.array[wp.vec3]
+    """Force of the tree's joint on the body at the end of the last step [N], world frame."""
     falling: wp.array[float]
     """Share of its free acceleration that a body had in the last step, 0 to 1."""
     age: wp.array[wp.int32]

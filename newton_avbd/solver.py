@@ -33,6 +33,10 @@ class Status:
     held_steps: np.ndarray
     """How often a world, or a body that touches nothing, was held still because its state was not
     finite; by Newton world, where worlds are solved apart."""
+    sweeps: np.ndarray
+    """Sweeps of the last step with contacts, by world as above."""
+    update: np.ndarray
+    """How far the last of these still moved a body [m], a turn by its radius of gyration."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
 
@@ -64,6 +68,7 @@ class SolverAVBD(SolverBase):
         model: newton.Model,
         *,
         iterations: int = 10,
+        tolerance: float = 0.0,
         compliant_contacts: bool = False,
         formulation: Literal["augmented", "ramp"] = "augmented",
         collision_pipeline: newton.CollisionPipeline | None = None,
@@ -78,8 +83,10 @@ class SolverAVBD(SolverBase):
         Args:
             model: The model. Its arrays are read live in every step; after changing which bodies
                 move, masses, or materials call :meth:`notify_model_changed`.
-            iterations: Sweeps over the bodies in each step: more for taller stacks and larger
-                mass ratios. The first three steps after a reset take four times as many.
+            iterations: Most sweeps over the bodies in each step: more for taller stacks and
+                larger mass ratios. The first three steps after a reset take four times as many.
+            tolerance: A world's sweeps end early when one moves no body by more than this [m], a
+                turn counted by its radius of gyration; with 0 only where nothing moves any more.
             compliant_contacts: Contacts give way by the shapes' ``ke`` [N/m] and ``kd`` [N s/m]
                 (their means over the two shapes) instead of being rigid.
             formulation: ``"augmented"`` (multipliers), or ``"ramp"``: the seed document's growing
@@ -95,6 +102,8 @@ class SolverAVBD(SolverBase):
         """
         if iterations < 1:
             raise ValueError(f"iterations must be at least 1, got {iterations}.")
+        if not (tolerance >= 0.0 and np.isfinite(tolerance)):
+            raise ValueError(f"tolerance must be a length of at least 0 m, got {tolerance}.")
         if formulation not in ("augmented", "ramp"):
             raise ValueError(f"formulation must be 'augmented' or 'ramp', got {formulation!r}.")
         if formulation == "ramp" and compliant_contacts:
@@ -111,6 +120,7 @@ class SolverAVBD(SolverBase):
         )
         self._launch = Launcher(self.device)
         self.iterations = iterations
+        self.tolerance = float(tolerance)
         self.effects: Effects
         """What the scene calls for and the kernels are compiled with."""
         self._compliance = compliant_contacts
@@ -239,6 +249,7 @@ class SolverAVBD(SolverBase):
                 source,
                 dt,
                 self.iterations,
+                self.tolerance,
                 self._worlds,
                 self._work,
                 self._rows,
@@ -256,6 +267,8 @@ class SolverAVBD(SolverBase):
         """What happened so far; copies a few numbers from the device."""
         return Status(
             held_steps=self._worlds.held.numpy(),
+            sweeps=self._worlds.sweeps.numpy(),
+            update=self._worlds.update.numpy(),
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
         )
 
@@ -449,6 +462,8 @@ class SolverAVBD(SolverBase):
             self._worlds.bodies = wp.array(order, dtype=wp.int32)
             self._worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
             self._worlds.held = wp.zeros(self._world_count, dtype=wp.int32)
+            self._worlds.sweeps = wp.zeros(self._world_count, dtype=wp.int32)
+            self._worlds.update = wp.zeros(self._world_count, dtype=float)
             self._worlds.overflow = wp.zeros(1, dtype=wp.int32)
             self._history.parity = wp.zeros(self._world_count, dtype=wp.int32)
             self._history.filling = wp.zeros((self._world_count, 2), dtype=wp.int32)

@@ -11,8 +11,10 @@ def exp_quat(theta: wp.vec3) -> wp.quat:
     """Unit quaternion of the rotation vector theta [rad]: exp(theta)."""
     x2 = 0.25 * wp.dot(theta, theta)
     # sin(x)/x and cos(x) of the half angle x; below 0.5 their series is exact in float32
-    s = 1.0 - x2 / 6.0 * (1.0 - x2 / 20.0 * (1.0 - x2 / 42.0))
-    c = 1.0 - x2 / 2.0 * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0)))
+    s = 1.0 - x2 * (wp.static(1 / 6) - x2 * (wp.static(1 / 120) - x2 * wp.static(1 / 5040)))
+    c = 1.0 - x2 * (
+        0.5 - x2 * (wp.static(1 / 24) - x2 * (wp.static(1 / 720) - x2 * wp.static(1 / 40320)))
+    )
     if x2 > 0.25:
         x = wp.sqrt(x2)
         s = wp.sin(x) / x
@@ -27,8 +29,10 @@ def right_jacobian(theta: wp.vec3) -> wp.mat33:
     Source: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics", eq. 143.
     """
     a2 = wp.dot(theta, theta)
-    b = 0.5 - a2 / 24.0 * (1.0 - a2 / 30.0 * (1.0 - a2 / 56.0))
-    c = 1.0 / 6.0 - a2 / 120.0 * (1.0 - a2 / 42.0 * (1.0 - a2 / 72.0))
+    b = 0.5 - a2 * (wp.static(1 / 24) - a2 * (wp.static(1 / 720) - a2 * wp.static(1 / 40320)))
+    c = wp.static(1 / 6) - a2 * (
+        wp.static(1 / 120) - a2 * (wp.static(1 / 5040) - a2 * wp.static(1 / 362880))
+    )
     if a2 > 1.0:
         a = wp.sqrt(a2)
         b = (1.0 - wp.cos(a)) / a2

@@ -14,6 +14,8 @@ from ..data import BodyModel
 
 GYRO_ITERATIONS = wp.constant(5)
 """Most Newton iterations of the gyroscopic solve; one does below 0.1 rad a step."""
+GYRO_SLOW = wp.constant(2.0e-2)
+"""Relative change c of the spin within a step from which a fixed-point step does: it leaves c^2."""
 GYRO_CLOSE = wp.constant(3.0e-2)
 """Relative residual r from which one more iteration does: it leaves about (h |w| r)^2 / 2."""
 
@@ -41,6 +43,11 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
     bounded at any spin, where the explicit gyroscopic torque blows up.
     """
     spin = inv_inertia * momentum
+    # exp(-h w) L to second order
+    turned = momentum - h * wp.cross(spin, momentum - (0.5 * h) * wp.cross(spin, momentum))
+    w = inv_inertia * turned
+    if wp.length_sq(w - spin) <= GYRO_SLOW * GYRO_SLOW * wp.length_sq(spin):
+        return w
     w = spin
     scale = wp.dot(momentum, momentum)
     # the determinant of a millimetre's inertia would underflow
@@ -59,7 +66,7 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
 
 
 @wp.func
-def free_rotation(
+def free_turn(
     inertia: wp.mat33,
     inv_inertia: wp.mat33,
     rotation: wp.quat,
@@ -67,10 +74,12 @@ def free_rotation(
     torque: wp.vec3,
     h: float,
 ):
-    """dtheta* [rad] with the gyroscopic torque, and what of the spin it leaves out [rad/s].
+    """How a body turns with the gyroscopic torque.
 
-    The spin belonging to the momentum after the turn is dtheta*/h plus a remainder that vanishes
-    as the solve converges; handing the remainder to the velocity keeps the momentum exact.
+    Returns the angular velocity w over the step [rad/s] in the body axes of its start, the turn
+    exp(h w), and the spin that belongs to the momentum after the turn [rad/s] in the body axes of
+    its end: it meets w as the solve converges, and as the body's velocity it keeps the momentum
+    exact.
 
     Args:
         inertia: Inertia about the COM, body axes [kg m^2].
@@ -84,27 +93,37 @@ def free_rotation(
         rotation, torque
     )
     w = target_spin(inertia, inv_inertia, momentum, h)
-    kept = inv_inertia * wp.quat_rotate_inv(exp_quat(h * w), momentum)
-    return h * wp.quat_rotate(rotation, w), wp.quat_rotate(rotation, kept - w)
+    turn = exp_quat(h * w)
+    return w, turn, inv_inertia * wp.quat_rotate_inv(turn, momentum)
 
 
 @wp.func
 def renormalised(q: wp.quat) -> wp.quat:
-    """Unit quaternion from one that is a few roundings off.
+    """Unit quaternion from one of any length.
 
-    wp.normalize rounds to a mean length above 1, which feeds the angular momentum at each step; the
-    residual of the length needs float64.
+    wp.normalize rounds to a mean length above 1, which feeds the angular momentum at each step; a
+    correction found in float64 does not.
     """
-    excess = wp.float64(-1.0)
+    length_sq = wp.float64(0.0)
     for i in range(4):
-        excess += wp.float64(q[i]) * wp.float64(q[i])
-    return q - q * float(wp.float64(0.5) * excess)
+        length_sq += wp.float64(q[i]) * wp.float64(q[i])
+    return q + q * float(wp.float64(1.0) / wp.sqrt(length_sq) - wp.float64(1.0))
+
+
+@wp.func
+def placed(pose: wp.transform, com: wp.vec3, dx: wp.vec3, rotation: wp.quat) -> wp.transform:
+    """Pose of the body origin after its COM has moved by dx [m] and the body has been turned."""
+    r0 = wp.transform_get_rotation(pose)
+    r1 = renormalised(rotation)
+    x = wp.transform_get_translation(pose) + dx
+    if wp.length_sq(com) > 0.0:
+        x += wp.quat_rotate(r0, com) - wp.quat_rotate(r1, com)
+    return wp.transform(x, r1)
 
 
 @wp.func
 def moved_pose(pose: wp.transform, com: wp.vec3, increment: wp.spatial_vector) -> wp.transform:
     """Pose of the body origin after the increment (dx, dtheta) of its COM."""
-    r0 = wp.transform_get_rotation(pose)
-    r1 = renormalised(exp_quat(wp.spatial_bottom(increment)) * wp.normalize(r0))
-    shift = wp.quat_rotate(r0, com) - wp.quat_rotate(r1, com)
-    return wp.transform(wp.transform_get_translation(pose) + wp.spatial_top(increment) + shift, r1)
+    turn = exp_quat(wp.spatial_bottom(increment))
+    rotation = turn * wp.transform_get_rotation(pose)
+    return placed(pose, com, wp.spatial_top(increment), rotation)

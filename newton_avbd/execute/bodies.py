@@ -6,56 +6,75 @@ import functools
 
 import warp as wp
 
-from ..algebra.so3 import world_inertia
-from ..blocks.body import free_rotation, is_mobile, moved_pose, target_translation
+from ..algebra.so3 import exp_quat, world_inertia
+from ..blocks.body import free_turn, is_mobile, placed, target_translation
 from ..data import BodyModel, BodyWork, History, WorldWork
 from ..effects import Effects
 
 
-def make_target(effects: Effects) -> wp.Function:
-    """Device function of a body's inertial target: gyroscopic only where a scene needs it."""
-
-    @wp.func
-    def inertial_target(
-        model: BodyModel,
-        body: int,
-        pose: wp.transform,
-        velocity: wp.spatial_vector,
-        wrench: wp.spatial_vector,
-        h: float,
-    ):
-        rotation = wp.transform_get_rotation(pose)
-        omega = wp.spatial_bottom(velocity)
-        torque = wp.spatial_bottom(wrench)
-        push = model.inv_mass[body] * wp.spatial_top(wrench)
-        acceleration = model.gravity[model.world[body]] + push
-        dx = target_translation(wp.spatial_top(velocity), acceleration, h)
-        if wp.static(effects.gyroscopic):
-            dtheta, remainder = free_rotation(
-                model.inertia[body], model.inv_inertia[body], rotation, omega, torque, h
-            )
-            return wp.spatial_vector(dx, dtheta), remainder
-        else:
-            spun = model.inv_inertia[body] * wp.quat_rotate_inv(rotation, torque)
-            dtheta = h * omega + (h * h) * wp.quat_rotate(rotation, spun)
-            return wp.spatial_vector(dx, dtheta), wp.vec3(0.0)
-
-    return inertial_target
+@wp.func
+def target_shift(
+    model: BodyModel, body: int, velocity: wp.spatial_vector, wrench: wp.spatial_vector, h: float
+) -> wp.vec3:
+    """dx* [m]: where the COM of a body goes without constraints."""
+    push = model.inv_mass[body] * wp.spatial_top(wrench)
+    acceleration = model.gravity[model.world[body]] + push
+    return target_translation(wp.spatial_top(velocity), acceleration, h)
 
 
 @wp.func
-def is_pose_finite(pose: wp.transform) -> bool:
-    """Whether a pose holds no NaN and no infinity."""
-    r = wp.transform_get_rotation(pose)
-    return wp.isfinite(wp.transform_get_translation(pose)) and wp.isfinite(
-        wp.vec4(r[0], r[1], r[2], r[3])
+def target_turn(
+    model: BodyModel,
+    body: int,
+    rotation: wp.quat,
+    velocity: wp.spatial_vector,
+    wrench: wp.spatial_vector,
+    h: float,
+) -> wp.vec3:
+    """dtheta* [rad] of a body whose principal moments are equal."""
+    torque = wp.quat_rotate_inv(rotation, wp.spatial_bottom(wrench))
+    spun = wp.quat_rotate(rotation, model.inv_inertia[body] * torque)
+    return h * wp.spatial_bottom(velocity) + (h * h) * spun
+
+
+@wp.func
+def free_turn_of(
+    model: BodyModel,
+    body: int,
+    rotation: wp.quat,
+    velocity: wp.spatial_vector,
+    wrench: wp.spatial_vector,
+    h: float,
+):
+    """As :func:`.blocks.body.free_turn`, for a body of the model."""
+    return free_turn(
+        model.inertia[body],
+        model.inv_inertia[body],
+        rotation,
+        wp.spatial_bottom(velocity),
+        wp.spatial_bottom(wrench),
+        h,
     )
+
+
+@wp.func
+def pose_sum(pose: wp.transform) -> float:
+    """Sum of all numbers of a pose: finite when they are."""
+    x = wp.transform_get_translation(pose)
+    r = wp.transform_get_rotation(pose)
+    return x[0] + x[1] + x[2] + r[0] + r[1] + r[2] + r[3]
+
+
+@wp.func
+def vector_sum(v: wp.spatial_vector) -> float:
+    """Sum of all numbers of a spatial vector: finite when they are."""
+    return v[0] + v[1] + v[2] + v[3] + v[4] + v[5]
 
 
 @wp.func
 def is_finite(pose: wp.transform, velocity: wp.spatial_vector, wrench: wp.spatial_vector) -> bool:
     """Whether a body's input holds no NaN and no infinity."""
-    return is_pose_finite(pose) and wp.isfinite(velocity) and wp.isfinite(wrench)
+    return wp.isfinite(pose_sum(pose) + vector_sum(velocity) + vector_sum(wrench))
 
 
 def make_wrench(effects: Effects) -> wp.Function:
@@ -91,7 +110,6 @@ def report_held(worlds: WorldWork, world: int):
 @functools.cache
 def make_predict(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: everything about a body that the sweeps need, once a step."""
-    inertial_target = make_target(effects)
     external_wrench = make_wrench(effects)
 
     @wp.kernel(enable_backward=False, module="unique")
@@ -124,17 +142,23 @@ def make_predict(effects: Effects) -> wp.Kernel:
             return
 
         rotation = wp.transform_get_rotation(pose)
-        target, remainder = inertial_target(model, body, pose, velocity, wrench, h)
+        dx = target_shift(model, body, velocity, wrench, h)
+        dtheta = wp.vec3(0.0)
         work.inv_mass[body] = model.inv_mass[body]
-        work.target[body] = target
         if wp.static(effects.gyroscopic):
+            w, turn, spin = free_turn_of(model, body, rotation, velocity, wrench, h)
+            w = wp.quat_rotate(rotation, w)
+            dtheta = h * w
+            work.spin_gain[body] = wp.quat_rotate(rotation * turn, spin) - w
             work.inertia[body] = world_inertia(rotation, model.inertia[body])
             work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
-            work.spin_gain[body] = remainder
         else:
+            dtheta = target_turn(model, body, rotation, velocity, wrench, h)
             # equal principal moments look the same from all sides
             work.inertia[body] = model.inertia[body]
             work.inv_inertia[body] = model.inv_inertia[body]
+        target = wp.spatial_vector(dx, dtheta)
+        work.target[body] = target
         if wp.static(effects.ramp):
             work.increment[body] = target
             return
@@ -149,7 +173,6 @@ def make_predict(effects: Effects) -> wp.Kernel:
 @functools.cache
 def make_integrate(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: the whole step where nothing touches, which is exact."""
-    inertial_target = make_target(effects)
     external_wrench = make_wrench(effects)
 
     @wp.kernel(enable_backward=False, module="unique")
@@ -179,9 +202,19 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             body_q_out[body] = pose
             body_qd_out[body] = velocity
             return
-        target, remainder = inertial_target(model, body, pose, velocity, wrench, h)
-        body_q_out[body] = moved_pose(pose, model.com[body], target)
-        body_qd_out[body] = target / h + wp.spatial_vector(wp.vec3(0.0), remainder)
+        dx = target_shift(model, body, velocity, wrench, h)
+        rotation = wp.transform_get_rotation(pose)
+        spin = wp.vec3(0.0)
+        if wp.static(effects.gyroscopic):
+            _, turn, own_spin = free_turn_of(model, body, rotation, velocity, wrench, h)
+            rotation = rotation * turn
+            spin = wp.quat_rotate(rotation, own_spin)
+        else:
+            dtheta = target_turn(model, body, rotation, velocity, wrench, h)
+            spin = dtheta / h
+            rotation = exp_quat(dtheta) * rotation
+        body_q_out[body] = placed(pose, model.com[body], dx, rotation)
+        body_qd_out[body] = wp.spatial_vector(dx / h, spin)
 
     return integrate
 

@@ -22,7 +22,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
-from .bodies import is_pose_finite, report_held
+from .bodies import pose_sum, report_held
 from .contacts import make_build_rows
 from .islands import begin_island, join_islands, keep_momentum
 
@@ -31,6 +31,8 @@ FUSED = "-ffp-contract=fast"
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
+SETTLED = wp.constant(5.0e-6)
+"""Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
@@ -134,6 +136,8 @@ def make_sweep(
 ) -> wp.Function:
     """Device function that moves one body to the minimum of its quadratic model (block descent).
 
+    Returns the square of how far that moved it [m^2], a turn by its radius of gyration.
+
     With ``has_dual``, in all sweeps but the first, the rows that the body owns start with the dual
     update lambda <- F that ends the sweep before: nothing has moved at them since.
     """
@@ -147,11 +151,12 @@ def make_sweep(
         model: BodyModel,
         work: BodyWork,
         rows: RowWork,
-    ):
+    ) -> float:
         increment = work.increment[body]
+        mass = model.mass[body]
         away = work.target[body] - increment
         inv_h2 = 1.0 / (h * h)
-        f = (model.mass[body] * inv_h2) * wp.spatial_top(away)
+        f = (mass * inv_h2) * wp.spatial_top(away)
         tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
         # rows of the same two bodies follow each other and share their relative motion
         partner = int(-1)
@@ -192,7 +197,11 @@ def make_sweep(
             push = contact_force(row, u, gap_of(row.gap, slop))
             f += push
             tau += wp.cross(row.arm + span, push)
-        work.increment[body] = increment + solve_block(work.factor[body], f, tau)
+        update = solve_block(work.factor[body], f, tau)
+        work.increment[body] = increment + update
+        shift = wp.spatial_top(update)
+        turn = wp.spatial_bottom(update)
+        return wp.dot(shift, shift) + wp.dot(turn, work.inertia[body] * turn) / mass
 
     return sweep
 
@@ -333,6 +342,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         contacts: ContactInput,
         h: float,
         iterations: int,
+        tolerance: float,
         # Work:
         worlds: WorldWork,
         work: BodyWork,
@@ -396,17 +406,29 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps
-        for sweep in range(sweeps):
+        enough = wp.max(tolerance, SETTLED * scale.gravity * h * h)
+        update = float(0.0)
+        sweep = int(0)
+        while sweep < sweeps:
+            update = float(0.0)
             for i in range(body_start, body_end):
                 body = worlds.bodies[i]
                 if work.inv_mass[body] > 0.0 and has_rows(rows, body):
                     if wp.static(effects.ramp):
                         sweep_body_ramped(body, h, model, work, rows)
                     else:
-                        sweep_body(body, sweep == 0, 0.0, h, model, work, rows)
+                        update = wp.max(
+                            update, sweep_body(body, sweep == 0, 0.0, h, model, work, rows)
+                        )
             if wp.static(effects.ramp):
                 for i in range(body_start, body_end):
                     sweep_duals_ramped(worlds.bodies[i], work, rows)
+            sweep += 1
+            if wp.static(not effects.ramp):
+                if update <= enough * enough:
+                    sweeps = sweep
+        worlds.sweeps[world] = sweeps
+        worlds.update[world] = wp.sqrt(update)
         side = 1 - history.parity[world]
         for i in range(body_start, body_end):
             remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, islands, history)
@@ -449,7 +471,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
                 moved = moved_pose(pose, model.com[body], work.increment[body])
-                if is_pose_finite(moved):
+                if wp.isfinite(pose_sum(moved)):
                     pose = moved
                 else:
                     report_held(worlds, world)
