@@ -7,6 +7,8 @@ import warnings
 import newton
 import numpy as np
 
+from .rows.joint import KINDS
+
 
 def check_model(model: newton.Model) -> None:
     """Refuses a model that holds what the solver does not support or cannot make sense of.
@@ -37,20 +39,11 @@ def check_model(model: newton.Model) -> None:
 def _check_joints(model: newton.Model) -> None:
     if model.joint_count == 0:
         return
-    types = model.joint_type.numpy()
-    parents = model.joint_parent.numpy()
-    for joint in range(model.joint_count):
-        kind = newton.JointType(int(types[joint]))
-        label = _label(model.joint_label, joint)
-        if kind != newton.JointType.FREE:
+    for joint, kind in enumerate(model.joint_type.numpy()):
+        if kind not in KINDS:
             raise NotImplementedError(
-                f"SolverAVBD does not support joints yet: joint {joint} '{label}' is of type "
-                f"{kind.name}. Only FREE joints to the world are; use SolverVBD or SolverXPBD."
-            )
-        if parents[joint] >= 0:
-            raise NotImplementedError(
-                f"SolverAVBD does not support FREE joints below a moving parent yet: joint "
-                f"{joint} '{label}' hangs on body {parents[joint]}."
+                f"SolverAVBD does not support joints of type {newton.JointType(int(kind)).name}: "
+                f"joint {joint} '{_label(model.joint_label, joint)}'."
             )
 
 

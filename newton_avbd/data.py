@@ -246,12 +246,10 @@ class TreeWork:
     axes: wp.array[TreeAxis]
     rotation: wp.array[wp.quat]
     """Orientation after the increment."""
-    start_span: wp.array[wp.vec3]
-    """Arm of the child less arm of the parent, at the start of the step [m]."""
-    start_offset: wp.array[wp.vec3]
-    """From the parent anchor to the child anchor at the start of the step [m]."""
-    start_tilt: wp.array[wp.vec3]
-    """Angular misfit at the start of the step [rad]."""
+    misfit: wp.array[wp.spatial_vector]
+    """How far the joint is open at the start of the step, as (shift [m], turn [rad])."""
+    rounding: wp.array[float]
+    """Shift of the body that rounding explains [m]."""
     span: wp.array[wp.vec3]
     """From the COM of the parent to that of the body, joint closed [m]."""
     closing: wp.array[wp.spatial_vector]

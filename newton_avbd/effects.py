@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which effects a scene calls for. Kernels hold code for those and no others."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import newton
@@ -20,6 +21,8 @@ class Effects:
     """A body whose principal moments of inertia differ."""
     joint_force: bool
     """A FREE joint, whose generalized force acts on its body."""
+    joints: bool = False
+    """Joints that link bodies into the tree of an articulation."""
     compliance: bool = False
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
@@ -35,14 +38,22 @@ class Effects:
     def of_model(cls, model: newton.Model, *, compliance: bool, ramp: bool) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
+        types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
         mu = model.shape_material_mu.numpy() if contact else np.zeros(0)
         return cls(
             contact=contact,
             friction=bool(np.any(mu > 0.0)),
             gyroscopic=_has_unequal_moments(model),
-            joint_force=model.joint_count > 0,
+            joint_force=bool(np.any(types == int(newton.JointType.FREE))),
+            joints=bool(np.any(types != int(newton.JointType.FREE))),
             compliance=compliance,
             ramp=ramp,
+        )
+
+    def without_contact(self) -> "Effects":
+        """The effects of a step in which nothing touches."""
+        return dataclasses.replace(
+            self, contact=False, friction=False, compliance=False, ramp=False
         )
 
 

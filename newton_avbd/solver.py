@@ -22,6 +22,7 @@ from .execute.bodies import export_acceleration, make_integrate, make_predict
 from .execute.contacts import export_contact_force, reset_bodies, sort_contacts
 from .execute.launch import Launcher
 from .execute.world import make_solve
+from .topology import Topology
 
 _SIDES = 2
 
@@ -181,8 +182,11 @@ class SolverAVBD(SolverBase):
         for body_qdd in accelerations:
             wp.copy(body_qdd, state_in.body_qd)
 
-        if contacts is None or not self.effects.contact:
+        if not self.effects.contact:
+            contacts = None
+        if contacts is None:
             self._forget_contacts()
+        if contacts is None and not self.effects.joints:
             self._integrate(state_in, state_out, joint_f, dt)
         else:
             self._solve(state_in, state_out, joint_f, contacts, dt)
@@ -218,11 +222,11 @@ class SolverAVBD(SolverBase):
         state_in: newton.State,
         state_out: newton.State,
         joint_f: wp.array,
-        contacts: newton.Contacts,
+        contacts: newton.Contacts | None,
         dt: float,
     ) -> None:
-        """The step with contacts: predict, sort the contacts by owner, solve each world."""
-        source = self._contact_input(contacts)
+        """The step with constraints: predict, sort the contacts by owner, solve each world."""
+        source = self._no_contacts if contacts is None else self._contact_input(contacts)
         effects = self._effects_with(contacts)
         self._launch_bodies(
             make_predict(self.effects),
@@ -237,13 +241,17 @@ class SolverAVBD(SolverBase):
                 self._work,
             ],
         )
-        self._launch(sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows])
+        if contacts is not None:
+            self._launch(
+                sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows]
+            )
         self._launch(
             make_solve(effects),
             self._world_count,
             [
                 self._bodies,
                 self._shapes,
+                self._joints,
                 state_in.body_q,
                 state_in.body_qd,
                 source,
@@ -253,6 +261,7 @@ class SolverAVBD(SolverBase):
                 self._worlds,
                 self._work,
                 self._rows,
+                self._tree,
                 self._islands,
                 self._history,
                 state_out.body_q,
@@ -388,7 +397,9 @@ class SolverAVBD(SolverBase):
         slots = model.body_count + 1
         free_dof = np.full(model.body_count, -1, dtype=np.int32)
         if model.joint_count:
-            free_dof[model.joint_child.numpy()] = model.joint_qd_start.numpy()[:-1]
+            free = model.joint_type.numpy() == int(newton.JointType.FREE)
+            free_dof[model.joint_child.numpy()[free]] = model.joint_qd_start.numpy()[:-1][free]
+        self._no_contacts = data.ContactInput()
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
             self._free_dof = wp.array(free_dof, dtype=wp.int32)
@@ -414,6 +425,7 @@ class SolverAVBD(SolverBase):
             self._history = data.History()
             self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
+            self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
             self._history.falling = wp.zeros(slots, dtype=float)
 
     def _bind_model(self) -> None:
@@ -430,6 +442,17 @@ class SolverAVBD(SolverBase):
         self._bodies.world = model.body_world
         self._bodies.gravity = model.gravity
         self._bodies.free_dof = self._free_dof
+        self._joints = data.JointModel()
+        if model.joint_count:
+            self._joints.type = model.joint_type
+            self._joints.parent = model.joint_parent
+            self._joints.child = model.joint_child
+            self._joints.parent_frame = model.joint_X_p
+            self._joints.child_frame = model.joint_X_c
+            self._joints.enabled = model.joint_enabled
+            self._joints.axis = model.joint_axis
+            self._joints.dof_start = model.joint_qd_start
+            self._joints.dof_dim = model.joint_dof_dim
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu
@@ -443,6 +466,7 @@ class SolverAVBD(SolverBase):
         bodies at once.
         """
         self.effects = Effects.of_model(self.model, compliance=self._compliance, ramp=self._ramp)
+        self._effects_apart = self.effects.without_contact()
         groups = _solver_worlds(self.model)
         if self._groups is not None and np.array_equal(groups, self._groups):
             return
@@ -454,12 +478,14 @@ class SolverAVBD(SolverBase):
         self._launch.forget()
         self._groups = groups
         self._world_count = int(groups.max(initial=0)) + 1
-        order = np.argsort(groups, kind="stable")
-        starts = np.searchsorted(groups[order], np.arange(self._world_count + 1))
+        topology = Topology.of_model(self.model, groups, trees=True)
+        starts = np.searchsorted(groups[topology.order], np.arange(self._world_count + 1))
         with wp.ScopedDevice(self.device):
             self._worlds = data.WorldWork()
             self._worlds.body_start = wp.array(starts, dtype=wp.int32)
-            self._worlds.bodies = wp.array(order, dtype=wp.int32)
+            self._worlds.bodies = wp.array(topology.order, dtype=wp.int32)
+            self._worlds.block_end = wp.array(topology.block_end, dtype=wp.int32)
+            self._worlds.rank = wp.array(topology.rank, dtype=wp.int32)
             self._worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
             self._worlds.held = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.sweeps = wp.zeros(self._world_count, dtype=wp.int32)
@@ -468,6 +494,38 @@ class SolverAVBD(SolverBase):
             self._history.parity = wp.zeros(self._world_count, dtype=wp.int32)
             self._history.filling = wp.zeros((self._world_count, 2), dtype=wp.int32)
             self._history.age = wp.zeros(self._world_count, dtype=wp.int32)
+
+        self._allocate_trees(topology)
+
+    def _allocate_trees(self, topology: Topology) -> None:
+        """Buffers for the trees of joints, by body slot."""
+        self._tree = data.TreeWork()
+        if not self.effects.joints:
+            return
+        count = self.model.body_count
+        slots = count + 1
+        parent = np.full(slots, count)
+        linked = topology.joint >= 0
+        joint_parent = self.model.joint_parent.numpy()[topology.joint[linked]]
+        parent[:-1][linked] = np.where(joint_parent < 0, count, joint_parent)
+        rotation = np.zeros((slots, 4), dtype=np.float32)
+        rotation[:, 3] = 1.0
+        with wp.ScopedDevice(self.device):
+            self._tree.joint = wp.array(np.append(topology.joint, -1), dtype=wp.int32)
+            self._tree.parent = wp.array(parent, dtype=wp.int32)
+            self._tree.axis_start = wp.array(topology.axis_start, dtype=wp.int32)
+            self._tree.axes = wp.zeros(int(topology.axis_start[-1]), dtype=data.TreeAxis)
+            self._tree.rotation = wp.array(rotation, dtype=wp.quat)
+            self._tree.misfit = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._tree.rounding = wp.zeros(slots, dtype=float)
+            self._tree.span = wp.zeros(slots, dtype=wp.vec3)
+            self._tree.closing = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._tree.update = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._tree.h_ll = wp.zeros(slots, dtype=wp.mat33)
+            self._tree.h_al = wp.zeros(slots, dtype=wp.mat33)
+            self._tree.h_aa = wp.zeros(slots, dtype=wp.mat33)
+            self._tree.push = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._tree.load = wp.zeros(slots, dtype=wp.spatial_vector)
 
     def _allocate_contacts(self, capacity: int) -> None:
         """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""
@@ -550,8 +608,10 @@ class SolverAVBD(SolverBase):
         self._inputs[contacts] = source
         return source
 
-    def _effects_with(self, contacts: newton.Contacts) -> Effects:
+    def _effects_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""
+        if contacts is None:
+            return self._effects_apart
         matching = contacts.rigid_contact_match_index is not None
         surfaces = contacts.rigid_contact_surface_velocity is not None
         materials = contacts.rigid_contact_friction is not None

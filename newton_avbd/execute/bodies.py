@@ -8,7 +8,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, world_inertia
 from ..blocks.body import free_turn, is_mobile, placed, target_translation
-from ..data import BodyModel, BodyWork, History, WorldWork
+from ..data import BodyModel, BodyWork, History, RowWork, WorldWork
 from ..effects import Effects
 
 
@@ -98,6 +98,15 @@ def make_wrench(effects: Effects) -> wp.Function:
         return wrench
 
     return external_wrench
+
+
+@wp.func
+def has_rows(rows: RowWork, body: int) -> bool:
+    """Whether anything touches the body."""
+    return (
+        rows.owned_start[body] < rows.owned_end[body]
+        or rows.other_start[body] < rows.other_end[body]
+    )
 
 
 @wp.func

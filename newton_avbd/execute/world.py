@@ -14,17 +14,20 @@ from ..data import (
     ContactInput,
     History,
     IslandWork,
+    JointModel,
     RowWork,
     ShapeModel,
+    TreeWork,
     WorldScale,
     WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
-from .bodies import pose_sum, report_held
+from .bodies import has_rows, pose_sum, report_held
 from .contacts import make_build_rows
 from .islands import begin_island, join_islands, keep_momentum
+from .trees import is_linked, make_sweep_tree, measure_misfit, place_body
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
@@ -40,12 +43,9 @@ COLD_FACTOR = wp.constant(4)
 
 
 @wp.func
-def has_rows(rows: RowWork, body: int) -> bool:
-    """Whether anything touches the body."""
-    return (
-        rows.owned_start[body] < rows.owned_end[body]
-        or rows.other_start[body] < rows.other_end[body]
-    )
+def is_tree(first: int, end: int, body: int, tree: TreeWork) -> bool:
+    """Whether a block has joints."""
+    return end > first + 1 or tree.joint[body] >= 0
 
 
 @wp.func
@@ -131,16 +131,81 @@ def coasting_increment(
     return h * body_qd[slot]
 
 
-def make_sweep(
+def make_gather(
     effects: Effects, contact_force: wp.Function, gap_of: wp.Function, *, has_dual: bool
 ) -> wp.Function:
-    """Device function that moves one body to the minimum of its quadratic model (block descent).
-
-    Returns the square of how far that moved it [m^2], a turn by its radius of gyration.
+    """Device function that sums what pulls a body: to its inertial target, and at its contacts.
 
     With ``has_dual``, in all sweeps but the first, the rows that the body owns start with the dual
     update lambda <- F that ends the sweep before: nothing has moved at them since.
     """
+
+    @wp.func
+    def gather(
+        body: int,
+        is_first: bool,
+        slop: float,
+        h: float,
+        model: BodyModel,
+        work: BodyWork,
+        rows: RowWork,
+    ) -> wp.spatial_vector:
+        increment = work.increment[body]
+        away = work.target[body] - increment
+        inv_h2 = 1.0 / (h * h)
+        f = (model.mass[body] * inv_h2) * wp.spatial_top(away)
+        tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
+        if wp.static(effects.contact):
+            # rows of the same two bodies follow each other and share their relative motion
+            partner = int(-1)
+            span = wp.vec3(0.0)
+            shift = wp.vec3(0.0)
+            turn = wp.vec3(0.0)
+            for i in range(rows.owned_start[body], rows.owned_end[body]):
+                row = rows.rows[i]
+                if row.b != partner:
+                    partner = row.b
+                    span = work.com[body] - work.com[partner]
+                    shift, turn = contact_rows.relative_motion(
+                        increment, work.increment[partner], span
+                    )
+                u = shift + wp.cross(turn, row.arm)
+                if wp.static(effects.moving_surfaces):
+                    u += rows.drift[i]
+                gap = gap_of(row.gap, slop)
+                push = contact_force(row, u, gap)
+                if wp.static(has_dual):
+                    if not is_first:
+                        if wp.static(effects.compliance):
+                            push = contact_rows.keep_share(row, push, rows.share[i])
+                        row.force = push
+                        rows.rows[i].force = push
+                        push = contact_force(row, u, gap)
+                f -= push
+                tau -= wp.cross(row.arm, push)
+            partner = int(-1)
+            for i in range(rows.other_start[body], rows.other_end[body]):
+                other = rows.other_rows[i]
+                row = rows.rows[other]
+                if row.a != partner:
+                    partner = row.a
+                    span = work.com[partner] - work.com[body]
+                    shift, turn = contact_rows.relative_motion(
+                        work.increment[partner], increment, span
+                    )
+                u = shift + wp.cross(turn, row.arm)
+                if wp.static(effects.moving_surfaces):
+                    u += rows.drift[other]
+                push = contact_force(row, u, gap_of(row.gap, slop))
+                f += push
+                tau += wp.cross(row.arm + span, push)
+        return wp.spatial_vector(f, tau)
+
+    return gather
+
+
+def make_sweep(gather: wp.Function) -> wp.Function:
+    """Device function that moves one body to the minimum of its quadratic model (block descent)."""
 
     @wp.func
     def sweep(
@@ -152,56 +217,16 @@ def make_sweep(
         work: BodyWork,
         rows: RowWork,
     ) -> float:
-        increment = work.increment[body]
-        mass = model.mass[body]
-        away = work.target[body] - increment
-        inv_h2 = 1.0 / (h * h)
-        f = (mass * inv_h2) * wp.spatial_top(away)
-        tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
-        # rows of the same two bodies follow each other and share their relative motion
-        partner = int(-1)
-        span = wp.vec3(0.0)
-        shift = wp.vec3(0.0)
-        turn = wp.vec3(0.0)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            row = rows.rows[i]
-            if row.b != partner:
-                partner = row.b
-                span = work.com[body] - work.com[partner]
-                shift, turn = contact_rows.relative_motion(increment, work.increment[partner], span)
-            u = shift + wp.cross(turn, row.arm)
-            if wp.static(effects.moving_surfaces):
-                u += rows.drift[i]
-            gap = gap_of(row.gap, slop)
-            push = contact_force(row, u, gap)
-            if wp.static(has_dual):
-                if not is_first:
-                    if wp.static(effects.compliance):
-                        push = contact_rows.keep_share(row, push, rows.share[i])
-                    row.force = push
-                    rows.rows[i].force = push
-                    push = contact_force(row, u, gap)
-            f -= push
-            tau -= wp.cross(row.arm, push)
-        partner = int(-1)
-        for i in range(rows.other_start[body], rows.other_end[body]):
-            other = rows.other_rows[i]
-            row = rows.rows[other]
-            if row.a != partner:
-                partner = row.a
-                span = work.com[partner] - work.com[body]
-                shift, turn = contact_rows.relative_motion(work.increment[partner], increment, span)
-            u = shift + wp.cross(turn, row.arm)
-            if wp.static(effects.moving_surfaces):
-                u += rows.drift[other]
-            push = contact_force(row, u, gap_of(row.gap, slop))
-            f += push
-            tau += wp.cross(row.arm + span, push)
-        update = solve_block(work.factor[body], f, tau)
-        work.increment[body] = increment + update
+        """Returns the square of how far that moved it [m^2], a turn by its radius of gyration."""
+        wrench = gather(body, is_first, slop, h, model, work, rows)
+        update = solve_block(
+            work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench)
+        )
+        work.increment[body] = work.increment[body] + update
         shift = wp.spatial_top(update)
         turn = wp.spatial_bottom(update)
-        return wp.dot(shift, shift) + wp.dot(turn, work.inertia[body] * turn) / mass
+        turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
+        return wp.dot(shift, shift) + turned
 
     return sweep
 
@@ -229,8 +254,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
             h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
         work.factor[body] = factor_block(h_ll, h_al, h_aa)
 
-    sweep_body = make_sweep(effects, contact_force, sweep_gap, has_dual=True)
-    recover_body = make_sweep(effects, contact_force, contact_rows.recovery_gap, has_dual=False)
+    gather = make_gather(effects, contact_force, sweep_gap, has_dual=True)
+    gather_old = make_gather(effects, contact_force, contact_rows.recovery_gap, has_dual=False)
+    sweep_body = make_sweep(gather)
+    recover_body = make_sweep(gather_old)
+    sweep_tree = make_sweep_tree(effects, gather)
+    recover_tree = make_sweep_tree(effects, gather_old)
 
     @wp.func
     def sweep_body_ramped(body: int, h: float, model: BodyModel, work: BodyWork, rows: RowWork):
@@ -329,6 +358,133 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         push = contact_rows.lasting_force(row.normal, push, mass, change, h)
                 history.records[side, i].force = push
 
+    @wp.func
+    def sweep_world(
+        world: int,
+        is_first: bool,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        history: History,
+    ) -> float:
+        """Visits all blocks; returns the square of how far one of their bodies moved [m^2]."""
+        farthest = float(0.0)
+        first = int(worlds.body_start[world])
+        while first < worlds.body_start[world + 1]:
+            body = worlds.bodies[first]
+            end = worlds.block_end[first]
+            if wp.static(effects.joints):
+                if is_tree(first, end, body, tree):
+                    farthest = wp.max(
+                        farthest,
+                        sweep_tree(
+                            first,
+                            end,
+                            is_first,
+                            0.0,
+                            0.0,
+                            h,
+                            body_q,
+                            model,
+                            joints,
+                            worlds,
+                            work,
+                            rows,
+                            tree,
+                            history,
+                        ),
+                    )
+                    first = end
+                    continue
+            if wp.static(effects.contact):
+                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+                    if wp.static(effects.ramp):
+                        sweep_body_ramped(body, h, model, work, rows)
+                    else:
+                        farthest = wp.max(
+                            farthest, sweep_body(body, is_first, 0.0, h, model, work, rows)
+                        )
+            first = end
+        if wp.static(effects.ramp):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                sweep_duals_ramped(worlds.bodies[i], work, rows)
+        return farthest
+
+    @wp.func
+    def recover_world(
+        world: int,
+        slop: float,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        history: History,
+    ):
+        """Takes out old penetration and misfit of joints, which does not enter the velocity."""
+        first = int(worlds.body_start[world])
+        while first < worlds.body_start[world + 1]:
+            body = worlds.bodies[first]
+            end = worlds.block_end[first]
+            if wp.static(effects.joints):
+                if is_tree(first, end, body, tree):
+                    recover_tree(
+                        first,
+                        end,
+                        False,
+                        1.0,
+                        slop,
+                        h,
+                        body_q,
+                        model,
+                        joints,
+                        worlds,
+                        work,
+                        rows,
+                        tree,
+                        history,
+                    )
+                    first = end
+                    continue
+            if wp.static(effects.contact):
+                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+                    recover_body(body, False, slop, h, model, work, rows)
+            first = end
+
+    @wp.func
+    def begin_trees(
+        world: int,
+        static_slot: int,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+    ) -> bool:
+        """Measures the joints at the start of the step; returns whether one is open."""
+        is_open = bool(False)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            # parents come first, but those of kinematic bodies may not
+            tree.rotation[body] = wp.transform_get_rotation(body_q[body])
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                if measure_misfit(body, static_slot, body_q, model, joints, work, tree):
+                    is_open = True
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            place_body(worlds.bodies[i], body_q, work, tree)
+        return is_open
+
     flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
 
     @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
@@ -336,6 +492,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         # Model:
         model: BodyModel,
         shapes: ShapeModel,
+        joints: JointModel,
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -347,6 +504,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
         islands: IslandWork,
         history: History,
         # State out:
@@ -361,48 +519,60 @@ def make_solve(effects: Effects) -> wp.Kernel:
             return
 
         # Rows: linearised at state_in, warm-started from the last step.
-        contact_count = int(0)
-        for i in range(body_start, body_end):
-            body = worlds.bodies[i]
-            contact_count += rows.owned_end[body] - rows.owned_start[body]
-        scale = WorldScale()
+        scale = measure_world(world, h, model, worlds, work)
         deepest = float(0.0)
-        if contact_count > 0:
-            scale = measure_world(world, h, model, worlds, work)
+        if wp.static(effects.contact):
+            contact_count = int(0)
             for i in range(body_start, body_end):
                 body = worlds.bodies[i]
-                deepest = wp.max(
-                    deepest,
-                    build_rows(
-                        world,
-                        body,
-                        scale,
-                        body_q,
-                        model,
-                        shapes,
-                        contacts,
-                        work,
-                        rows,
-                        history,
-                    ),
-                )
-        history.filling[world, 0] = 0
-        if wp.static(effects.matching):
-            history.filling[world, 0] = contacts.buffer
-            history.filling[world, 1] = contacts.generation[0]
+                contact_count += rows.owned_end[body] - rows.owned_start[body]
+            if contact_count > 0:
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    deepest = wp.max(
+                        deepest,
+                        build_rows(
+                            world,
+                            body,
+                            scale,
+                            body_q,
+                            model,
+                            shapes,
+                            contacts,
+                            work,
+                            rows,
+                            history,
+                        ),
+                    )
+            history.filling[world, 0] = 0
+            if wp.static(effects.matching):
+                history.filling[world, 0] = contacts.buffer
+                history.filling[world, 1] = contacts.generation[0]
+        is_open = bool(False)
+        if wp.static(effects.joints):
+            is_open = begin_trees(
+                world, scale.static_slot, body_q, model, joints, worlds, work, tree
+            )
 
         # Sweeps: a body that nothing touches is at its target at once.
         sweeps = int(0)
         for i in range(body_start, body_end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                begin_island(islands, body)
-                if has_rows(rows, body):
-                    sweeps = iterations
-                    if wp.static(not effects.ramp):
-                        factor_body(body, h, model, work, rows)
-                else:
+                is_alone = bool(True)
+                if wp.static(effects.contact):
+                    begin_island(islands, body)
+                    if has_rows(rows, body):
+                        is_alone = False
+                        if wp.static(not effects.ramp):
+                            factor_body(body, h, model, work, rows)
+                if wp.static(effects.joints):
+                    if worlds.block_end[i] > i + 1 or tree.joint[body] >= 0:
+                        is_alone = False
+                if is_alone:
                     work.increment[body] = work.target[body]
+                else:
+                    sweeps = iterations
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps
@@ -410,19 +580,19 @@ def make_solve(effects: Effects) -> wp.Kernel:
         update = float(0.0)
         sweep = int(0)
         while sweep < sweeps:
-            update = float(0.0)
-            for i in range(body_start, body_end):
-                body = worlds.bodies[i]
-                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
-                    if wp.static(effects.ramp):
-                        sweep_body_ramped(body, h, model, work, rows)
-                    else:
-                        update = wp.max(
-                            update, sweep_body(body, sweep == 0, 0.0, h, model, work, rows)
-                        )
-            if wp.static(effects.ramp):
-                for i in range(body_start, body_end):
-                    sweep_duals_ramped(worlds.bodies[i], work, rows)
+            update = sweep_world(
+                world,
+                sweep == 0,
+                h,
+                body_q,
+                model,
+                joints,
+                worlds,
+                work,
+                rows,
+                tree,
+                history,
+            )
             sweep += 1
             if wp.static(not effects.ramp):
                 if update <= enough * enough:
@@ -430,11 +600,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
         side = 1 - history.parity[world]
-        for i in range(body_start, body_end):
-            remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, islands, history)
-        if wp.static(not effects.ramp):
-            if sweeps > 0:
-                keep_momentum(world, model, worlds, work, islands)
+        if wp.static(effects.contact):
+            for i in range(body_start, body_end):
+                remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, islands, history)
+            if wp.static(not effects.ramp):
+                if sweeps > 0:
+                    keep_momentum(world, model, worlds, work, islands)
         if not is_solution_finite(world, worlds, work):
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
@@ -457,13 +628,22 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     velocity += wp.spatial_vector(wp.vec3(0.0), work.spin_gain[body])
             body_qd_out[body] = velocity
 
-        # Recovery: old penetration goes, without entering the velocity.
+        # Recovery: old errors go, without entering the velocity.
         if wp.static(not effects.ramp and not effects.compliance):
-            if sweeps > 0 and deepest > scale.slop:
-                for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
-                        recover_body(body, False, scale.slop, h, model, work, rows)
+            if (sweeps > 0 and deepest > scale.slop) or is_open:
+                recover_world(
+                    world,
+                    scale.slop,
+                    h,
+                    body_q,
+                    model,
+                    joints,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    history,
+                )
 
         # Poses.
         for i in range(body_start, body_end):

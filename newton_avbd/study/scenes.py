@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Named scenes of free rigid bodies, most of them in contact.
+"""Named scenes of free rigid bodies, most of them in contact, and the table of all scenes.
 
 Each ``add_*`` function puts bodies into a :class:`newton.ModelBuilder`, Z up, SI units, and
 takes its surface material (``ke``, ``kd``, ...) from ``builder.default_shape_cfg``; friction and
@@ -10,60 +10,15 @@ complete scenes, ready to build.
 """
 
 import math
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable
 
 import newton
 import numpy as np
 import warp as wp
 
-FRAMES_PER_SECOND = 60
-"""Rate at which a scene is watched [1/s]; :attr:`Scene.frames` counts these."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """A named scene.
-
-    Attributes:
-        name: Key in :data:`SCENES`.
-        summary: One line that says what the scene shows.
-        build: Puts the scene into an empty builder.
-        dt: Solver step [s]; a whole number of steps makes a frame.
-        frames: Frames worth watching, at :data:`FRAMES_PER_SECOND`.
-        vbd_ke: Contact stiffness [N/m] with which ``SolverVBD``'s bodies stand best; None where
-            Newton's default does.
-    """
-
-    name: str
-    summary: str
-    build: Callable[[newton.ModelBuilder], None]
-    dt: float = 1.0 / 240.0
-    frames: int = 240
-    vbd_ke: float | None = None
-
-    @property
-    def substeps(self) -> int:
-        """Solver steps in a frame."""
-        return round(1.0 / (FRAMES_PER_SECOND * self.dt))
-
-    def model(self, *, ke: float | None = None, device: str | None = None) -> newton.Model:
-        """Build and finalize the scene, colored so that every Newton solver accepts it.
-
-        Args:
-            ke: Contact stiffness [N/m] of all shapes; None keeps Newton's default.
-            device: Warp device; None for the current one.
-
-        Returns:
-            The model.
-        """
-        builder = newton.ModelBuilder()
-        if ke is not None:
-            builder.default_shape_cfg.ke = ke
-        self.build(builder)
-        builder.color()
-        return builder.finalize(device=device)
-
+from newton_avbd.study.chains import CHAINS
+from newton_avbd.study.robots import ROBOTS
+from newton_avbd.study.scene import Scene
 
 def _shape(
     builder: newton.ModelBuilder, *, density: float, mu: float, gap: float | None = None
@@ -382,6 +337,8 @@ SCENES: dict[str, Scene] = {
             vbd_ke=1e6,
         ),
         Scene("top", "a body spins about its middle axis and flips", add_top),
+        *CHAINS,
+        *ROBOTS,
     )
 }
 """The scenes by name."""

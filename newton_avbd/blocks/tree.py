@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""An articulation as one block: Newton's method on all bodies that a tree of joints links.
+
+Bodies keep their six unknowns each. A joint ties the update of a body to that of its parent,
+
+    delta_c = T delta_p + sum_d s_d q_d + g,
+
+where T carries the parent's motion to the child, s_d are the axes that the joint leaves free and g
+closes its misfit. Elimination from the leaves to the root and substitution back solves
+
+    sum_c delta_c . (H_c delta_c / 2 - b_c)  ->  min
+
+in time proportional to the number of bodies, whatever their masses: it is the articulated-body
+recursion (Featherstone, "Rigid Body Dynamics Algorithms", chapter 7) of the step's equations.
+H_c holds the inertia, the curvature of the body's contacts, and the geometric stiffness of its
+joints: how the torque of a joint's force changes as its arm turns. Without that, a taut chain of
+light links is unstable.
+"""
+
+import warp as wp
+
+from ..data import TreeAxis
+
+
+@wp.func
+def geometric_stiffness(force: wp.vec3, arm: wp.vec3) -> wp.mat33:
+    """Angular curvature [N m] of a force [N] that acts on a body at an arm [m] turning with it.
+
+    -d(r x f)/dtheta = (f.r) I - r f^T, made symmetric and shifted to be positive semidefinite.
+    """
+    product = wp.outer(arm, force)
+    along = wp.dot(force, arm)
+    shifted = 0.5 * (wp.length(force) * wp.length(arm) + along)
+    return wp.diag(wp.vec3(shifted)) - 0.5 * (product + wp.transpose(product))
+
+
+@wp.func
+def combined_turn(theta: wp.vec3, delta: wp.vec3) -> wp.vec3:
+    """Rotation vector of exp(delta) exp(theta) [rad], to second order in theta."""
+    across = wp.cross(theta, delta)
+    return theta + delta - 0.5 * across + wp.static(1 / 12) * wp.cross(theta, across)
+
+
+@wp.func
+def carried(span: wp.vec3, motion: wp.spatial_vector) -> wp.spatial_vector:
+    """T delta: motion of a point at ``span`` from the COM of a body, with the body."""
+    turn = wp.spatial_bottom(motion)
+    return wp.spatial_vector(wp.spatial_top(motion) + wp.cross(turn, span), turn)
+
+
+@wp.func
+def handed_down(span: wp.vec3, wrench: wp.spatial_vector) -> wp.spatial_vector:
+    """T^T w: wrench about the COM of the parent of one about the child's."""
+    force = wp.spatial_top(wrench)
+    return wp.spatial_vector(force, wp.spatial_bottom(wrench) + wp.cross(span, force))
+
+
+@wp.func
+def times_block(
+    h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33, motion: wp.spatial_vector
+) -> wp.spatial_vector:
+    """H delta of a block."""
+    linear = wp.spatial_top(motion)
+    angular = wp.spatial_bottom(motion)
+    return wp.spatial_vector(
+        h_ll * linear + wp.transpose(h_al) * angular, h_al * linear + h_aa * angular
+    )
+
+
+@wp.func
+def span_block(span: wp.vec3, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33):
+    """T^T H T: the child's block about the COM of the parent."""
+    d = wp.skew(span)
+    al = h_al + d * h_ll
+    return h_ll, al, h_aa - h_al * d + d * wp.transpose(al)
+
+
+@wp.func
+def eliminated(
+    axis: TreeAxis, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33, push: wp.spatial_vector
+):
+    """The block and wrench that are left once a coordinate has been minimised over."""
+    scaled_force = axis.inv_pivot * axis.force
+    scaled_torque = axis.inv_pivot * axis.torque
+    ll = h_ll - wp.outer(scaled_force, axis.force)
+    al = h_al - wp.outer(scaled_torque, axis.force)
+    aa = h_aa - wp.outer(scaled_torque, axis.torque)
+    return (
+        ll,
+        al,
+        aa,
+        push - axis.push * wp.spatial_vector(scaled_force, scaled_torque),
+    )

@@ -1,0 +1,276 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""One iteration of Newton's method on the tree of an articulation: eliminate, substitute."""
+
+import warp as wp
+
+from ..algebra.block import PIVOT_FLOOR, factor_block, solve_block
+from ..algebra.so3 import exp_quat
+from ..blocks import tree as algebra
+from ..data import BodyModel, BodyWork, History, JointModel, RowWork, TreeAxis, TreeWork, WorldWork
+from ..effects import Effects
+from ..rows import joint as joint_rows
+from .bodies import has_rows
+
+ROUNDING = wp.constant(5.0e-7)
+"""Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
+
+
+@wp.func
+def anchor_arm(
+    model: BodyModel, tree: TreeWork, slot: int, frame: wp.transform, static_slot: int
+) -> wp.vec3:
+    """From the COM of a body, moved by its increment, to an anchor on it [m], world axes."""
+    point = wp.transform_get_translation(frame)
+    if slot == static_slot:
+        return point
+    return wp.quat_rotate(tree.rotation[slot], point - model.com[slot])
+
+
+@wp.func
+def anchor_rotation(tree: TreeWork, slot: int, frame: wp.transform) -> wp.quat:
+    """Rotation of an anchor frame after the increment."""
+    return tree.rotation[slot] * wp.transform_get_rotation(frame)
+
+
+@wp.func
+def anchor_offset(work: BodyWork, body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3) -> wp.vec3:
+    """From the parent anchor to the child anchor after the increments [m]."""
+    apart = work.com[body] - work.com[parent]
+    moved = wp.spatial_top(work.increment[body]) - wp.spatial_top(work.increment[parent])
+    return (apart + (arm_c - arm_p)) + moved
+
+
+@wp.func
+def place_body(body: int, body_q: wp.array[wp.transform], work: BodyWork, tree: TreeWork):
+    """Orientation of a body after its increment."""
+    rotation = wp.transform_get_rotation(body_q[body])
+    tree.rotation[body] = exp_quat(wp.spatial_bottom(work.increment[body])) * rotation
+
+
+@wp.func
+def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
+    """Whether the tree's joint of the body exists and is enabled."""
+    joint = tree.joint[body]
+    if joint < 0:
+        return False
+    return joints.enabled[joint]
+
+
+@wp.func
+def measure_misfit(
+    body: int,
+    static_slot: int,
+    body_q: wp.array[wp.transform],
+    model: BodyModel,
+    joints: JointModel,
+    work: BodyWork,
+    tree: TreeWork,
+) -> bool:
+    """Misfit of the body's joint at the start of the step; returns whether it is beyond rounding.
+
+    Expects increments of zero and rotations at the start of the step.
+    """
+    joint = tree.joint[body]
+    parent = tree.parent[body]
+    frame_p = joints.parent_frame[joint]
+    frame_c = joints.child_frame[joint]
+    q_p = anchor_rotation(tree, parent, frame_p)
+    q_c = anchor_rotation(tree, body, frame_c)
+    arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+    arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+    apart = work.com[body] - work.com[parent]
+    linear = joint_rows.linear_misfit(joints, joint, q_p, apart + (arm_c - arm_p))
+    angular = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+    tree.misfit[body] = wp.spatial_vector(linear, angular)
+    reach = wp.length(arm_c) + wp.length(arm_p)
+    tree.rounding[body] = ROUNDING * reach
+    allowed = ROUNDING * (wp.length(work.com[body]) + reach)
+    return wp.length_sq(linear) + reach * reach * wp.length_sq(angular) > allowed * allowed
+
+
+def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
+    """Device function: one Newton iteration on a tree.
+
+    Args:
+        effects: What the kernel is compiled with.
+        gather: Device function that sums the inertial and contact wrench of a body.
+    """
+
+    @wp.func
+    def eliminate(
+        body: int,
+        is_first: bool,
+        share: float,
+        slop: float,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        history: History,
+    ):
+        """Reduces the body's block and wrench by its joint's axes and hands them to the parent."""
+        static_slot = work.inv_mass.shape[0] - 1
+        wrench = gather(body, is_first, slop, h, model, work, rows)
+        inv_h2 = 1.0 / (h * h)
+        h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2)) + tree.h_ll[body]
+        h_al = tree.h_al[body]
+        h_aa = work.inertia[body] * inv_h2 + tree.h_aa[body]
+        push = wrench + tree.push[body]
+        load = wrench + tree.load[body]
+        tree.h_ll[body] = wp.mat33(0.0)
+        tree.h_al[body] = wp.mat33(0.0)
+        tree.h_aa[body] = wp.mat33(0.0)
+        tree.push[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if not is_linked(joints, tree, body):
+            tree.update[body] = solve_block(
+                factor_block(h_ll, h_al, h_aa), wp.spatial_top(push), wp.spatial_bottom(push)
+            )
+            return
+
+        joint = tree.joint[body]
+        parent = tree.parent[body]
+        frame_p = joints.parent_frame[joint]
+        frame_c = joints.child_frame[joint]
+        q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+        offset = anchor_offset(work, body, parent, arm_c, arm_p)
+        misfit = joint_rows.linear_misfit(joints, joint, q_p, offset)
+        arm_p += offset - misfit
+        tilt = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+        kept = (1.0 - share) * tree.misfit[body]
+        misfit -= wp.spatial_top(kept)
+        tilt -= wp.spatial_bottom(kept)
+        closing = wp.spatial_vector(wp.cross(tilt, arm_c) - misfit, -tilt)
+        span = arm_p - arm_c
+        tree.closing[body] = closing
+        tree.span[body] = span
+
+        force = -wp.spatial_top(load)
+        if is_first:
+            force = history.joint_force[body]
+        history.joint_force[body] = -wp.spatial_top(load)
+        h_aa += algebra.geometric_stiffness(force, arm_c)
+
+        push -= algebra.times_block(h_ll, h_al, h_aa, closing)
+        linear = joints.dof_dim[joint, 0]
+        dofs = linear + joints.dof_dim[joint, 1]
+        for dof in range(dofs):
+            axis = TreeAxis()
+            if dof < linear:
+                axis.linear = joint_rows.linear_axis(joints, joint, dof, q_p)
+            else:
+                axis.angular = joint_rows.angular_axis(joints, joint, dof - linear, q_p, q_c)
+                axis.linear = wp.cross(arm_c, axis.angular)
+            axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
+            axis.torque = h_al * axis.linear + h_aa * axis.angular
+            pivot = wp.dot(axis.linear, axis.force) + wp.dot(axis.angular, axis.torque)
+            inertial = model.mass[body] * wp.length_sq(axis.linear) + wp.dot(
+                axis.angular, work.inertia[body] * axis.angular
+            )
+            axis.inv_pivot = 1.0 / wp.max(pivot, PIVOT_FLOOR * inv_h2 * inertial)
+            axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
+                axis.angular, wp.spatial_bottom(push)
+            )
+            tree.axes[tree.axis_start[body] + dof] = axis
+            h_ll, h_al, h_aa, push = algebra.eliminated(axis, h_ll, h_al, h_aa, push)
+
+        if work.inv_mass[parent] > 0.0:
+            h_ll, h_al, h_aa = algebra.span_block(span, h_ll, h_al, h_aa)
+            h_aa += algebra.geometric_stiffness(-force, arm_p)
+            tree.h_ll[parent] = tree.h_ll[parent] + h_ll
+            tree.h_al[parent] = tree.h_al[parent] + h_al
+            tree.h_aa[parent] = tree.h_aa[parent] + h_aa
+            tree.push[parent] = tree.push[parent] + algebra.handed_down(span, push)
+            tree.load[parent] = tree.load[parent] + algebra.handed_down(span, load)
+
+    @wp.func
+    def substitute(
+        body: int,
+        body_q: wp.array[wp.transform],
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+    ):
+        """Moves the body by its share of the tree's minimum."""
+        if is_linked(joints, tree, body):
+            joint = tree.joint[body]
+            update = algebra.carried(tree.span[body], tree.update[tree.parent[body]])
+            dofs = joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]
+            for i in range(dofs):
+                axis = tree.axes[tree.axis_start[body] + dofs - 1 - i]
+                met = wp.dot(axis.force, wp.spatial_top(update)) + wp.dot(
+                    axis.torque, wp.spatial_bottom(update)
+                )
+                q = axis.inv_pivot * (axis.push - met)
+                update += q * wp.spatial_vector(axis.linear, axis.angular)
+            tree.update[body] = update + tree.closing[body]
+        update = tree.update[body]
+        increment = work.increment[body]
+        work.increment[body] = wp.spatial_vector(
+            wp.spatial_top(increment) + wp.spatial_top(update),
+            algebra.combined_turn(wp.spatial_bottom(increment), wp.spatial_bottom(update)),
+        )
+        place_body(body, body_q, work, tree)
+
+    @wp.func
+    def sweep_tree(
+        first: int,
+        end: int,
+        is_first: bool,
+        share: float,
+        slop: float,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        history: History,
+    ) -> float:
+        """Moves the bodies of a tree to the minimum of their quadratic model.
+
+        Returns the square of how far the next iteration would move one of them [m^2]: zero where
+        the rounding of the poses hides it. ``share`` is how much of the misfit of the step's start
+        goes.
+        """
+        for i in range(end - first):
+            body = worlds.bodies[end - 1 - i]
+            if work.inv_mass[body] > 0.0:
+                eliminate(
+                    body, is_first, share, slop, h, model, joints, work, rows, tree, history
+                )
+        # Newton's method leaves about the square of an angle, but the first iteration starts from
+        # the joint forces of the last step, and contacts converge by a factor.
+        largest = float(0.0)
+        is_newton = not is_first
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0:
+                substitute(body, body_q, joints, work, tree)
+                turn = wp.spatial_bottom(work.increment[body])
+                largest = wp.max(largest, wp.length_sq(turn))
+                if wp.static(effects.contact):
+                    if has_rows(rows, body):
+                        is_newton = False
+        farthest = float(0.0)
+        left = wp.where(is_newton, wp.min(largest, 1.0), 1.0)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0:
+                shift = wp.spatial_top(tree.update[body])
+                turn = wp.spatial_bottom(tree.update[body])
+                turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
+                moved = left * (wp.dot(shift, shift) + turned)
+                if moved > tree.rounding[body] * tree.rounding[body]:
+                    farthest = wp.max(farthest, moved)
+        return farthest
+
+    return sweep_tree

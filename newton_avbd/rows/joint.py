@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What each type of joint locks and leaves free: the only file that knows joint types.
+
+A joint compares two anchor frames, one on its parent and one on its child. It locks directions, in
+which the frames must not part (the misfit), and leaves axes free, each a degree of freedom. Newton's
+types differ only in how many linear and angular axes they leave free, as ``KINDS`` lists:
+
+    angular axes free    locked                     axes, in world frame
+    0 (weld)             all of the rotation        none
+    1 (hinge)            what tilts the axis        the axis, of the parent
+    2 (universal)        the middle Euler angle     first of the parent, second of the child
+    3 (gimbal)           nothing                    three Euler axes, each carried by those before
+    3 (ball)             nothing                    axes of the parent frame
+"""
+
+from dataclasses import dataclass
+
+import newton
+import warp as wp
+
+from ..data import JointModel
+
+JointType = newton.JointType
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How the solver treats a type of joint."""
+
+    in_tree: bool
+    """Whether it can link a body to its parent in the tree of an articulation."""
+    has_axes: bool
+    """Whether the model lists an axis for each degree of freedom."""
+
+
+KINDS: dict[JointType, Kind] = {
+    JointType.PRISMATIC: Kind(in_tree=True, has_axes=True),
+    JointType.REVOLUTE: Kind(in_tree=True, has_axes=True),
+    JointType.D6: Kind(in_tree=True, has_axes=True),
+    JointType.FIXED: Kind(in_tree=True, has_axes=True),
+    JointType.BALL: Kind(in_tree=True, has_axes=False),
+    JointType.FREE: Kind(in_tree=False, has_axes=False),
+}
+"""All types of joints that the solver supports."""
+
+BALL = wp.constant(int(JointType.BALL))
+
+
+@wp.func
+def rotation_vector(q: wp.quat) -> wp.vec3:
+    """Rotation vector of a unit quaternion [rad], of length up to pi."""
+    v = wp.vec3(q[0], q[1], q[2])
+    w = q[3]
+    if w < 0.0:
+        v = -v
+        w = -w
+    sine = wp.length(v)
+    if sine < 1.0e-3:
+        # atan2(s, w)/s to third order
+        return (2.0 + wp.static(1 / 3) * sine * sine) * v
+    return (2.0 * wp.atan2(sine, w) / sine) * v
+
+
+@wp.func
+def linear_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat) -> wp.vec3:
+    """Free linear axis, world frame; ``q_p`` is the rotation of the parent anchor."""
+    return wp.quat_rotate(q_p, joints.axis[joints.dof_start[joint] + dof])
+
+
+@wp.func
+def linear_misfit(joints: JointModel, joint: int, q_p: wp.quat, offset: wp.vec3) -> wp.vec3:
+    """Part [m] of the offset between the anchors that the joint locks."""
+    free = joints.dof_dim[joint, 0]
+    if free == 0:
+        return offset
+    if free == 1:
+        axis = linear_axis(joints, joint, 0, q_p)
+        return offset - wp.dot(axis, offset) * axis
+    if free == 2:
+        normal = wp.normalize(
+            wp.cross(linear_axis(joints, joint, 0, q_p), linear_axis(joints, joint, 1, q_p))
+        )
+        return wp.dot(normal, offset) * normal
+    return wp.vec3(0.0)
+
+
+@wp.func
+def euler_axes(joints: JointModel, joint: int):
+    """The three axes of a joint with two or three angular axes, in the parent anchor frame.
+
+    With two, the locked rotation is the middle one, as in Newton.
+    """
+    first = joints.dof_start[joint] + joints.dof_dim[joint, 0]
+    a0 = joints.axis[first]
+    a1 = joints.axis[first + 1]
+    if joints.dof_dim[joint, 1] == 2:
+        return a0, wp.cross(a0, a1), a1
+    return a0, a1, joints.axis[first + 2]
+
+
+@wp.func
+def euler_middle(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat):
+    """Middle Euler angle [rad] of a joint with two or three angular axes, and its world axis."""
+    a0, a1, a2 = euler_axes(joints, joint)
+    first = wp.quat_rotate(q_p, a0)
+    last = wp.quat_rotate(q_c, a2)
+    # The middle axis is square to both; the angle is how far the last leaves the plane across a0.
+    middle = wp.cross(last, first)
+    if wp.dot(wp.cross(a2, a0), a1) < 0.0:
+        middle = -middle
+    if wp.length_sq(middle) < 1.0e-8:
+        middle = wp.quat_rotate(q_p, a1)
+    middle = wp.normalize(middle)
+    sine = wp.dot(first, last)
+    if wp.dot(wp.cross(a0, a1), a2) < 0.0:
+        sine = -sine
+    return wp.asin(wp.clamp(sine, -1.0, 1.0)), middle
+
+
+@wp.func
+def angular_misfit(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+    """Turn [rad] of the child against the parent that the joint locks, world frame."""
+    free = joints.dof_dim[joint, 1]
+    if free == 0:
+        return rotation_vector(q_c * wp.quat_inverse(q_p))
+    if free == 1:
+        axis = joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0]]
+        return wp.cross(wp.quat_rotate(q_p, axis), wp.quat_rotate(q_c, axis))
+    if free == 2:
+        angle, middle = euler_middle(joints, joint, q_p, q_c)
+        return angle * middle
+    return wp.vec3(0.0)
+
+
+@wp.func
+def angular_axis(
+    joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
+) -> wp.vec3:
+    """Free angular axis ``dof`` of the joint, counted from its first angular one, world frame."""
+    if joints.type[joint] == BALL:
+        axis = wp.vec3(0.0)
+        axis[dof] = 1.0
+        return wp.quat_rotate(q_p, axis)
+    free = joints.dof_dim[joint, 1]
+    axis = joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0] + dof]
+    if dof == 0:
+        return wp.quat_rotate(q_p, axis)
+    if dof == free - 1:
+        return wp.quat_rotate(q_c, axis)
+    _, middle = euler_middle(joints, joint, q_p, q_c)
+    return middle
