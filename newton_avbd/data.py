@@ -96,6 +96,30 @@ class JointModel:
     dof_start: wp.array[wp.int32]
     dof_dim: wp.array2d[wp.int32]
     """Free linear and angular axes of each joint, shape (joint_count, 2)."""
+    coord_start: wp.array[wp.int32]
+    target_mode: wp.array[wp.int32]
+    target_ke: wp.array[float]
+    """Drive stiffness [N/m or N m/rad]."""
+    target_kd: wp.array[float]
+    """Drive damping [N s/m or N m s/rad]."""
+    limit_lower: wp.array[float]
+    """Limits of the coordinate [m or rad]."""
+    limit_upper: wp.array[float]
+    limit_ke: wp.array[float]
+    """Stiffness of the limits [N/m or N m/rad], where they are compliant."""
+    limit_kd: wp.array[float]
+
+
+@wp.struct
+class ControlInput:
+    """What drives the joints in the step."""
+
+    joint_f: wp.array[float]
+    """Generalized force on each degree of freedom [N or N m]."""
+    target_q: wp.array[float]
+    """Drive target, in the layout of the joint coordinates [m or rad]."""
+    target_qd: wp.array[float]
+    """Drive target velocity [m/s or rad/s]."""
 
 
 @wp.struct
@@ -228,6 +252,10 @@ class TreeAxis:
     """1 over the stiffness of the coordinate in the articulated block."""
     push: float
     """Generalized force on the coordinate [N or N m]."""
+    pivot: float
+    """The stiffness itself where a limit holds the coordinate, otherwise zero."""
+    step: float
+    """Step of the coordinate to the limit that holds it [m or rad]."""
 
 
 @wp.struct
@@ -244,6 +272,9 @@ class TreeWork:
     axis_start: wp.array[wp.int32]
     """First of the body's entries in ``axes``."""
     axes: wp.array[TreeAxis]
+    coordinate: wp.array[float]
+    """Coordinate of each entry of ``axes`` after the increments [m or rad]."""
+    start_coordinate: wp.array[float]
     rotation: wp.array[wp.quat]
     """Orientation after the increment."""
     misfit: wp.array[wp.spatial_vector]
@@ -306,6 +337,11 @@ class History:
     """Buffer and generation that a world's records came from, shape (world_count, 2)."""
     joint_force: wp.array[wp.vec3]
     """Force of the tree's joint on the body at the end of the last step [N], world frame."""
+    joint_angle: wp.array[float]
+    """Angle of each degree of freedom with its turns counted [rad], shape (joint_dof_count,)."""
+    limit_force: wp.array[float]
+    """Generalized force of the limit that holds a degree of freedom, zero where none does
+    [N or N m]; pushes up where positive."""
     falling: wp.array[float]
     """Share of its free acceleration that a body had in the last step, 0 to 1."""
     age: wp.array[wp.int32]

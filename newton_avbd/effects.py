@@ -9,6 +9,9 @@ import newton
 import numpy as np
 
 
+_FREE = int(newton.JointType.FREE)
+
+
 @dataclass(frozen=True)
 class Effects:
     """The effects that a solver's kernels are compiled with."""
@@ -23,6 +26,10 @@ class Effects:
     """A FREE joint, whose generalized force acts on its body."""
     joints: bool = False
     """Joints that link bodies into the tree of an articulation."""
+    drives: bool = False
+    """A joint axis with a drive that has a gain."""
+    limits: bool = False
+    """A joint axis with a limit."""
     compliance: bool = False
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
@@ -44,8 +51,10 @@ class Effects:
             contact=contact,
             friction=bool(np.any(mu > 0.0)),
             gyroscopic=_has_unequal_moments(model),
-            joint_force=bool(np.any(types == int(newton.JointType.FREE))),
-            joints=bool(np.any(types != int(newton.JointType.FREE))),
+            joint_force=bool(np.any(types == _FREE)),
+            joints=bool(np.any(types != _FREE)),
+            drives=_has_drives(model),
+            limits=_has_limits(model),
             compliance=compliance,
             ramp=ramp,
         )
@@ -55,6 +64,38 @@ class Effects:
         return dataclasses.replace(
             self, contact=False, friction=False, compliance=False, ramp=False
         )
+
+
+def _axes(model: newton.Model) -> np.ndarray:
+    """Degrees of freedom of joints that list their axes: not those of FREE joints and the like."""
+    if model.joint_count == 0:
+        return np.zeros(0, dtype=int)
+    types, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
+    starts = model.joint_qd_start.numpy()
+    return np.concatenate(
+        [np.arange(starts[j], starts[j] + dims[j]) for j in np.flatnonzero(types != _FREE)]
+        or [np.zeros(0, dtype=int)]
+    )
+
+
+def _has_drives(model: newton.Model) -> bool:
+    """Whether a joint axis has a drive that could act."""
+    axes = _axes(model)
+    if axes.size == 0:
+        return False
+    mode = model.joint_target_mode.numpy()[axes]
+    gain = model.joint_target_ke.numpy()[axes] + model.joint_target_kd.numpy()[axes]
+    passive = (int(newton.JointTargetMode.NONE), int(newton.JointTargetMode.EFFORT))
+    return bool(np.any((gain != 0.0) & ~np.isin(mode, passive)))
+
+
+def _has_limits(model: newton.Model) -> bool:
+    """Whether a joint axis has a limit."""
+    axes = _axes(model)
+    if axes.size == 0:
+        return False
+    lower, upper = model.joint_limit_lower.numpy()[axes], model.joint_limit_upper.numpy()[axes]
+    return bool(np.any((lower > -newton.MAXVAL) | (upper < newton.MAXVAL)))
 
 
 def _has_unequal_moments(model: newton.Model) -> bool:

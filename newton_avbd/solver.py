@@ -22,6 +22,7 @@ from .execute.bodies import export_acceleration, make_integrate, make_predict
 from .execute.contacts import export_contact_force, reset_bodies, sort_contacts
 from .execute.launch import Launcher
 from .execute.world import make_solve
+from .rows.joint import KINDS
 from .topology import Topology
 
 _SIDES = 2
@@ -174,8 +175,8 @@ class SolverAVBD(SolverBase):
         self._check_step(state_in, state_out, contacts, dt)
         if self.model.body_count == 0:
             return
-        # model.control() would build a whole object for one array
-        joint_f = self.model.joint_f if control is None else control.joint_f
+        # model.control() would build a whole object for three arrays
+        control_input = self._control_input(self.model if control is None else control)
         if self._owns_detection:
             self._run_rigid_collision(state_in, dt)
         accelerations = _requested(observables and observables.body_qdd, state_out.body_qdd)
@@ -187,9 +188,9 @@ class SolverAVBD(SolverBase):
         if contacts is None:
             self._forget_contacts()
         if contacts is None and not self.effects.joints:
-            self._integrate(state_in, state_out, joint_f, dt)
+            self._integrate(state_in, state_out, control_input, dt)
         else:
-            self._solve(state_in, state_out, joint_f, contacts, dt)
+            self._solve(state_in, state_out, control_input, contacts, dt)
 
         for body_qdd in accelerations:
             self._launch_bodies(export_acceleration, [state_out.body_qd, dt, body_qdd])
@@ -199,7 +200,11 @@ class SolverAVBD(SolverBase):
             self._export_contact_force(contact_f)
 
     def _integrate(
-        self, state_in: newton.State, state_out: newton.State, joint_f: wp.array, dt: float
+        self,
+        state_in: newton.State,
+        state_out: newton.State,
+        control: data.ControlInput,
+        dt: float,
     ) -> None:
         """The step where nothing touches: one kernel, exact."""
         self._launch_bodies(
@@ -209,7 +214,7 @@ class SolverAVBD(SolverBase):
                 state_in.body_q,
                 state_in.body_qd,
                 state_in.body_f,
-                joint_f,
+                control,
                 dt,
                 self._worlds,
                 state_out.body_q,
@@ -221,7 +226,7 @@ class SolverAVBD(SolverBase):
         self,
         state_in: newton.State,
         state_out: newton.State,
-        joint_f: wp.array,
+        control: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,
     ) -> None:
@@ -235,7 +240,7 @@ class SolverAVBD(SolverBase):
                 state_in.body_q,
                 state_in.body_qd,
                 state_in.body_f,
-                joint_f,
+                control,
                 dt,
                 self._history,
                 self._work,
@@ -252,6 +257,7 @@ class SolverAVBD(SolverBase):
                 self._bodies,
                 self._shapes,
                 self._joints,
+                control,
                 state_in.body_q,
                 state_in.body_qd,
                 source,
@@ -400,6 +406,8 @@ class SolverAVBD(SolverBase):
             free = model.joint_type.numpy() == int(newton.JointType.FREE)
             free_dof[model.joint_child.numpy()[free]] = model.joint_qd_start.numpy()[:-1][free]
         self._no_contacts = data.ContactInput()
+        self._control = data.ControlInput()
+        self._control_arrays: tuple[wp.array | None, ...] = (None, None, None)
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
             self._free_dof = wp.array(free_dof, dtype=wp.int32)
@@ -426,7 +434,21 @@ class SolverAVBD(SolverBase):
             self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
+            self._history.joint_angle = wp.array(self._initial_angles(), dtype=float)
+            self._history.limit_force = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.falling = wp.zeros(slots, dtype=float)
+
+    def _initial_angles(self) -> np.ndarray:
+        """Coordinate of each joint axis in the model, with its turns, shape (joint_dof_count,)."""
+        model = self.model
+        angles = np.zeros(model.joint_dof_count, dtype=np.float32)
+        if model.joint_count:
+            joint_q, types = model.joint_q.numpy(), model.joint_type.numpy()
+            q_start, qd_start = model.joint_q_start.numpy(), model.joint_qd_start.numpy()
+            for joint in np.flatnonzero([KINDS[kind].has_axes for kind in types]):
+                count = qd_start[joint + 1] - qd_start[joint]
+                angles[qd_start[joint] :][:count] = joint_q[q_start[joint] :][:count]
+        return angles
 
     def _bind_model(self) -> None:
         """Points the kernels to the model's arrays."""
@@ -453,6 +475,14 @@ class SolverAVBD(SolverBase):
             self._joints.axis = model.joint_axis
             self._joints.dof_start = model.joint_qd_start
             self._joints.dof_dim = model.joint_dof_dim
+            self._joints.coord_start = model.joint_q_start
+            self._joints.target_mode = model.joint_target_mode
+            self._joints.target_ke = model.joint_target_ke
+            self._joints.target_kd = model.joint_target_kd
+            self._joints.limit_lower = model.joint_limit_lower
+            self._joints.limit_upper = model.joint_limit_upper
+            self._joints.limit_ke = model.joint_limit_ke
+            self._joints.limit_kd = model.joint_limit_kd
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu
@@ -515,6 +545,8 @@ class SolverAVBD(SolverBase):
             self._tree.parent = wp.array(parent, dtype=wp.int32)
             self._tree.axis_start = wp.array(topology.axis_start, dtype=wp.int32)
             self._tree.axes = wp.zeros(int(topology.axis_start[-1]), dtype=data.TreeAxis)
+            self._tree.coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
+            self._tree.start_coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
             self._tree.rotation = wp.array(rotation, dtype=wp.quat)
             self._tree.misfit = wp.zeros(slots, dtype=wp.spatial_vector)
             self._tree.rounding = wp.zeros(slots, dtype=float)
@@ -607,6 +639,19 @@ class SolverAVBD(SolverBase):
             source.match_generation = contacts.rigid_contact_match_generation
         self._inputs[contacts] = source
         return source
+
+    def _control_input(self, source: newton.Control | newton.Model) -> data.ControlInput:
+        """What the kernels see of the control; made anew only where its arrays are others."""
+        arrays = (source.joint_f, source.joint_target_q, source.joint_target_qd)
+        if all(a is b for a, b in zip(arrays, self._control_arrays, strict=True)):
+            return self._control
+        self._control_arrays = arrays
+        self._control = data.ControlInput()
+        if arrays[0] is not None:
+            self._control.joint_f = arrays[0]
+        if arrays[1] is not None:
+            self._control.target_q, self._control.target_qd = arrays[1], arrays[2]
+        return self._control
 
     def _effects_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""

@@ -8,7 +8,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, world_inertia
 from ..blocks.body import free_turn, is_mobile, placed, target_translation
-from ..data import BodyModel, BodyWork, History, RowWork, WorldWork
+from ..data import BodyModel, BodyWork, ControlInput, History, RowWork, WorldWork
 from ..effects import Effects
 
 
@@ -85,12 +85,13 @@ def make_wrench(effects: Effects) -> wp.Function:
         model: BodyModel,
         body: int,
         body_f: wp.array[wp.spatial_vector],
-        joint_f: wp.array[float],
+        control: ControlInput,
     ) -> wp.spatial_vector:
         wrench = body_f[body]
         if wp.static(effects.joint_force):
             dof = model.free_dof[body]
             if dof >= 0:
+                joint_f = control.joint_f
                 wrench += wp.spatial_vector(
                     wp.vec3(joint_f[dof], joint_f[dof + 1], joint_f[dof + 2]),
                     wp.vec3(joint_f[dof + 3], joint_f[dof + 4], joint_f[dof + 5]),
@@ -129,7 +130,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
-        joint_f: wp.array[float],
+        control: ControlInput,
         h: float,
         history: History,
         # Work out:
@@ -138,7 +139,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
         body = wp.tid()
         pose = body_q[body]
         velocity = body_qd[body]
-        wrench = external_wrench(model, body, body_f, joint_f)
+        wrench = external_wrench(model, body, body_f, control)
         work.finite[body] = int(is_finite(pose, velocity, wrench))
         work.com[body] = wp.transform_point(pose, model.com[body])
 
@@ -192,7 +193,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
-        joint_f: wp.array[float],
+        control: ControlInput,
         h: float,
         # Work:
         worlds: WorldWork,
@@ -203,7 +204,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         body = wp.tid()
         pose = body_q[body]
         velocity = body_qd[body]
-        wrench = external_wrench(model, body, body_f, joint_f)
+        wrench = external_wrench(model, body, body_f, control)
         finite = is_finite(pose, velocity, wrench)
         if not finite:
             report_held(worlds, worlds.of_body[body])

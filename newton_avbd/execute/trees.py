@@ -7,9 +7,21 @@ import warp as wp
 from ..algebra.block import PIVOT_FLOOR, factor_block, solve_block
 from ..algebra.so3 import exp_quat
 from ..blocks import tree as algebra
-from ..data import BodyModel, BodyWork, History, JointModel, RowWork, TreeAxis, TreeWork, WorldWork
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    JointModel,
+    RowWork,
+    TreeAxis,
+    TreeWork,
+    WorldWork,
+)
 from ..effects import Effects
+from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
+from ..rows.joint import BALL
 from .bodies import has_rows
 
 ROUNDING = wp.constant(5.0e-7)
@@ -34,7 +46,9 @@ def anchor_rotation(tree: TreeWork, slot: int, frame: wp.transform) -> wp.quat:
 
 
 @wp.func
-def anchor_offset(work: BodyWork, body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3) -> wp.vec3:
+def anchor_offset(
+    work: BodyWork, body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3
+) -> wp.vec3:
     """From the parent anchor to the child anchor after the increments [m]."""
     apart = work.com[body] - work.com[parent]
     moved = wp.spatial_top(work.increment[body]) - wp.spatial_top(work.increment[parent])
@@ -61,7 +75,6 @@ def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
 def measure_misfit(
     body: int,
     static_slot: int,
-    body_q: wp.array[wp.transform],
     model: BodyModel,
     joints: JointModel,
     work: BodyWork,
@@ -89,6 +102,52 @@ def measure_misfit(
     return wp.length_sq(linear) + reach * reach * wp.length_sq(angular) > allowed * allowed
 
 
+@wp.func
+def measure_coordinates(
+    body: int,
+    static_slot: int,
+    model: BodyModel,
+    joints: JointModel,
+    work: BodyWork,
+    tree: TreeWork,
+    history: History,
+) -> bool:
+    """Coordinates of the body's joint at the start of the step, turns counted.
+
+    Returns whether one of them is beyond its limits, by more than rounding.
+    """
+    joint = tree.joint[body]
+    parent = tree.parent[body]
+    frame_p = joints.parent_frame[joint]
+    frame_c = joints.child_frame[joint]
+    q_p = anchor_rotation(tree, parent, frame_p)
+    q_c = anchor_rotation(tree, body, frame_c)
+    arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+    arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+    offset = (work.com[body] - work.com[parent]) + (arm_c - arm_p)
+    linear = joints.dof_dim[joint, 0]
+    is_beyond = bool(False)
+    for dof in range(linear + joints.dof_dim[joint, 1]):
+        k = tree.axis_start[body] + dof
+        index = joints.dof_start[joint] + dof
+        q = float(0.0)
+        rounding = tree.rounding[body]
+        if dof < linear:
+            q = wp.dot(joint_rows.linear_axis(joints, joint, dof, q_p), offset)
+        elif joints.type[joint] != BALL:
+            known = history.joint_angle[index]
+            q = known + joint_rows.wrapped(
+                joint_rows.angle(joints, joint, dof - linear, q_p, q_c) - known
+            )
+            history.joint_angle[index] = q
+            rounding = 4.0 * ROUNDING
+        tree.coordinate[k] = q
+        tree.start_coordinate[k] = q
+        if q < joints.limit_lower[index] - rounding or q > joints.limit_upper[index] + rounding:
+            is_beyond = True
+    return is_beyond
+
+
 def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
     """Device function: one Newton iteration on a tree.
 
@@ -106,6 +165,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         h: float,
         model: BodyModel,
         joints: JointModel,
+        control: ControlInput,
         work: BodyWork,
         rows: RowWork,
         tree: TreeWork,
@@ -160,6 +220,13 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         push -= algebra.times_block(h_ll, h_al, h_aa, closing)
         linear = joints.dof_dim[joint, 0]
         dofs = linear + joints.dof_dim[joint, 1]
+        turn_away = wp.vec3(0.0)
+        if wp.static(effects.drives):
+            if joints.type[joint] == BALL:
+                target = joint_rows.ball_target(control, joints.coord_start[joint])
+                turn_away = joint_rows.rotation_vector(
+                    target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c)
+                )
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
@@ -173,12 +240,40 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             inertial = model.mass[body] * wp.length_sq(axis.linear) + wp.dot(
                 axis.angular, work.inertia[body] * axis.angular
             )
-            axis.inv_pivot = 1.0 / wp.max(pivot, PIVOT_FLOOR * inv_h2 * inertial)
+            pivot = wp.max(pivot, PIVOT_FLOOR * inv_h2 * inertial)
             axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
                 axis.angular, wp.spatial_bottom(push)
             )
-            tree.axes[tree.axis_start[body] + dof] = axis
-            h_ll, h_al, h_aa, push = algebra.eliminated(axis, h_ll, h_al, h_aa, push)
+            k = tree.axis_start[body] + dof
+            index = joints.dof_start[joint] + dof
+            axis.push += control.joint_f[index]
+            if wp.static(effects.drives or effects.limits):
+                q = tree.coordinate[k]
+                start = tree.start_coordinate[k]
+                if wp.static(effects.drives):
+                    away = float(0.0)
+                    if joints.type[joint] == BALL:
+                        away = turn_away[dof]
+                    else:
+                        away = control.target_q[joints.coord_start[joint] + dof] - q
+                    pull, stiffness = axis_rows.drive(joints, control, index, away, q - start, h)
+                    axis.push += pull
+                    pivot += stiffness
+                if wp.static(effects.limits and effects.compliance):
+                    pull, stiffness = axis_rows.soft_limit(joints, index, q, q - start, h)
+                    axis.push += pull
+                    pivot += stiffness
+                if wp.static(effects.limits and not effects.compliance):
+                    side = axis_rows.held_side(joints, index, q, start, history.limit_force[index])
+                    if side != 0:
+                        axis.pivot = pivot
+                        axis.step = axis_rows.held_at(joints, index, side, start, share) - q
+            if axis.pivot > 0.0:
+                push -= axis.step * wp.spatial_vector(axis.force, axis.torque)
+            else:
+                axis.inv_pivot = 1.0 / pivot
+                h_ll, h_al, h_aa, push = algebra.eliminated(axis, h_ll, h_al, h_aa, push)
+            tree.axes[k] = axis
 
         if work.inv_mass[parent] > 0.0:
             h_ll, h_al, h_aa = algebra.span_block(span, h_ll, h_al, h_aa)
@@ -196,18 +291,48 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         joints: JointModel,
         work: BodyWork,
         tree: TreeWork,
-    ):
-        """Moves the body by its share of the tree's minimum."""
+        history: History,
+    ) -> bool:
+        """Moves the body by its share of the tree's minimum; returns whether its limits agree."""
+        settled = bool(True)
         if is_linked(joints, tree, body):
             joint = tree.joint[body]
             update = algebra.carried(tree.span[body], tree.update[tree.parent[body]])
             dofs = joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]
             for i in range(dofs):
-                axis = tree.axes[tree.axis_start[body] + dofs - 1 - i]
+                k = tree.axis_start[body] + dofs - 1 - i
+                axis = tree.axes[k]
                 met = wp.dot(axis.force, wp.spatial_top(update)) + wp.dot(
                     axis.torque, wp.spatial_bottom(update)
                 )
                 q = axis.inv_pivot * (axis.push - met)
+                if wp.static(effects.limits and not effects.compliance):
+                    index = joints.dof_start[joint] + dofs - 1 - i
+                    if axis.pivot > 0.0:
+                        q = axis.step
+                        force = met + axis.pivot * q - axis.push
+                        # a limit pushes back; one that would have to pull lets go
+                        side = axis_rows.held_side(
+                            joints,
+                            index,
+                            tree.coordinate[k],
+                            tree.start_coordinate[k],
+                            history.limit_force[index],
+                        )
+                        if float(side) * force < 0.0:
+                            history.limit_force[index] = force
+                        else:
+                            history.limit_force[index] = 0.0
+                            settled = False
+                    else:
+                        at = tree.coordinate[k] + q
+                        if (
+                            axis_rows.held_side(joints, index, at, tree.start_coordinate[k], 0.0)
+                            != 0
+                        ):
+                            settled = False
+                if wp.static(effects.drives or effects.limits):
+                    tree.coordinate[k] = tree.coordinate[k] + q
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]
         update = tree.update[body]
@@ -217,6 +342,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             algebra.combined_turn(wp.spatial_bottom(increment), wp.spatial_bottom(update)),
         )
         place_body(body, body_q, work, tree)
+        return settled
 
     @wp.func
     def sweep_tree(
@@ -229,6 +355,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
+        control: ControlInput,
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
@@ -245,22 +372,35 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             body = worlds.bodies[end - 1 - i]
             if work.inv_mass[body] > 0.0:
                 eliminate(
-                    body, is_first, share, slop, h, model, joints, work, rows, tree, history
+                    body,
+                    is_first,
+                    share,
+                    slop,
+                    h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    rows,
+                    tree,
+                    history,
                 )
         # Newton's method leaves about the square of an angle, but the first iteration starts from
         # the joint forces of the last step, and contacts converge by a factor.
         largest = float(0.0)
         is_newton = not is_first
+        settled = bool(True)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                substitute(body, body_q, joints, work, tree)
+                if not substitute(body, body_q, joints, work, tree, history):
+                    settled = False
                 turn = wp.spatial_bottom(work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))
                 if wp.static(effects.contact):
                     if has_rows(rows, body):
                         is_newton = False
-        farthest = float(0.0)
+        farthest = wp.where(settled, 0.0, wp.inf)
         left = wp.where(is_newton, wp.min(largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]

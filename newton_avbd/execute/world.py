@@ -12,6 +12,7 @@ from ..data import (
     BodyModel,
     BodyWork,
     ContactInput,
+    ControlInput,
     History,
     IslandWork,
     JointModel,
@@ -27,7 +28,13 @@ from ..rows import ramp as ramp_rows
 from .bodies import has_rows, pose_sum, report_held
 from .contacts import make_build_rows
 from .islands import begin_island, join_islands, keep_momentum
-from .trees import is_linked, make_sweep_tree, measure_misfit, place_body
+from .trees import (
+    is_linked,
+    make_sweep_tree,
+    measure_coordinates,
+    measure_misfit,
+    place_body,
+)
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
@@ -219,9 +226,7 @@ def make_sweep(gather: wp.Function) -> wp.Function:
     ) -> float:
         """Returns the square of how far that moved it [m^2], a turn by its radius of gyration."""
         wrench = gather(body, is_first, slop, h, model, work, rows)
-        update = solve_block(
-            work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench)
-        )
+        update = solve_block(work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
         work.increment[body] = work.increment[body] + update
         shift = wp.spatial_top(update)
         turn = wp.spatial_bottom(update)
@@ -366,6 +371,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
+        control: ControlInput,
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
@@ -392,6 +398,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                             body_q,
                             model,
                             joints,
+                            control,
                             worlds,
                             work,
                             rows,
@@ -423,6 +430,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
+        control: ControlInput,
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
@@ -446,6 +454,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         body_q,
                         model,
                         joints,
+                        control,
                         worlds,
                         work,
                         rows,
@@ -469,6 +478,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         worlds: WorldWork,
         work: BodyWork,
         tree: TreeWork,
+        history: History,
     ) -> bool:
         """Measures the joints at the start of the step; returns whether one is open."""
         is_open = bool(False)
@@ -479,8 +489,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                if measure_misfit(body, static_slot, body_q, model, joints, work, tree):
+                if measure_misfit(body, static_slot, model, joints, work, tree):
                     is_open = True
+                if wp.static(effects.drives or effects.limits):
+                    if measure_coordinates(body, static_slot, model, joints, work, tree, history):
+                        is_open = True
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             place_body(worlds.bodies[i], body_q, work, tree)
         return is_open
@@ -493,6 +506,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         model: BodyModel,
         shapes: ShapeModel,
         joints: JointModel,
+        control: ControlInput,
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -551,7 +565,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         is_open = bool(False)
         if wp.static(effects.joints):
             is_open = begin_trees(
-                world, scale.static_slot, body_q, model, joints, worlds, work, tree
+                world, scale.static_slot, body_q, model, joints, worlds, work, tree, history
             )
 
         # Sweeps: a body that nothing touches is at its target at once.
@@ -573,6 +587,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     work.increment[body] = work.target[body]
                 else:
                     sweeps = iterations
+                    if wp.static(effects.gyroscopic):
+                        # constraints see the mean spin over the step, and so does the velocity
+                        work.spin_gain[body] = wp.vec3(0.0)
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps
@@ -587,6 +604,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 body_q,
                 model,
                 joints,
+                control,
                 worlds,
                 work,
                 rows,
@@ -638,6 +656,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     body_q,
                     model,
                     joints,
+                    control,
                     worlds,
                     work,
                     rows,

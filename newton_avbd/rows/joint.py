@@ -14,12 +14,13 @@ types differ only in how many linear and angular axes they leave free, as ``KIND
     3 (ball)             nothing                    axes of the parent frame
 """
 
+import math
 from dataclasses import dataclass
 
 import newton
 import warp as wp
 
-from ..data import JointModel
+from ..data import ControlInput, JointModel
 
 JointType = newton.JointType
 
@@ -134,9 +135,7 @@ def angular_misfit(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -
 
 
 @wp.func
-def angular_axis(
-    joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
-) -> wp.vec3:
+def angular_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
     """Free angular axis ``dof`` of the joint, counted from its first angular one, world frame."""
     if joints.type[joint] == BALL:
         axis = wp.vec3(0.0)
@@ -150,3 +149,40 @@ def angular_axis(
         return wp.quat_rotate(q_c, axis)
     _, middle = euler_middle(joints, joint, q_p, q_c)
     return middle
+
+
+@wp.func
+def turn_about(axis: wp.vec3, start: wp.vec3, end: wp.vec3) -> float:
+    """Angle about a unit axis [rad] that turns one vector square to it into another."""
+    return wp.atan2(wp.dot(axis, wp.cross(start, end)), wp.dot(start, end))
+
+
+@wp.func
+def angle(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> float:
+    """Coordinate of angular axis ``dof`` of a joint that is no ball, in (-pi, pi] [rad]."""
+    free = joints.dof_dim[joint, 1]
+    if free == 1:
+        axis = joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0]]
+        q = wp.quat_inverse(q_p) * q_c
+        half = wp.atan2(wp.dot(wp.vec3(q[0], q[1], q[2]), axis), q[3])
+        return wrapped(2.0 * half)
+    tilt, middle = euler_middle(joints, joint, q_p, q_c)
+    a0, a1, a2 = euler_axes(joints, joint)
+    if dof == 0:
+        return turn_about(wp.quat_rotate(q_p, a0), wp.quat_rotate(q_p, a1), middle)
+    if dof == free - 1:
+        return turn_about(wp.quat_rotate(q_c, a2), middle, wp.quat_rotate(q_c, a1))
+    return tilt
+
+
+@wp.func
+def wrapped(angle: float) -> float:
+    """The angle less whole turns, in [-pi, pi] [rad]."""
+    return angle - wp.static(2.0 * math.pi) * wp.round(angle * wp.static(0.5 / math.pi))
+
+
+@wp.func
+def ball_target(control: ControlInput, start: int) -> wp.quat:
+    """Target rotation of a ball joint's drive, child anchor against parent anchor."""
+    q = control.target_q
+    return wp.quat(q[start], q[start + 1], q[start + 2], q[start + 3])

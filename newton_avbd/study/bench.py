@@ -22,12 +22,15 @@ from importlib import metadata
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from newton_avbd.io.errors import UserError
 from newton_avbd.study import report
 from newton_avbd.study.coldstart import cold_start
 from newton_avbd.study.contestants import Contestant, NewtonContestant
 from newton_avbd.study.mujoco_native import MujocoContestant
 from newton_avbd.study.peers import MJ_STEP, PEERS
+from newton_avbd.study.robots import SINGLE_ROBOTS
 from newton_avbd.study.scenes import SCENES
 from newton_avbd.study.targets import COLD_START, Result
 
@@ -43,18 +46,39 @@ class Benchmark:
         scene: Name of the scene.
         seconds: Time to simulate for quality [s].
         solvers: Solvers to measure.
+        dt: Solver step where it is not the scene's own [s].
+        alone: Scene of a single world of this one, where worlds are to be compared with it.
     """
 
     scene: str
     seconds: float
     solvers: tuple[str, ...]
+    dt: float | None = None
+    alone: str | None = None
+
+    @property
+    def name(self) -> str:
+        """What results call it: the scene, and the steps a second where they are not its own."""
+        return self.scene if self.dt is None else f"{self.scene}_{1.0 / self.dt:.0f}hz"
+
+    def contestant(self, solver: str, *, alone: bool = False) -> Contestant:
+        """Set ``solver`` up on the scene, or on a single world of it."""
+        scene = SCENES[self.alone if alone and self.alone else self.scene]
+        scene = scene if self.dt is None else replace(scene, dt=self.dt)
+        if solver == MJ_STEP:
+            return MujocoContestant(scene)
+        return NewtonContestant(scene, PEERS[solver])
 
 
 _RIGID = ("avbd", "vbd", "xpbd", "mujoco", MJ_STEP, "mujoco_warp", "steel", "kamino")
 _PENALTY = ("semi_implicit", "featherstone")
+# Those that can be told apart by how they take a large step.
+_COARSE = ("avbd", "vbd", "xpbd", "mujoco")
+_CHAINS = ("chain", "chain_100", "chain_10000")
+_ROPES = ("rope", "rope_100000")
 
 BENCHMARKS: dict[str, Benchmark] = {
-    benchmark.scene: benchmark
+    benchmark.name: benchmark
     for benchmark in (
         # The explicit penalty solvers cannot hold piles of boxes up at these time steps.
         Benchmark("pyramid", 2.0, _RIGID),
@@ -62,9 +86,19 @@ BENCHMARKS: dict[str, Benchmark] = {
         # SolverMuJoCo's C backend has no worlds; Kamino takes seconds a step.
         Benchmark("pyramid_worlds", 2.0, ("avbd", "vbd", "xpbd", MJ_STEP, "mujoco_warp", "steel")),
         Benchmark("free_bodies", 2.0, (*_RIGID, *_PENALTY)),
+        *(Benchmark(scene, 10.0, _RIGID) for scene in _CHAINS),
+        *(Benchmark(scene, 5.0, (*_RIGID, "avbd_converged")) for scene in _ROPES),
+        *(Benchmark(scene, 5.0, _RIGID) for scene in SINGLE_ROBOTS),
+        *(Benchmark(scene, 5.0, _COARSE, dt=1.0 / 60.0) for scene in SINGLE_ROBOTS),
+        Benchmark(
+            "ant_worlds",
+            1.0,
+            ("avbd", "vbd", "xpbd", MJ_STEP, "mujoco_warp", "steel"),
+            alone="ant",
+        ),
     )
 }
-"""What is measured, by name of the scene."""
+"""What is measured, by name."""
 
 
 @dataclass(frozen=True)
@@ -150,13 +184,17 @@ def compete(benchmark: Benchmark, solvers: list[str], effort: Effort) -> list[Re
     results: dict[str, Result] = {}
     contestants: dict[str, Contestant] = {}
     for solver in solvers:
-        result = Result(benchmark.scene, solver)
+        result = Result(benchmark.name, solver)
         if solver in effort.left_out:
             results[solver] = replace(result, note="left out to save time")
             continue
         try:
-            contestant = _contestant(benchmark.scene, solver)
+            contestant = benchmark.contestant(solver)
             quality = contestant.run(benchmark.seconds, effort.budget)
+            if benchmark.alone:
+                alone = benchmark.contestant(solver, alone=True)
+                alone.run(quality.seconds, math.inf)
+                quality = replace(quality, apart=_apart(contestant, alone))
         except Exception as error:
             # Whatever keeps one solver from running must not keep the others from it.
             results[solver] = replace(result, note=f"{type(error).__name__}: {error}")
@@ -205,10 +243,11 @@ def describe_machine(core: int | None) -> dict[str, str]:
     }
 
 
-def _contestant(scene: str, solver: str) -> Contestant:
-    if solver == MJ_STEP:
-        return MujocoContestant(SCENES[scene])
-    return NewtonContestant(SCENES[scene], PEERS[solver])
+def _apart(worlds: Contestant, alone: Contestant) -> float:
+    """Largest distance of a body in any of the worlds from where it is alone [m]."""
+    centers = alone.centers()
+    offset = worlds.centers().reshape(-1, *centers.shape) - centers
+    return float(np.max(np.linalg.norm(offset, axis=2)))
 
 
 def _chosen(kind: str, names: list[str], known: tuple[str, ...]) -> tuple[str, ...]:

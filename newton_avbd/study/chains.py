@@ -48,7 +48,9 @@ def add_chain(
     parent, joints = -1, []
     for i in range(links):
         rotation = down * wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), i * turn)
-        body = builder.add_link(xform=wp.transform(end + wp.quat_rotate(rotation, center), rotation))
+        body = builder.add_link(
+            xform=wp.transform(end + wp.quat_rotate(rotation, center), rotation)
+        )
         builder.add_shape_box(
             body,
             hx=0.5 * length,

@@ -19,6 +19,7 @@ import warp as wp
 
 from newton_avbd.study import measure
 from newton_avbd.study.measure import Array
+from newton_avbd.study.measure_joints import JointProbe, JointQuality
 from newton_avbd.study.peers import Peer
 from newton_avbd.study.scenes import Scene
 
@@ -42,6 +43,9 @@ class Quality:
         speed: Largest speed of a center of mass at the end [m/s].
         momentum: Without gravity: largest change of a body's angular momentum, relative to its
             size; otherwise None.
+        joints: What joints have shown; None without joints.
+        apart: Where worlds are compared: largest distance of a body's center of mass, at the
+            end, from where the world alone has it [m]; otherwise None.
     """
 
     seconds: float
@@ -50,6 +54,12 @@ class Quality:
     drift: float
     speed: float
     momentum: float | None
+    joints: JointQuality | None = None
+    apart: float | None = None
+
+    def value(self, quantity: str) -> float | None:
+        """An attribute of this or of its joints, by name; None where there is none."""
+        return getattr(self, quantity, getattr(self.joints, quantity, None))
 
 
 class Contestant(ABC):
@@ -91,10 +101,13 @@ class Contestant(ABC):
         """
         bodies = self._probe.bodies
         steps = max(2, round(seconds / self.scene.dt))
+        joints = JointProbe(self.model)
         sampled = {steps * (i + 1) // SAMPLES for i in range(SAMPLES)}
         free = not bodies.gravity.any()
         start_q, start_qd = _copy(self.observe())
         center = measure.transform(start_q, bodies.com)
+        if joints.watching:
+            joints.watch(start_q, self._probe.energy(self.state))
         # The first step loads kernels, which does not count towards the budget.
         self.advance()
         begin, done, late, penetration = time.monotonic(), 1, False, 0.0
@@ -102,6 +115,9 @@ class Contestant(ABC):
             self.advance()
             done += 1
             late = time.monotonic() - begin > budget
+            if joints.watching and done % GRAPH_STEPS == 0:
+                # Joints open for moments, in which a heavy end turns around or a foot lands.
+                joints.watch(_copy(self.observe())[0], self._probe.energy(self.state))
             if late or done in sampled:
                 gaps = self._probe.separations(self.observe())
                 penetration = float(np.maximum(penetration, measure.deepest_penetration(gaps)))
@@ -116,7 +132,12 @@ class Contestant(ABC):
             drift=float(np.max(offset)),
             speed=self._probe.speed(self.observe()),
             momentum=momentum if free else None,
+            joints=joints.worst if joints.watching else None,
         )
+
+    def centers(self) -> Array:
+        """Where every body has its center of mass [m], shape [bodies, 3]."""
+        return measure.transform(_copy(self.observe())[0], self._probe.bodies.com)
 
     def eager(self, seconds: float) -> float:
         """Median CPU time of a plain step over about ``seconds`` of steps [s]."""

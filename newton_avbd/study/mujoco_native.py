@@ -11,13 +11,15 @@ import numpy as np
 
 from newton_avbd.study.contestants import Contestant
 from newton_avbd.study.measure import Array, rotate
+from newton_avbd.study.mujoco_joints import Articulated
 from newton_avbd.study.scenes import Scene
 
 
 class MujocoContestant(Contestant):
-    """``mj_step`` with MuJoCo's default options on a scene of free bodies.
+    """``mj_step`` on a scene.
 
-    Each Newton world is an ``mjData`` of the same ``mjModel``, stepped one after the other.
+    Each Newton world is an ``mjData`` of the same ``mjModel``, stepped one after the other. Free
+    bodies go with MuJoCo's default options, joints with what ``SolverMuJoCo`` makes of them.
     """
 
     def __init__(self, scene: Scene):
@@ -30,15 +32,14 @@ class MujocoContestant(Contestant):
 
         super().__init__(scene, scene.model(device="cpu"))
         self._mujoco = mujoco
-        worlds = max(1, self.model.world_count)
-        self._per_world = self.model.body_count // worlds
-        self._mj_model = _translate(self.model, self._per_world).compile()
+        free = np.all(self.model.joint_type.numpy() == newton.JointType.FREE)
+        self._translation = (_FreeBodies if free else Articulated)(self.model, scene.dt)
+        self._mj_model = self._translation.mj_model
         self._mj_model.opt.timestep = scene.dt
+        worlds = max(1, self.model.world_count)
         self._data = [mujoco.MjData(self._mj_model) for _ in range(worlds)]
-        body_q, body_qd = self.state.body_q.numpy(), self.state.body_qd.numpy()
         for world, data in enumerate(self._data):
-            bodies = slice(world * self._per_world, (world + 1) * self._per_world)
-            _set_state(data, body_q[bodies].astype(float), body_qd[bodies].astype(float))
+            self._translation.start(data, world)
 
     def advance(self) -> float:
         begin = time.process_time()
@@ -55,13 +56,34 @@ class MujocoContestant(Contestant):
         return self.advance()
 
     def observe(self) -> newton.State:
-        qpos = np.stack([data.qpos for data in self._data]).reshape(-1, 7)
-        qvel = np.stack([data.qvel for data in self._data]).reshape(-1, 6)
-        body_q = qpos[:, [0, 1, 2, 4, 5, 6, 3]]
-        spin = rotate(body_q[:, 3:], qvel[:, 3:])
+        found = [self._translation.read(data) for data in self._data]
+        body_q, body_qd = (np.vstack(part) for part in zip(*found, strict=True))
         self.state.body_q.assign(body_q.astype(np.float32))
-        self.state.body_qd.assign(np.hstack([qvel[:, :3], spin]).astype(np.float32))
+        self.state.body_qd.assign(body_qd.astype(np.float32))
         return self.state
+
+
+class _FreeBodies:
+    """A Newton world of free bodies as an ``mjModel``."""
+
+    def __init__(self, model: newton.Model, dt: float):
+        """Translate the first world of ``model``; the step is set by who makes it."""
+        del dt
+        self._count = model.body_count // max(1, model.world_count)
+        self.mj_model = _translate(model, self._count).compile()
+        self._body_q = model.body_q.numpy().astype(float)
+        self._body_qd = model.body_qd.numpy().astype(float)
+
+    def start(self, data: Any, world: int) -> None:
+        """Put ``data`` into the start state of ``world``."""
+        bodies = slice(world * self._count, (world + 1) * self._count)
+        _set_state(data, self._body_q[bodies], self._body_qd[bodies])
+
+    def read(self, data: Any) -> tuple[Array, Array]:
+        """Body poses and velocities in Newton's terms, shapes [bodies, 7] and [bodies, 6]."""
+        qpos, qvel = data.qpos.reshape(-1, 7), data.qvel.reshape(-1, 6)
+        body_q = qpos[:, [0, 1, 2, 4, 5, 6, 3]]
+        return body_q, np.hstack([qvel[:, :3], rotate(body_q[:, 3:], qvel[:, 3:])])
 
 
 def _set_state(data: Any, body_q: Array, body_qd: Array) -> None:

@@ -14,12 +14,22 @@ from newton_avbd.study.targets import TARGETS, Result, Target
 NOTHING = "-"
 """Stands in a table for what does not exist or was not measured."""
 
+_FREE = ("penetration", "drift", "speed", "momentum")
+_JOINTED = (
+    *("separation", "misalignment", "limit", "energy", "gain"),
+    *("penetration", "speed", "apart"),
+)
+_LENGTHS = frozenset({"penetration", "drift", "separation", "apart"})
+
 
 def scene_table(scene: str, results: list[Result]) -> str:
     """Time and quality of every solver on one scene; times also as multiples of SolverAVBD's."""
-    free = any(result.quality and result.quality.momentum is not None for result in results)
+    shown = [result.quality for result in results if result.quality is not None]
+    columns = _JOINTED if any(quality.joints for quality in shown) else _FREE
+    # Where nobody has it, it is not asked for.
+    columns = [name for name in columns if any(q.value(name) is not None for q in shown)]
     head = ["solver", "contacts", "eager", "/ avbd", "replayed", "/ avbd"]
-    head += ["penetration", "drift", "speed", *(["momentum"] if free else [])]
+    head += columns
     ours = next((result for result in results if result.solver == "avbd"), None)
     rows, notes = [], []
     for result in results:
@@ -32,9 +42,7 @@ def scene_table(scene: str, results: list[Result]) -> str:
             row += [NOTHING] * (len(head) - len(row))
         else:
             row[1] = str(quality.contacts)
-            row += [_length(quality.penetration), _length(quality.drift)]
-            row.append(f"{_length(quality.speed)}/s" if math.isfinite(quality.speed) else "")
-            row += [f"{quality.momentum:.1e}"] if quality.momentum is not None else []
+            row += [_quantity(name, quality.value(name)) for name in columns]
         rows.append(row)
         if result.note:
             notes.append(f"{_title(result.solver)}: {result.note}")
@@ -114,13 +122,26 @@ def _plain(value: float) -> str:
 
 
 def _length(meters: float) -> str:
-    return f"{1e3 * meters:.3g} mm" if math.isfinite(meters) else "exploded"
+    return f"{1e3 * meters:.3g} mm"
+
+
+def _quantity(name: str, value: float | None) -> str:
+    """Write an attribute of a quality: a length, a speed, an energy or a small number."""
+    if value is None:
+        return NOTHING
+    if not math.isfinite(value):
+        return "exploded"
+    if name in _LENGTHS:
+        return _length(value)
+    if name == "speed":
+        return f"{_length(value)}/s"
+    return f"{value:.4g} J" if name == "energy" else f"{value:.1e}"
 
 
 def _bound(target: Target, value: float) -> str:
-    """Write a value of a target: a fraction of a time, a length, a speed or a plain number."""
+    """Write a value of a target: a fraction of a time, or as its quantity is written."""
+    if target.quantity == "energy":
+        return f"{100.0 * value:.2g} %"
     if target.against is not None:
         return f"1/{1.0 / value:.3g}" if value <= 1.0 else f"{value:.3g}"
-    if target.quantity in ("penetration", "drift"):
-        return _length(value)
-    return f"{_length(value)}/s" if target.quantity == "speed" else f"{value:.1e}"
+    return _quantity(target.quantity, value)

@@ -3,8 +3,9 @@
 
 """Robots and mechanisms out of Newton's assets, set up as Newton's examples set them up.
 
-They start inside their joint limits, above a floor, with the drives of the asset or the example.
-Rotor inertia is left out: not every solver knows it, and all are to simulate the same robot.
+They start inside their joint limits, above a floor, with the drives and the rotor inertia of the
+asset or, where it has none, of the example. The inertia that examples add to bodies "for better
+stability" is left out.
 """
 
 import newton
@@ -35,6 +36,7 @@ def add_humanoid(builder: newton.ModelBuilder) -> None:
 def add_quadruped(builder: newton.ModelBuilder) -> None:
     """Add ``quadruped.urdf``, stiff drives that hold its start pose."""
     builder.default_shape_cfg.gap = GAP
+    builder.default_joint_cfg.armature = 0.01
     builder.default_joint_cfg.target_ke = 2000.0
     builder.default_joint_cfg.target_kd = 1.0
     builder.add_urdf(
@@ -54,6 +56,7 @@ def add_quadruped(builder: newton.ModelBuilder) -> None:
 
 def add_cartpole(builder: newton.ModelBuilder) -> None:
     """Add ``cartpole.usda``, two poles on a cart, tipping over; nothing collides, no drives."""
+    builder.default_joint_cfg.armature = 0.1
     _add_usd(builder, "cartpole.usda", height=0.0, enable_self_collisions=False)
     for shape in range(builder.shape_count):
         builder.shape_flags[shape] &= ~newton.ShapeFlags.COLLIDE_SHAPES
@@ -75,7 +78,10 @@ def add_ant_usd(builder: newton.ModelBuilder) -> None:
 
 
 def add_fourbar(builder: newton.ModelBuilder) -> None:
-    """Add ``boxes_fourbar.usda``, a loop of four bars, tilted, weak drives, over its own floor."""
+    """Add ``boxes_fourbar.usda``, a loop of four bars, tilted, over its own floor.
+
+    The two hinges that the file declares driven get weak drives.
+    """
     from pxr import Usd, UsdPhysics
 
     stage = Usd.Stage.Open(newton.examples.get_asset("boxes_fourbar.usda"))
@@ -88,8 +94,10 @@ def add_fourbar(builder: newton.ModelBuilder) -> None:
     builder.default_shape_cfg.gap = GAP
     builder.add_usd(stage, enable_self_collisions=False)
     for joint, kind in enumerate(builder.joint_type):
-        if kind == newton.JointType.REVOLUTE:
+        driven = builder.joint_label[joint].endswith(("joint_1", "joint_3"))
+        if kind == newton.JointType.REVOLUTE and driven:
             dof = builder.joint_qd_start[joint]
+            builder.joint_target_mode[dof] = int(newton.JointTargetMode.POSITION_VELOCITY)
             builder.joint_target_ke[dof] = 1.0
             builder.joint_target_kd[dof] = 0.001
     builder.joint_q[2] += 0.1
@@ -114,7 +122,6 @@ def _add_mjcf(builder: newton.ModelBuilder, asset: str, height: float) -> None:
         xform=wp.transform(wp.vec3(0.0, 0.0, height), wp.quat_identity()),
         parse_sites=False,
     )
-    _drop_rotors(builder)
 
 
 def _add_usd(
@@ -154,7 +161,7 @@ def _place(builder: newton.ModelBuilder) -> None:
         builder.body_q[body] = wp.transform(*pose)
 
 
-ROBOTS = (
+_SINGLE = (
     Scene("ant", "nv_ant.xml falls to the ground", add_ant, vbd_ke=1e4),
     Scene("humanoid", "nv_humanoid.xml falls to the ground", add_humanoid, vbd_ke=1e5),
     Scene("quadruped", "quadruped.urdf stands by its drives", add_quadruped, vbd_ke=1e5),
@@ -162,6 +169,13 @@ ROBOTS = (
     Scene("humanoid_usd", "humanoid.usda falls to the ground", add_humanoid_usd, vbd_ke=1e5),
     Scene("ant_usd", "ant.usda stands by its drives", add_ant_usd, vbd_ke=1e4),
     Scene("fourbar", "boxes_fourbar.usda, a loop of four bars", add_fourbar, vbd_ke=1e5),
+)
+
+ROBOTS = (
+    *_SINGLE,
     Scene("ant_worlds", f"{WORLDS:,} worlds, an ant in each", add_ant_worlds, vbd_ke=1e4),
 )
 """Scenes of one robot each, but for the last."""
+
+SINGLE_ROBOTS = tuple(scene.name for scene in _SINGLE)
+"""Names of the scenes of one robot."""

@@ -20,6 +20,7 @@ from newton_avbd.study.chains import CHAINS
 from newton_avbd.study.robots import ROBOTS
 from newton_avbd.study.scene import Scene
 
+
 def _shape(
     builder: newton.ModelBuilder, *, density: float, mu: float, gap: float | None = None
 ) -> newton.ModelBuilder.ShapeConfig:

@@ -7,6 +7,8 @@ import math
 from dataclasses import dataclass
 
 from newton_avbd.study.contestants import Quality
+from newton_avbd.study.peers import MJ_STEP
+from newton_avbd.study.robots import SINGLE_ROBOTS
 
 COLD_START = "cold_start"
 """Stands for a scene where the first step with an empty kernel cache is meant."""
@@ -15,7 +17,12 @@ EVERY_PEER = "every peer"
 """Stands for a solver where the fastest of all others is meant that hold contacts rigid; the
 explicit penalty solvers (``UNHELD``) are shown beside them."""
 
+NEWTON_PEER = "every peer in Newton"
+"""Stands for the same without MuJoCo's bare ``mj_step``."""
+
 UNHELD = frozenset({"semi_implicit", "featherstone"})
+
+_NO_PEER = UNHELD | {"avbd", "avbd_converged"}
 
 
 @dataclass(frozen=True)
@@ -45,9 +52,9 @@ class Target:
 
     Attributes:
         scene: Name of the scene.
-        quantity: ``eager`` or ``replayed``, or an attribute of :class:`Quality`.
+        quantity: ``eager`` or ``replayed``, or an attribute of :class:`Quality` or of its joints.
         bound: Largest value; of the time of ``against`` where that is given, else in SI units.
-        against: Solver to compare with.
+        against: Solver to compare with. For an energy, the bound is on the relative difference.
     """
 
     scene: str
@@ -61,25 +68,80 @@ class Target:
         if self.against is None or ours is None:
             return ours
         solvers = {self.against}
-        if self.against == EVERY_PEER:
-            solvers = {result.solver for result in results} - {"avbd"} - UNHELD
+        if self.against in (EVERY_PEER, NEWTON_PEER):
+            solvers = {result.solver for result in results} - _NO_PEER
+        if self.against == NEWTON_PEER:
+            solvers.discard(MJ_STEP)
         values = [self._value(results, solver) for solver in sorted(solvers)]
         theirs = [value for value in values if value is not None]
-        return ours / min(theirs) if theirs else None
+        if not theirs:
+            return None
+        ratio = ours / min(theirs)
+        return abs(ratio - 1.0) if self.quantity == "energy" else ratio
 
     def _value(self, results: list[Result], solver: str) -> float | None:
         for result in results:
             if (result.scene, result.solver) == (self.scene, solver):
-                source = result if hasattr(result, self.quantity) else result.quality
-                value = getattr(source, self.quantity, None)
-                # A time that does not exist is NaN; a quality that is NaN is a failure.
-                missing = source is result and value is not None and math.isnan(value)
-                return None if missing else value
+                if hasattr(result, self.quantity):
+                    # A time that does not exist is NaN; a quality that is NaN is a failure.
+                    time = getattr(result, self.quantity)
+                    return None if math.isnan(time) else time
+                return result.quality and result.quality.value(self.quantity)
         return None
 
 
 REST = 1e-3
 """Speed below which a pile is at rest [m/s]."""
+
+LIMIT = 1e-2
+"""Violation up to which a joint limit counts as held, half a degree [rad], or 1 cm [m]."""
+
+BLOWN_UP = 10.0
+"""Speed above which a robot that fell from a meter or so has blown up [m/s]."""
+
+
+def _chain(scene: str) -> tuple[Target, ...]:
+    return (
+        Target(scene, "eager", 1 / 40, "vbd"),
+        Target(scene, "eager", 1 / 5, "mujoco"),
+        Target(scene, "replayed", 1 / 6, "vbd"),
+        Target(scene, "replayed", 1.0, "xpbd"),
+        Target(scene, "replayed", 1.0, "steel"),
+        Target(scene, "replayed", 2.0, MJ_STEP),
+        Target(scene, "separation", 1e-5),
+        # Nothing drives it: energy that it gains is the beginning of a blow-up.
+        Target(scene, "gain", 1e-2),
+    )
+
+
+def _rope(scene: str) -> tuple[Target, ...]:
+    return (
+        Target(scene, "replayed", 1 / 8, "vbd"),
+        Target(scene, "replayed", 1 / 3, "xpbd"),
+        Target(scene, "separation", 1e-4),
+        Target(scene, "energy", 1e-2, "avbd_converged"),
+    )
+
+
+def _held(scene: str) -> tuple[Target, ...]:
+    return (
+        Target(scene, "speed", BLOWN_UP),
+        Target(scene, "separation", 1e-4),
+        Target(scene, "limit", LIMIT),
+    )
+
+
+def _robot(scene: str) -> tuple[Target, ...]:
+    return (
+        Target(scene, "eager", 1 / 40, "vbd"),
+        Target(scene, "eager", 1 / 4, "mujoco"),
+        Target(scene, "replayed", 1 / 3, "vbd"),
+        Target(scene, "replayed", 1.0, NEWTON_PEER),
+        Target(scene, "replayed", 2.0, MJ_STEP),
+        *_held(scene),
+        *_held(f"{scene}_60hz"),
+    )
+
 
 TARGETS: tuple[Target, ...] = (
     Target("pyramid", "eager", 1 / 10, "vbd"),
@@ -105,6 +167,12 @@ TARGETS: tuple[Target, ...] = (
     # 480 steps, on each axis.
     Target("free_bodies", "drift", 480 * 2.4e-7 * math.sqrt(3.0)),
     Target("free_bodies", "momentum", 1e-3),
+    *(target for scene in ("chain", "chain_100", "chain_10000") for target in _chain(scene)),
+    *(target for scene in ("rope", "rope_100000") for target in _rope(scene)),
+    *(target for scene in SINGLE_ROBOTS for target in _robot(scene)),
+    Target("ant_worlds", "replayed", 1 / 5, "vbd"),
+    Target("ant_worlds", "replayed", 1.0, "mujoco_warp"),
+    Target("ant_worlds", "apart", 0.0),
     Target(COLD_START, "eager", 1 / 5, "vbd"),
 )
 """What the solver must reach."""

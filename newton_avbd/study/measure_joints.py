@@ -1,0 +1,245 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""How well the joints of a simulated state hold: open anchors, misaligned axes, passed limits.
+
+Everything is worked out from body poses and the joints' frames, never from joint coordinates, so
+that solvers in joint coordinates and in body coordinates are measured alike.
+"""
+
+import math
+from dataclasses import dataclass
+
+import newton
+import numpy as np
+from numpy.typing import NDArray
+
+from newton_avbd.study.measure import Array, rotate, transform
+
+_UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.ROD)
+_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class Joints:
+    """The enabled joints of a model that hold something, n of them, read once.
+
+    Free joints hold nothing and are left out, as are distance joints and rods, which hold no
+    direction.
+
+    Attributes:
+        parent: Body of each joint's parent, -1 for the world, shape [n].
+        child: Body of each joint's child, shape [n].
+        parent_frame: Pose of the anchor in the parent, shape [n, 7].
+        child_frame: Pose of the anchor in the child, shape [n, 7].
+        angular: Number of free angular axes, shape [n].
+        locked: Projection of an offset between the anchors, in the parent's anchor frame, onto
+            the directions that the joint locks, shape [n, 3, 3].
+        slide: Maps such an offset to the linear coordinates, unused ones 0, shape [n, 3, 3].
+        basis: Columns that a rotation is taken apart about, in turn: with three free axes these,
+            but right-handed; with two the first, the locked one, the second, but right-handed;
+            with one that and two across; shape [n, 3, 3].
+        sign: -1 where the last column is opposite to the joint's own axis, else 1, shape [n].
+        lower: Lower limits, three linear and three angular [m, rad], shape [n, 6].
+        upper: Upper limits, likewise.
+    """
+
+    parent: NDArray[np.int64]
+    child: NDArray[np.int64]
+    parent_frame: Array
+    child_frame: Array
+    angular: NDArray[np.int64]
+    locked: Array
+    slide: Array
+    basis: Array
+    sign: Array
+    lower: Array
+    upper: Array
+
+    @classmethod
+    def of(cls, model: newton.Model) -> "Joints":
+        """Read the joints of ``model``."""
+        kind = model.joint_type.numpy()
+        chosen = np.flatnonzero(model.joint_enabled.numpy() & ~np.isin(kind, _UNLIMITED))
+        count = len(chosen)
+        slide, locked = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+        basis, sign = np.tile(np.eye(3), (count, 1, 1)), np.ones(count)
+        lower, upper = np.full((count, 6), -np.inf), np.full((count, 6), np.inf)
+        axes = model.joint_axis.numpy().astype(float)
+        limits = (model.joint_limit_lower.numpy(), model.joint_limit_upper.numpy())
+        starts, dims = model.joint_qd_start.numpy(), model.joint_dof_dim.numpy()[chosen]
+        for row, joint in enumerate(chosen):
+            (linear, angular), start = dims[row], starts[joint]
+            along = axes[start : start + linear]
+            slide[row, :linear] = np.linalg.pinv(along.T)
+            locked[row] = np.eye(3) - along.T @ slide[row, :linear]
+            for side, source in zip((lower, upper), limits, strict=True):
+                side[row, :linear] = source[start : start + linear]
+            if angular == 0 or kind[joint] == newton.JointType.BALL:
+                continue
+            about = axes[start + linear : start + linear + angular]
+            basis[row], sign[row] = _basis(about)
+            for i, place in enumerate((0, 2) if angular == 2 else range(angular)):
+                low, high = (float(source[start + linear + i]) for source in limits)
+                # A pose does not tell full turns apart, so that wider limits say nothing.
+                if low >= -math.pi and high <= math.pi:
+                    lower[row, 3 + place], upper[row, 3 + place] = low, high
+        return cls(
+            parent=model.joint_parent.numpy()[chosen].astype(np.int64),
+            child=model.joint_child.numpy()[chosen].astype(np.int64),
+            parent_frame=model.joint_X_p.numpy()[chosen].astype(float),
+            child_frame=model.joint_X_c.numpy()[chosen].astype(float),
+            angular=dims[:, 1].astype(np.int64),
+            locked=locked,
+            slide=slide,
+            basis=basis,
+            sign=sign,
+            lower=lower,
+            upper=upper,
+        )
+
+    def separation(self, body_q: Array) -> Array:
+        """Distance between the two anchors along what each joint locks [m], shape [n].
+
+        Args:
+            body_q: Body poses, shape [bodies, 7].
+        """
+        offset, _ = self._relative(body_q)
+        return np.linalg.norm(np.einsum("nij,nj->ni", self.locked, offset), axis=1)
+
+    def misalignment(self, body_q: Array) -> Array:
+        """Angle of the rotation about what each joint locks [rad], shape [n].
+
+        A hinge is off by the angle between the axis in its parent and in its child; a joint with
+        two free axes by the turn about the one across them; one with three by nothing.
+
+        Args:
+            body_q: Body poses, shape [bodies, 7].
+        """
+        _, turn = self._relative(body_q)
+        whole = 2.0 * np.arctan2(np.linalg.norm(turn[:, :3], axis=1), np.abs(turn[:, 3]))
+        axis = self.basis[:, :, 0]
+        moved = rotate(turn, axis)
+        across = np.linalg.norm(np.cross(axis, moved), axis=1)
+        swing = np.arctan2(across, np.einsum("ni,ni->n", axis, moved))
+        middle = np.abs(self._angles(turn)[:, 1])
+        return np.choose(self.angular, (whole, swing, middle, np.zeros(len(turn))))
+
+    def limit_violation(self, body_q: Array) -> Array:
+        """How far each joint is past its limits [m for sliding, rad for turning], shape [n].
+
+        Args:
+            body_q: Body poses, shape [bodies, 7].
+        """
+        offset, turn = self._relative(body_q)
+        angles = self._angles(turn)
+        angles[:, 2] *= self.sign
+        # About a single axis the whole range of angles can be told from the pose.
+        twist = 2.0 * np.arctan2(
+            np.einsum("ni,ni->n", turn[:, :3], self.basis[:, :, 0]), turn[:, 3]
+        )
+        wrapped = np.arctan2(np.sin(twist), np.cos(twist))
+        angles[:, 0] = np.where(self.angular == 1, wrapped, angles[:, 0])
+        at = np.hstack([np.einsum("nij,nj->ni", self.slide, offset), angles])
+        return np.max(np.maximum(self.lower - at, at - self.upper), axis=1, initial=0.0)
+
+    def _relative(self, body_q: Array) -> tuple[Array, Array]:
+        """Offset [m] and rotation of the child's anchor, both in the parent's anchor frame."""
+        # Row -1 is the world.
+        poses = np.vstack([body_q, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+        parent, child = poses[self.parent], poses[self.child]
+        back = _product(parent[:, 3:], self.parent_frame[:, 3:]) * _CONJUGATE
+        apart = transform(child, self.child_frame[:, :3]) - transform(
+            parent, self.parent_frame[:, :3]
+        )
+        turn = _product(back, _product(child[:, 3:], self.child_frame[:, 3:]))
+        return rotate(back, apart), turn
+
+    def _angles(self, turn: Array) -> Array:
+        """Angles of ``turn`` about the columns of ``basis`` in turn [rad], shape [n, 3]."""
+        moved = np.stack([rotate(turn, self.basis[:, :, i]) for i in range(3)], axis=2)
+        r = np.swapaxes(self.basis, 1, 2) @ moved
+        return np.stack(
+            [
+                np.arctan2(-r[:, 1, 2], r[:, 2, 2]),
+                np.arcsin(np.clip(r[:, 0, 2], -1.0, 1.0)),
+                np.arctan2(-r[:, 0, 1], r[:, 0, 0]),
+            ],
+            axis=1,
+        )
+
+
+@dataclass
+class JointQuality:
+    """The worst that the joints of a run have shown in any state so far, and its energy.
+
+    Attributes:
+        separation: Largest distance between anchors along what a joint locks [m].
+        misalignment: Largest rotation about what a joint locks [rad].
+        limit: Largest violation of a limit [m or rad].
+        energy: Energy of the bodies in the last state, without that of rotors [J].
+        gain: Most energy above that of the first state, relative to that.
+    """
+
+    separation: float = 0.0
+    misalignment: float = 0.0
+    limit: float = 0.0
+    energy: float = math.nan
+    gain: float = 0.0
+
+
+class JointProbe:
+    """Watches the joints of one model over a run."""
+
+    def __init__(self, model: newton.Model):
+        self._joints = Joints.of(model)
+        self._start: float | None = None
+        self.worst = JointQuality()
+
+    @property
+    def watching(self) -> bool:
+        """Whether there is anything to watch."""
+        return len(self._joints.child) > 0
+
+    def watch(self, body_q: Array, energy: float) -> None:
+        """Take a state in.
+
+        Args:
+            body_q: Body poses, shape [bodies, 7].
+            energy: Energy of the bodies [J].
+        """
+        self._start = energy if self._start is None else self._start
+        worst, joints = self.worst, self._joints
+        worst.separation = _worse(worst.separation, joints.separation(body_q))
+        worst.misalignment = _worse(worst.misalignment, joints.misalignment(body_q))
+        worst.limit = _worse(worst.limit, joints.limit_violation(body_q))
+        worst.energy = energy
+        worst.gain = _worse(worst.gain, np.array([(energy - self._start) / abs(self._start)]))
+
+
+def _basis(axes: Array) -> tuple[Array, float]:
+    """Right-handed columns to take a rotation apart about, and the sign of the last one.
+
+    Args:
+        axes: Free angular axes of a joint, shape [1 to 3, 3].
+    """
+    first = axes[0]
+    if len(axes) == 1:
+        second = np.linalg.svd(first[None])[2][1]
+    else:
+        second = np.cross(first, axes[1]) if len(axes) == 2 else axes[1]
+    third = np.cross(first, second)
+    sign = 1.0 if len(axes) == 1 or third @ axes[-1] > 0.0 else -1.0
+    return np.stack([first, second, third], axis=1), sign
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Product of quaternions (x, y, z, w), shape [n, 4]."""
+    va, vb, wa, wb = a[:, :3], b[:, :3], a[:, 3:], b[:, 3:]
+    vector = wa * vb + wb * va + np.cross(va, vb)
+    return np.hstack([vector, wa * wb - np.sum(va * vb, axis=1, keepdims=True)])
+
+
+def _worse(so_far: float, values: Array) -> float:
+    """The larger; NaN where one is, so that a failed run cannot look good."""
+    return float(np.max(values, initial=so_far))
