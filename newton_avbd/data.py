@@ -287,6 +287,10 @@ class TreeWork:
     """Motion of the body that closes the misfit of its joint."""
     update: wp.array[wp.spatial_vector]
     """What the last substitution added to the pose of the body."""
+    own_ll: wp.array[wp.mat33]
+    """The body's own block: inertia and contacts."""
+    own_al: wp.array[wp.mat33]
+    own_aa: wp.array[wp.mat33]
     h_ll: wp.array[wp.mat33]
     """Children's share of the block; zero between sweeps."""
     h_al: wp.array[wp.mat33]

@@ -314,6 +314,9 @@ class SolverAVBD(SolverBase):
                 self._no_mask if mask is None else mask,
                 int(StateFlags.BODY_Q | StateFlags.BODY_QD) if flags is None else int(flags),
                 self._worlds,
+                self._joints,
+                self._tree,
+                self._rest_angle,
                 self._history,
                 state.body_q,
                 state.body_qd,
@@ -434,7 +437,8 @@ class SolverAVBD(SolverBase):
             self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
-            self._history.joint_angle = wp.array(self._initial_angles(), dtype=float)
+            self._rest_angle = wp.array(self._initial_angles(), dtype=float)
+            self._history.joint_angle = wp.clone(self._rest_angle)
             self._history.limit_force = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.falling = wp.zeros(slots, dtype=float)
 
@@ -514,8 +518,10 @@ class SolverAVBD(SolverBase):
             self._worlds = data.WorldWork()
             self._worlds.body_start = wp.array(starts, dtype=wp.int32)
             self._worlds.bodies = wp.array(topology.order, dtype=wp.int32)
-            self._worlds.block_end = wp.array(topology.block_end, dtype=wp.int32)
-            self._worlds.rank = wp.array(topology.rank, dtype=wp.int32)
+            self._worlds.block_end = wp.array(np.append(topology.block_end, -1), dtype=wp.int32)
+            self._worlds.rank = wp.array(
+                np.append(topology.rank, topology.rank.size), dtype=wp.int32
+            )
             self._worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
             self._worlds.held = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.sweeps = wp.zeros(self._world_count, dtype=wp.int32)
@@ -553,6 +559,9 @@ class SolverAVBD(SolverBase):
             self._tree.span = wp.zeros(slots, dtype=wp.vec3)
             self._tree.closing = wp.zeros(slots, dtype=wp.spatial_vector)
             self._tree.update = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._tree.own_ll = wp.zeros(slots, dtype=wp.mat33)
+            self._tree.own_al = wp.zeros(slots, dtype=wp.mat33)
+            self._tree.own_aa = wp.zeros(slots, dtype=wp.mat33)
             self._tree.h_ll = wp.zeros(slots, dtype=wp.mat33)
             self._tree.h_al = wp.zeros(slots, dtype=wp.mat33)
             self._tree.h_aa = wp.zeros(slots, dtype=wp.mat33)

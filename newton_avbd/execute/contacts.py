@@ -14,8 +14,10 @@ from ..data import (
     ContactRecord,
     ContactRow,
     History,
+    JointModel,
     RowWork,
     ShapeModel,
+    TreeWork,
     WorldScale,
     WorldWork,
 )
@@ -35,14 +37,14 @@ def body_slot(shapes: ShapeModel, shape: int, static_slot: int) -> int:
 
 
 @wp.func
-def owner_of(work: BodyWork, slot0: int, slot1: int) -> int:
+def owner_of(worlds: WorldWork, work: BodyWork, slot0: int, slot1: int) -> int:
     """Slot of the body of a contact that is visited first; -1 when the solver moves neither."""
     moves0 = work.inv_mass[slot0] > 0.0
     moves1 = work.inv_mass[slot1] > 0.0
     if slot0 == slot1:
         return -1
     if moves0 and moves1:
-        return wp.min(slot0, slot1)
+        return wp.where(worlds.rank[slot0] < worlds.rank[slot1], slot0, slot1)
     if moves0:
         return slot0
     return wp.where(moves1, slot1, -1)
@@ -80,7 +82,7 @@ def sort_contacts(
             continue
         slot0 = body_slot(shapes, shape0, static_slot)
         slot1 = body_slot(shapes, shape1, static_slot)
-        a = owner_of(work, slot0, slot1)
+        a = owner_of(worlds, work, slot0, slot1)
         if a >= 0:
             rows.owner[contact] = a
             rows.owned_end[a] = rows.owned_end[a] + 1
@@ -436,12 +438,15 @@ def reset_bodies(
     mask: wp.array[wp.bool],
     flags: int,
     worlds: WorldWork,
+    joints: JointModel,
+    tree: TreeWork,
+    rest_angle: wp.array[float],
     # Out:
     history: History,
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
 ):
-    """Puts the bodies of the masked worlds back and forgets their contacts; one thread a body."""
+    """Puts the bodies of the masked worlds back and forgets what held them; one thread a body."""
     body = wp.tid()
     world = body_world[body]
     if mask.shape[0] == 0:
@@ -457,6 +462,13 @@ def reset_bodies(
         history.start[side, body] = 0
         history.end[side, body] = 0
     history.falling[body] = 0.0
+    if tree.joint.shape[0] > 0:
+        history.joint_force[body] = wp.vec3(0.0)
+        joint = tree.joint[body]
+        if joint >= 0:
+            for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                history.limit_force[dof] = 0.0
+                history.joint_angle[dof] = rest_angle[dof]
     history.age[worlds.of_body[body]] = 0
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0

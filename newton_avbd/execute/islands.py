@@ -30,14 +30,15 @@ def island_of(islands: IslandWork, body: int) -> int:
 
 
 @wp.func
-def join_islands(islands: IslandWork, work: BodyWork, a: int, b: int):
+def join_islands(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int, b: int):
     """Makes one island of two bodies that push each other; b may be one that does not move."""
     root_a = island_of(islands, a)
     if work.inv_mass[b] > 0.0:
         root_b = island_of(islands, b)
-        first = wp.min(root_a, root_b)
+        is_a_first = worlds.rank[root_a] < worlds.rank[root_b]
+        first = wp.where(is_a_first, root_a, root_b)
         islands.fixed[first] = wp.max(islands.fixed[root_a], islands.fixed[root_b])
-        islands.parent[wp.max(root_a, root_b)] = first
+        islands.parent[wp.where(is_a_first, root_b, root_a)] = first
     else:
         islands.fixed[root_a] = 1
 
@@ -64,7 +65,7 @@ def keep_momentum(
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0:
-            # the root comes first, since it has the lowest index
+            # the root comes first, since it is visited first
             root = island_of(islands, body)
             if islands.fixed[root] == 0:
                 total = IslandSum()

@@ -175,9 +175,9 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         static_slot = work.inv_mass.shape[0] - 1
         wrench = gather(body, is_first, slop, h, model, work, rows)
         inv_h2 = 1.0 / (h * h)
-        h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2)) + tree.h_ll[body]
-        h_al = tree.h_al[body]
-        h_aa = work.inertia[body] * inv_h2 + tree.h_aa[body]
+        h_ll = tree.own_ll[body] + tree.h_ll[body]
+        h_al = tree.own_al[body] + tree.h_al[body]
+        h_aa = tree.own_aa[body] + tree.h_aa[body]
         push = wrench + tree.push[body]
         load = wrench + tree.load[body]
         tree.h_ll[body] = wp.mat33(0.0)

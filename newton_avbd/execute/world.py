@@ -12,6 +12,7 @@ from ..data import (
     BodyModel,
     BodyWork,
     ContactInput,
+    ContactRow,
     ControlInput,
     History,
     IslandWork,
@@ -53,6 +54,20 @@ COLD_FACTOR = wp.constant(4)
 def is_tree(first: int, end: int, body: int, tree: TreeWork) -> bool:
     """Whether a block has joints."""
     return end > first + 1 or tree.joint[body] >= 0
+
+
+@wp.func
+def shared_row(row: ContactRow, worlds: WorldWork) -> ContactRow:
+    """The row as the block of one of its bodies sees it.
+
+    Where both bodies belong to one block they move at once. Leaving out what couples them, twice
+    the curvature on each is still an upper bound: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2.
+    """
+    out = row
+    if worlds.block_end[worlds.rank[row.a]] == worlds.block_end[worlds.rank[row.b]]:
+        out.k_n = 2.0 * row.k_n
+        out.k_t = 2.0 * row.k_t
+    return out
 
 
 @wp.func
@@ -244,20 +259,27 @@ def make_solve(effects: Effects) -> wp.Kernel:
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.new_gap
 
     @wp.func
-    def factor_body(body: int, h: float, model: BodyModel, work: BodyWork, rows: RowWork):
-        """Assembles and factors a body's block: the penalties stay, so once a step is enough."""
+    def assemble_body(
+        body: int, h: float, model: BodyModel, worlds: WorldWork, work: BodyWork, rows: RowWork
+    ):
+        """A body's block: its inertia and the curvature of its rows, the same all step long."""
         inv_h2 = 1.0 / (h * h)
         h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2))
         h_al = wp.mat33(0.0)
         h_aa = work.inertia[body] * inv_h2
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            row = rows.rows[i]
-            h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
-        for i in range(rows.other_start[body], rows.other_end[body]):
-            row = rows.rows[rows.other_rows[i]]
-            arm = row.arm + (work.com[row.a] - work.com[body])
-            h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
-        work.factor[body] = factor_block(h_ll, h_al, h_aa)
+        if wp.static(effects.contact):
+            for i in range(rows.owned_start[body], rows.owned_end[body]):
+                row = rows.rows[i]
+                if wp.static(effects.joints):
+                    row = shared_row(row, worlds)
+                h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
+            for i in range(rows.other_start[body], rows.other_end[body]):
+                row = rows.rows[rows.other_rows[i]]
+                arm = row.arm + (work.com[row.a] - work.com[body])
+                if wp.static(effects.joints):
+                    row = shared_row(row, worlds)
+                h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
+        return h_ll, h_al, h_aa
 
     gather = make_gather(effects, contact_force, sweep_gap, has_dual=True)
     gather_old = make_gather(effects, contact_force, contact_rows.recovery_gap, has_dual=False)
@@ -317,6 +339,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         side: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
+        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         islands: IslandWork,
@@ -342,7 +365,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 rows.rows[i].force = push
                 if row.b != joined and wp.length_sq(push) > 0.0:
                     joined = row.b
-                    join_islands(islands, work, body, joined)
+                    join_islands(islands, worlds, work, body, joined)
                 if wp.static(not effects.compliance):
                     coasting = contact_rows.slip(
                         row,
@@ -574,19 +597,30 @@ def make_solve(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
                 is_alone = bool(True)
+                is_jointed = bool(False)
                 if wp.static(effects.contact):
                     begin_island(islands, body)
                     if has_rows(rows, body):
                         is_alone = False
-                        if wp.static(not effects.ramp):
-                            factor_body(body, h, model, work, rows)
                 if wp.static(effects.joints):
                     if worlds.block_end[i] > i + 1 or tree.joint[body] >= 0:
                         is_alone = False
+                        is_jointed = True
                 if is_alone:
                     work.increment[body] = work.target[body]
                 else:
                     sweeps = iterations
+                    if wp.static(not effects.ramp):
+                        h_ll, h_al, h_aa = assemble_body(body, h, model, worlds, work, rows)
+                        if is_jointed:
+                            if wp.static(effects.joints):
+                                tree.own_ll[body] = h_ll
+                                tree.own_al[body] = h_al
+                                tree.own_aa[body] = h_aa
+                                if wp.static(effects.contact):
+                                    join_islands(islands, worlds, work, body, tree.parent[body])
+                        else:
+                            work.factor[body] = factor_block(h_ll, h_al, h_aa)
                     if wp.static(effects.gyroscopic):
                         # constraints see the mean spin over the step, and so does the velocity
                         work.spin_gain[body] = wp.vec3(0.0)
@@ -620,7 +654,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
         side = 1 - history.parity[world]
         if wp.static(effects.contact):
             for i in range(body_start, body_end):
-                remember_rows(worlds.bodies[i], side, scale, body_qd, work, rows, islands, history)
+                remember_rows(
+                    worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
+                )
             if wp.static(not effects.ramp):
                 if sweeps > 0:
                     keep_momentum(world, model, worlds, work, islands)
