@@ -103,7 +103,40 @@ def measure_misfit(
 
 
 @wp.func
-def measure_coordinates(
+def joint_coordinate(
+    body: int,
+    dof: int,
+    known: float,
+    static_slot: int,
+    model: BodyModel,
+    joints: JointModel,
+    work: BodyWork,
+    tree: TreeWork,
+) -> float:
+    """Coordinate of the body's joint at the orientations in ``tree``; zero for a ball.
+
+    An angle is the one nearest to the ``known`` one, so that turns are counted.
+    """
+    joint = tree.joint[body]
+    parent = tree.parent[body]
+    frame_p = joints.parent_frame[joint]
+    frame_c = joints.child_frame[joint]
+    q_p = anchor_rotation(tree, parent, frame_p)
+    linear = joints.dof_dim[joint, 0]
+    if dof < linear:
+        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+        offset = anchor_offset(work, body, parent, arm_c, arm_p)
+        return wp.dot(joint_rows.linear_axis(joints, joint, dof, q_p), offset)
+    if joints.type[joint] == BALL:
+        return 0.0
+    q_c = anchor_rotation(tree, body, frame_c)
+    angle = joint_rows.angle(joints, joint, dof - linear, q_p, q_c)
+    return known + joint_rows.wrapped(angle - known)
+
+
+@wp.func
+def measure_start(
     body: int,
     static_slot: int,
     model: BodyModel,
@@ -112,40 +145,44 @@ def measure_coordinates(
     tree: TreeWork,
     history: History,
 ) -> bool:
-    """Coordinates of the body's joint at the start of the step, turns counted.
+    """Coordinates of the body's joint at the start of the step.
 
-    Returns whether one of them is beyond its limits, by more than rounding.
+    Expects increments of zero and rotations at the start of the step. Returns whether one of them
+    is beyond its limits by more than rounding.
     """
     joint = tree.joint[body]
-    parent = tree.parent[body]
-    frame_p = joints.parent_frame[joint]
-    frame_c = joints.child_frame[joint]
-    q_p = anchor_rotation(tree, parent, frame_p)
-    q_c = anchor_rotation(tree, body, frame_c)
-    arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-    arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-    offset = (work.com[body] - work.com[parent]) + (arm_c - arm_p)
-    linear = joints.dof_dim[joint, 0]
     is_beyond = bool(False)
-    for dof in range(linear + joints.dof_dim[joint, 1]):
-        k = tree.axis_start[body] + dof
+    for dof in range(joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]):
         index = joints.dof_start[joint] + dof
-        q = float(0.0)
-        rounding = tree.rounding[body]
-        if dof < linear:
-            q = wp.dot(joint_rows.linear_axis(joints, joint, dof, q_p), offset)
-        elif joints.type[joint] != BALL:
-            known = history.joint_angle[index]
-            q = known + joint_rows.wrapped(
-                joint_rows.angle(joints, joint, dof - linear, q_p, q_c) - known
-            )
-            history.joint_angle[index] = q
-            rounding = 4.0 * ROUNDING
-        tree.coordinate[k] = q
-        tree.start_coordinate[k] = q
+        q = joint_coordinate(
+            body, dof, history.joint_angle[index], static_slot, model, joints, work, tree
+        )
+        history.joint_angle[index] = q
+        tree.start_coordinate[tree.axis_start[body] + dof] = q
+        rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(q)
+        if dof >= joints.dof_dim[joint, 0]:
+            rounding = 2.0 * ROUNDING * (2.0 + wp.abs(q))
         if q < joints.limit_lower[index] - rounding or q > joints.limit_upper[index] + rounding:
             is_beyond = True
     return is_beyond
+
+
+@wp.func
+def measure_guess(
+    body: int,
+    static_slot: int,
+    model: BodyModel,
+    joints: JointModel,
+    work: BodyWork,
+    tree: TreeWork,
+):
+    """Coordinates of the body's joint after the first guess of the increments."""
+    joint = tree.joint[body]
+    for dof in range(joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]):
+        k = tree.axis_start[body] + dof
+        tree.coordinate[k] = joint_coordinate(
+            body, dof, tree.start_coordinate[k], static_slot, model, joints, work, tree
+        )
 
 
 def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
@@ -159,8 +196,8 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
     @wp.func
     def eliminate(
         body: int,
-        is_first: bool,
-        share: float,
+        has_dual: bool,
+        recovery: float,
         slop: float,
         h: float,
         model: BodyModel,
@@ -173,7 +210,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
     ):
         """Reduces the body's block and wrench by its joint's axes and hands them to the parent."""
         static_slot = work.inv_mass.shape[0] - 1
-        wrench = gather(body, is_first, slop, h, model, work, rows)
+        wrench = gather(body, has_dual, recovery, slop, h, model, work, rows)
         inv_h2 = 1.0 / (h * h)
         h_ll = tree.own_ll[body] + tree.h_ll[body]
         h_al = tree.own_al[body] + tree.h_al[body]
@@ -203,7 +240,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         misfit = joint_rows.linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - misfit
         tilt = joint_rows.angular_misfit(joints, joint, q_p, q_c)
-        kept = (1.0 - share) * tree.misfit[body]
+        kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
         misfit -= wp.spatial_top(kept)
         tilt -= wp.spatial_bottom(kept)
         closing = wp.spatial_vector(wp.cross(tilt, arm_c) - misfit, -tilt)
@@ -212,7 +249,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         tree.span[body] = span
 
         force = -wp.spatial_top(load)
-        if is_first:
+        if not has_dual:
             force = history.joint_force[body]
         history.joint_force[body] = -wp.spatial_top(load)
         h_aa += algebra.geometric_stiffness(force, arm_c)
@@ -267,7 +304,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                     side = axis_rows.held_side(joints, index, q, start, history.limit_force[index])
                     if side != 0:
                         axis.pivot = pivot
-                        axis.step = axis_rows.held_at(joints, index, side, start, share) - q
+                        axis.step = axis_rows.held_at(joints, index, side, start, recovery) - q
             if axis.pivot > 0.0:
                 push -= axis.step * wp.spatial_vector(axis.force, axis.torque)
             else:
@@ -325,11 +362,13 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                             history.limit_force[index] = 0.0
                             settled = False
                     else:
+                        start = tree.start_coordinate[k]
                         at = tree.coordinate[k] + q
-                        if (
-                            axis_rows.held_side(joints, index, at, tree.start_coordinate[k], 0.0)
-                            != 0
-                        ):
+                        side = axis_rows.held_side(joints, index, at, start, 0.0)
+                        if side != 0:
+                            # not beyond the limit, even before the others know of it
+                            q = axis_rows.held_at(joints, index, side, start, 0.0)
+                            q -= tree.coordinate[k]
                             settled = False
                 if wp.static(effects.drives or effects.limits):
                     tree.coordinate[k] = tree.coordinate[k] + q
@@ -348,8 +387,8 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
     def sweep_tree(
         first: int,
         end: int,
-        is_first: bool,
-        share: float,
+        has_dual: bool,
+        recovery: float,
         slop: float,
         h: float,
         body_q: wp.array[wp.transform],
@@ -365,16 +404,15 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         """Moves the bodies of a tree to the minimum of their quadratic model.
 
         Returns the square of how far the next iteration would move one of them [m^2]: zero where
-        the rounding of the poses hides it. ``share`` is how much of the misfit of the step's start
-        goes.
+        the rounding of the poses hides it. XX
         """
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]
             if work.inv_mass[body] > 0.0:
                 eliminate(
                     body,
-                    is_first,
-                    share,
+                    has_dual,
+                    recovery,
                     slop,
                     h,
                     model,
@@ -388,7 +426,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         # Newton's method leaves about the square of an angle, but the first iteration starts from
         # the joint forces of the last step, and contacts converge by a factor.
         largest = float(0.0)
-        is_newton = not is_first
+        is_newton = has_dual
         settled = bool(True)
         for i in range(first, end):
             body = worlds.bodies[i]

@@ -32,8 +32,9 @@ from .islands import begin_island, join_islands, keep_momentum
 from .trees import (
     is_linked,
     make_sweep_tree,
-    measure_coordinates,
+    measure_guess,
     measure_misfit,
+    measure_start,
     place_body,
 )
 
@@ -153,19 +154,19 @@ def coasting_increment(
     return h * body_qd[slot]
 
 
-def make_gather(
-    effects: Effects, contact_force: wp.Function, gap_of: wp.Function, *, has_dual: bool
-) -> wp.Function:
+def make_gather(effects: Effects, contact_force: wp.Function, gap_of: wp.Function) -> wp.Function:
     """Device function that sums what pulls a body: to its inertial target, and at its contacts.
 
-    With ``has_dual``, in all sweeps but the first, the rows that the body owns start with the dual
-    update lambda <- F that ends the sweep before: nothing has moved at them since.
+    With ``has_dual`` the rows that the body owns start with the dual update lambda <- F that ends
+    the sweep before: nothing has moved at them since. ``recovery`` is the share of the penetration
+    beyond ``slop`` that is to go.
     """
 
     @wp.func
     def gather(
         body: int,
-        is_first: bool,
+        has_dual: bool,
+        recovery: float,
         slop: float,
         h: float,
         model: BodyModel,
@@ -194,15 +195,14 @@ def make_gather(
                 u = shift + wp.cross(turn, row.arm)
                 if wp.static(effects.moving_surfaces):
                     u += rows.drift[i]
-                gap = gap_of(row.gap, slop)
+                gap = gap_of(row.gap, recovery, slop)
                 push = contact_force(row, u, gap)
-                if wp.static(has_dual):
-                    if not is_first:
-                        if wp.static(effects.compliance):
-                            push = contact_rows.keep_share(row, push, rows.share[i])
-                        row.force = push
-                        rows.rows[i].force = push
-                        push = contact_force(row, u, gap)
+                if has_dual:
+                    if wp.static(effects.compliance):
+                        push = contact_rows.keep_share(row, push, rows.share[i])
+                    row.force = push
+                    rows.rows[i].force = push
+                    push = contact_force(row, u, gap)
                 f -= push
                 tau -= wp.cross(row.arm, push)
             partner = int(-1)
@@ -218,7 +218,7 @@ def make_gather(
                 u = shift + wp.cross(turn, row.arm)
                 if wp.static(effects.moving_surfaces):
                     u += rows.drift[other]
-                push = contact_force(row, u, gap_of(row.gap, slop))
+                push = contact_force(row, u, gap_of(row.gap, recovery, slop))
                 f += push
                 tau += wp.cross(row.arm + span, push)
         return wp.spatial_vector(f, tau)
@@ -232,7 +232,8 @@ def make_sweep(gather: wp.Function) -> wp.Function:
     @wp.func
     def sweep(
         body: int,
-        is_first: bool,
+        has_dual: bool,
+        recovery: float,
         slop: float,
         h: float,
         model: BodyModel,
@@ -240,7 +241,7 @@ def make_sweep(gather: wp.Function) -> wp.Function:
         rows: RowWork,
     ) -> float:
         """Returns the square of how far that moved it [m^2], a turn by its radius of gyration."""
-        wrench = gather(body, is_first, slop, h, model, work, rows)
+        wrench = gather(body, has_dual, recovery, slop, h, model, work, rows)
         update = solve_block(work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
         work.increment[body] = work.increment[body] + update
         shift = wp.spatial_top(update)
@@ -256,7 +257,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     build_rows = make_build_rows(effects)
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
-    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.new_gap
+    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
 
     @wp.func
     def assemble_body(
@@ -281,12 +282,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
         return h_ll, h_al, h_aa
 
-    gather = make_gather(effects, contact_force, sweep_gap, has_dual=True)
-    gather_old = make_gather(effects, contact_force, contact_rows.recovery_gap, has_dual=False)
+    gather = make_gather(effects, contact_force, sweep_gap)
     sweep_body = make_sweep(gather)
-    recover_body = make_sweep(gather_old)
     sweep_tree = make_sweep_tree(effects, gather)
-    recover_tree = make_sweep_tree(effects, gather_old)
 
     @wp.func
     def sweep_body_ramped(body: int, h: float, model: BodyModel, work: BodyWork, rows: RowWork):
@@ -361,7 +359,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 history.records[side, i].penalty = row.k_n
                 rows.rows[i].force = push
             else:
-                push = contact_force(row, u, sweep_gap(row.gap, 0.0))
+                push = contact_force(row, u, sweep_gap(row.gap, 0.0, 0.0))
                 rows.rows[i].force = push
                 if row.b != joined and wp.length_sq(push) > 0.0:
                     joined = row.b
@@ -389,7 +387,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
     @wp.func
     def sweep_world(
         world: int,
-        is_first: bool,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
         h: float,
         body_q: wp.array[wp.transform],
         model: BodyModel,
@@ -401,7 +401,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
         tree: TreeWork,
         history: History,
     ) -> float:
-        """Visits all blocks; returns the square of how far one of their bodies moved [m^2]."""
+        """Visits all blocks; returns the square of how far one of their bodies moved [m^2].
+
+        With a ``recovery`` above zero what was wrong at the start of the step goes, too: that share
+        of the penetration beyond ``slop``, and all misfit of joints.
+        """
         farthest = float(0.0)
         first = int(worlds.body_start[world])
         while first < worlds.body_start[world + 1]:
@@ -414,9 +418,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         sweep_tree(
                             first,
                             end,
-                            is_first,
-                            0.0,
-                            0.0,
+                            has_dual,
+                            recovery,
+                            slop,
                             h,
                             body_q,
                             model,
@@ -437,59 +441,14 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         sweep_body_ramped(body, h, model, work, rows)
                     else:
                         farthest = wp.max(
-                            farthest, sweep_body(body, is_first, 0.0, h, model, work, rows)
+                            farthest,
+                            sweep_body(body, has_dual, recovery, slop, h, model, work, rows),
                         )
             first = end
         if wp.static(effects.ramp):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 sweep_duals_ramped(worlds.bodies[i], work, rows)
         return farthest
-
-    @wp.func
-    def recover_world(
-        world: int,
-        slop: float,
-        h: float,
-        body_q: wp.array[wp.transform],
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        history: History,
-    ):
-        """Takes out old penetration and misfit of joints, which does not enter the velocity."""
-        first = int(worlds.body_start[world])
-        while first < worlds.body_start[world + 1]:
-            body = worlds.bodies[first]
-            end = worlds.block_end[first]
-            if wp.static(effects.joints):
-                if is_tree(first, end, body, tree):
-                    recover_tree(
-                        first,
-                        end,
-                        False,
-                        1.0,
-                        slop,
-                        h,
-                        body_q,
-                        model,
-                        joints,
-                        control,
-                        worlds,
-                        work,
-                        rows,
-                        tree,
-                        history,
-                    )
-                    first = end
-                    continue
-            if wp.static(effects.contact):
-                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
-                    recover_body(body, False, slop, h, model, work, rows)
-            first = end
 
     @wp.func
     def begin_trees(
@@ -507,18 +466,29 @@ def make_solve(effects: Effects) -> wp.Kernel:
         is_open = bool(False)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
-            # parents come first, but those of kinematic bodies may not
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
+            # the guess is put aside: joints are measured at the start first
+            tree.update[body] = work.increment[body]
+            work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 if measure_misfit(body, static_slot, model, joints, work, tree):
                     is_open = True
                 if wp.static(effects.drives or effects.limits):
-                    if measure_coordinates(body, static_slot, model, joints, work, tree, history):
+                    if measure_start(body, static_slot, model, joints, work, tree, history):
                         is_open = True
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            place_body(worlds.bodies[i], body_q, work, tree)
+            body = worlds.bodies[i]
+            work.increment[body] = tree.update[body]
+            place_body(body, body_q, work, tree)
+            if work.inv_mass[body] == 0.0:
+                tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if wp.static(effects.drives or effects.limits):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                body = worlds.bodies[i]
+                if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                    measure_guess(body, static_slot, model, joints, work, tree)
         return is_open
 
     flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
@@ -633,7 +603,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
         while sweep < sweeps:
             update = sweep_world(
                 world,
-                sweep == 0,
+                sweep > 0,
+                0.0,
+                scale.slop,
                 h,
                 body_q,
                 model,
@@ -685,8 +657,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
         # Recovery: old errors go, without entering the velocity.
         if wp.static(not effects.ramp and not effects.compliance):
             if (sweeps > 0 and deepest > scale.slop) or is_open:
-                recover_world(
+                sweep_world(
                     world,
+                    False,
+                    contact_rows.RECOVERY,
                     scale.slop,
                     h,
                     body_q,

@@ -80,23 +80,15 @@ def normal_force(row: ContactRow, u: wp.vec3, gap: float) -> wp.vec3:
 
 
 @wp.func
-def new_gap(gap: float, _slop: float) -> float:
-    """Gap that the sweeps close [m]: new error only, old penetration is left to the recovery."""
-    return wp.max(gap, 0.0)
+def rigid_gap(gap: float, recovery: float, slop: float) -> float:
+    """Gap that a sweep closes [m]: new error, and a share of the penetration beyond the slop."""
+    return wp.max(gap, 0.0) + recovery * wp.min(gap + slop, 0.0)
 
 
 @wp.func
-def whole_gap(gap: float, _slop: float) -> float:
-    """Gap that the sweeps close [m] where contacts are compliant: overlap is what pushes."""
+def whole_gap(gap: float, _recovery: float, _slop: float) -> float:
+    """Gap that a sweep closes [m] where contacts are compliant: overlap is what pushes."""
     return gap
-
-
-@wp.func
-def recovery_gap(gap: float, slop: float) -> float:
-    """Gap that the recovery closes [m]: a share of the penetration beyond the slop."""
-    if gap < -slop:
-        return RECOVERY * (gap + slop)
-    return wp.max(gap, 0.0)
 
 
 @wp.func

@@ -28,7 +28,7 @@ from newton_avbd.io.errors import UserError
 from newton_avbd.study import report
 from newton_avbd.study.coldstart import cold_start
 from newton_avbd.study.contestants import Contestant, NewtonContestant
-from newton_avbd.study.mujoco_native import MujocoContestant
+from newton_avbd.study.mujoco_native import MujocoContestant, silence
 from newton_avbd.study.peers import MJ_STEP, PEERS
 from newton_avbd.study.robots import SINGLE_ROBOTS
 from newton_avbd.study.scenes import SCENES
@@ -151,6 +151,7 @@ def main(args: argparse.Namespace) -> int:
     scenes = _chosen("benchmark scene", args.scenes, tuple(BENCHMARKS))
     named = args.solvers.split(",") if args.solvers else []
     solvers = _chosen("solver", named, (*PEERS, MJ_STEP))
+    silence()
     with _pinned() as core:
         machine = describe_machine(core)
         print("\n".join(f"{name}: {value}" for name, value in machine.items()), end="\n\n")

@@ -47,7 +47,7 @@ def add_chain(
     center = wp.vec3(0.5 * length, 0.0, 0.0)
     parent, joints = -1, []
     for i in range(links):
-        rotation = down * wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), i * turn)
+        rotation = wp.mul(down, wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), i * turn))
         body = builder.add_link(
             xform=wp.transform(end + wp.quat_rotate(rotation, center), rotation)
         )
@@ -62,8 +62,8 @@ def add_chain(
         held = wp.transform(-center, wp.quat_identity())
         if ball:
             joints.append(builder.add_joint_ball(parent, body, parent_xform=hung, child_xform=held))
-            relative = wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), turn if i else 0.0)
-            builder.joint_q[-4:] = list(relative)
+            half = 0.5 * turn if i else 0.0
+            builder.joint_q[-4:] = [0.0, 0.0, math.sin(half), math.cos(half)]
         else:
             axis = wp.vec3(0.0, 1.0, 0.0)
             joints.append(

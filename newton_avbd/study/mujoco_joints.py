@@ -14,13 +14,8 @@ from newton_avbd.study.measure import Array
 class Articulated:
     """A Newton world as an ``mjModel``: joints, drives, limits and contacts."""
 
-    def __init__(self, model: newton.Model, dt: float):
-        """Translate the first world of ``model``.
-
-        Args:
-            model: The model; all of its worlds are alike.
-            dt: Solver step [s].
-        """
+    def __init__(self, model: newton.Model):
+        """Translate the first world of ``model``; its other worlds are taken to be like it."""
         import mujoco
 
         self._mujoco = mujoco
@@ -33,10 +28,9 @@ class Articulated:
             kinematic_switchable_roots=False,
         )
         self.mj_model = solver.mj_model
-        start = solver.mj_data.qpos.copy(), solver.mj_data.qvel.copy()
-        # The first step writes the targets of the drives down.
-        solver.step(model.state(), model.state(), model.control(), None, dt)
-        self._qpos, self._qvel = start
+        # A step of next to no time writes the start state and the targets of the drives down.
+        solver.step(model.state(), model.state(), model.control(), None, 1e-12)
+        self._qpos, self._qvel = solver.mj_data.qpos.copy(), solver.mj_data.qvel.copy()
         self._ctrl = solver.mj_data.ctrl.copy()
         bodies = solver.mjc_body_to_newton.numpy()[0]
         self._mj_bodies = np.flatnonzero(bodies >= 0)

@@ -15,6 +15,18 @@ from newton_avbd.study.mujoco_joints import Articulated
 from newton_avbd.study.scenes import Scene
 
 
+def silence() -> None:
+    """Keep MuJoCo from writing its warnings into a file in the current folder.
+
+    What it warns of are runs that blow up, which the quality shows.
+    """
+    try:
+        import mujoco
+    except ImportError:
+        return
+    mujoco.set_mju_user_warning(lambda message: None)
+
+
 class MujocoContestant(Contestant):
     """``mj_step`` on a scene.
 
@@ -33,7 +45,7 @@ class MujocoContestant(Contestant):
         super().__init__(scene, scene.model(device="cpu"))
         self._mujoco = mujoco
         free = np.all(self.model.joint_type.numpy() == newton.JointType.FREE)
-        self._translation = (_FreeBodies if free else Articulated)(self.model, scene.dt)
+        self._translation = (_FreeBodies if free else Articulated)(self.model)
         self._mj_model = self._translation.mj_model
         self._mj_model.opt.timestep = scene.dt
         worlds = max(1, self.model.world_count)
@@ -66,9 +78,8 @@ class MujocoContestant(Contestant):
 class _FreeBodies:
     """A Newton world of free bodies as an ``mjModel``."""
 
-    def __init__(self, model: newton.Model, dt: float):
-        """Translate the first world of ``model``; the step is set by who makes it."""
-        del dt
+    def __init__(self, model: newton.Model):
+        """Translate the first world of ``model``."""
         self._count = model.body_count // max(1, model.world_count)
         self.mj_model = _translate(model, self._count).compile()
         self._body_q = model.body_q.numpy().astype(float)

@@ -25,9 +25,9 @@ _LENGTHS = frozenset({"penetration", "drift", "separation", "apart"})
 def scene_table(scene: str, results: list[Result]) -> str:
     """Time and quality of every solver on one scene; times also as multiples of SolverAVBD's."""
     shown = [result.quality for result in results if result.quality is not None]
-    columns = _JOINTED if any(quality.joints for quality in shown) else _FREE
-    # Where nobody has it, it is not asked for.
-    columns = [name for name in columns if any(q.value(name) is not None for q in shown)]
+    known = _JOINTED if any(quality.joints for quality in shown) else _FREE
+    # What nobody has is not asked for here.
+    columns = [name for name in known if any(q.value(name) is not None for q in shown)]
     head = ["solver", "contacts", "eager", "/ avbd", "replayed", "/ avbd"]
     head += columns
     ours = next((result for result in results if result.solver == "avbd"), None)

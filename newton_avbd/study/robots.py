@@ -8,6 +8,8 @@ asset or, where it has none, of the example. The inertia that examples add to bo
 stability" is left out.
 """
 
+import math
+
 import newton
 import newton.examples
 import warp as wp
@@ -101,7 +103,7 @@ def add_fourbar(builder: newton.ModelBuilder) -> None:
             builder.joint_target_ke[dof] = 1.0
             builder.joint_target_kd[dof] = 0.001
     builder.joint_q[2] += 0.1
-    builder.joint_q[3:7] = list(wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), 0.2))
+    builder.joint_q[3:7] = [0.0, math.sin(0.1), 0.0, math.cos(0.1)]
     _place(builder)
 
 

@@ -18,7 +18,9 @@ import warp as wp
 
 from newton_avbd.study.chains import CHAINS
 from newton_avbd.study.robots import ROBOTS
-from newton_avbd.study.scene import Scene
+from newton_avbd.study.scene import FRAMES_PER_SECOND, Scene
+
+__all__ = ["FRAMES_PER_SECOND", "SCENES", "Scene"]
 
 
 def _shape(

@@ -86,7 +86,7 @@ class Target:
                     # A time that does not exist is NaN; a quality that is NaN is a failure.
                     time = getattr(result, self.quantity)
                     return None if math.isnan(time) else time
-                return result.quality and result.quality.value(self.quantity)
+                return result.quality.value(self.quantity) if result.quality else None
         return None
 
 
