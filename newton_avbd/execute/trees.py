@@ -27,6 +27,9 @@ from .bodies import has_rows
 ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
 
+FAR = wp.constant(3.0e-2)
+"""Turn by an update from which joint coordinates are measured again [rad]."""
+
 
 @wp.func
 def anchor_arm(
@@ -168,7 +171,7 @@ def measure_start(
 
 
 @wp.func
-def measure_guess(
+def measure_moved(
     body: int,
     static_slot: int,
     model: BodyModel,
@@ -176,7 +179,7 @@ def measure_guess(
     work: BodyWork,
     tree: TreeWork,
 ):
-    """Coordinates of the body's joint after the first guess of the increments."""
+    """Coordinates of the body's joint after the increments."""
     joint = tree.joint[body]
     for dof in range(joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]):
         k = tree.axis_start[body] + dof
@@ -301,10 +304,12 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                     axis.push += pull
                     pivot += stiffness
                 if wp.static(effects.limits and not effects.compliance):
-                    side = axis_rows.held_side(joints, index, q, start, history.limit_force[index])
+                    lower = axis_rows.lower_stop(joints, index, start, recovery)
+                    upper = axis_rows.upper_stop(joints, index, start, recovery)
+                    side = axis_rows.held_side(lower, upper, q, history.limit_force[index])
                     if side != 0:
                         axis.pivot = pivot
-                        axis.step = axis_rows.held_at(joints, index, side, start, recovery) - q
+                        axis.step = wp.where(side < 0, lower, upper) - q
             if axis.pivot > 0.0:
                 push -= axis.step * wp.spatial_vector(axis.force, axis.torque)
             else:
@@ -325,10 +330,12 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
     def substitute(
         body: int,
         body_q: wp.array[wp.transform],
+        model: BodyModel,
         joints: JointModel,
         work: BodyWork,
         tree: TreeWork,
         history: History,
+        recovery: float,
     ) -> bool:
         """Moves the body by its share of the tree's minimum; returns whether its limits agree."""
         settled = bool(True)
@@ -345,31 +352,24 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                 q = axis.inv_pivot * (axis.push - met)
                 if wp.static(effects.limits and not effects.compliance):
                     index = joints.dof_start[joint] + dofs - 1 - i
+                    at = tree.coordinate[k]
+                    start = tree.start_coordinate[k]
+                    lower = axis_rows.lower_stop(joints, index, start, recovery)
+                    upper = axis_rows.upper_stop(joints, index, start, recovery)
                     if axis.pivot > 0.0:
+                        side = axis_rows.held_side(lower, upper, at, history.limit_force[index])
                         q = axis.step
                         force = met + axis.pivot * q - axis.push
                         # a limit pushes back; one that would have to pull lets go
-                        side = axis_rows.held_side(
-                            joints,
-                            index,
-                            tree.coordinate[k],
-                            tree.start_coordinate[k],
-                            history.limit_force[index],
-                        )
                         if float(side) * force < 0.0:
                             history.limit_force[index] = force
                         else:
                             history.limit_force[index] = 0.0
                             settled = False
-                    else:
-                        start = tree.start_coordinate[k]
-                        at = tree.coordinate[k] + q
-                        side = axis_rows.held_side(joints, index, at, start, 0.0)
-                        if side != 0:
-                            # not beyond the limit, even before the others know of it
-                            q = axis_rows.held_at(joints, index, side, start, 0.0)
-                            q -= tree.coordinate[k]
-                            settled = False
+                    elif at + q < lower or at + q > upper:
+                        # not beyond the limit, even before the others know of it
+                        q = wp.clamp(at + q, lower, upper) - at
+                        settled = False
                 if wp.static(effects.drives or effects.limits):
                     tree.coordinate[k] = tree.coordinate[k] + q
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
@@ -381,6 +381,13 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             algebra.combined_turn(wp.spatial_bottom(increment), wp.spatial_bottom(update)),
         )
         place_body(body, body_q, work, tree)
+        if wp.static(effects.drives or effects.limits):
+            # summing steps misses the square of the turn
+            if (
+                is_linked(joints, tree, body)
+                and wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
+            ):
+                measure_moved(body, work.inv_mass.shape[0] - 1, model, joints, work, tree)
         return settled
 
     @wp.func
@@ -431,7 +438,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                if not substitute(body, body_q, joints, work, tree, history):
+                if not substitute(body, body_q, model, joints, work, tree, history, recovery):
                     settled = False
                 turn = wp.spatial_bottom(work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))

@@ -32,7 +32,7 @@ from .islands import begin_island, join_islands, keep_momentum
 from .trees import (
     is_linked,
     make_sweep_tree,
-    measure_guess,
+    measure_moved,
     measure_misfit,
     measure_start,
     place_body,
@@ -488,7 +488,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 body = worlds.bodies[i]
                 if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                    measure_guess(body, static_slot, model, joints, work, tree)
+                    measure_moved(body, static_slot, model, joints, work, tree)
         return is_open
 
     flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"

@@ -19,6 +19,9 @@ POSITION_MODE = wp.constant(int(newton.JointTargetMode.POSITION))
 VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.VELOCITY))
 POSITION_VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.POSITION_VELOCITY))
 
+MOST_RECOVERED = wp.constant(2.0e-2)
+"""Most that the recovery moves a coordinate in a step [m or rad]."""
+
 
 @wp.func
 def drive(
@@ -62,23 +65,30 @@ def soft_limit(joints: JointModel, dof: int, q: float, moved: float, h: float):
 
 
 @wp.func
-def held_side(joints: JointModel, dof: int, q: float, start: float, limit_force: float) -> int:
-    """Which limit holds the coordinate: -1 the lower, 1 the upper, 0 none."""
-    lower = wp.min(joints.limit_lower[dof], start)
-    upper = wp.max(joints.limit_upper[dof], start)
+def lower_stop(joints: JointModel, dof: int, start: float, recovery: float) -> float:
+    """Where the lower limit stops the coordinate [m or rad].
+
+    What was beyond at the start of the step stays, so that it does not enter the velocity; the
+    recovery takes out a share of it.
+    """
+    limit = joints.limit_lower[dof]
+    beyond = wp.max(limit - start, 0.0)
+    return limit - wp.max((1.0 - recovery) * beyond, beyond - MOST_RECOVERED)
+
+
+@wp.func
+def upper_stop(joints: JointModel, dof: int, start: float, recovery: float) -> float:
+    """As :func:`lower_stop` for the upper limit."""
+    limit = joints.limit_upper[dof]
+    beyond = wp.max(start - limit, 0.0)
+    return limit + wp.max((1.0 - recovery) * beyond, beyond - MOST_RECOVERED)
+
+
+@wp.func
+def held_side(lower: float, upper: float, q: float, limit_force: float) -> int:
+    """Which stop holds the coordinate: -1 the lower, 1 the upper, 0 none."""
     if limit_force > 0.0 or (limit_force == 0.0 and q < lower):
         return -1
     if limit_force < 0.0 or q > upper:
         return 1
     return 0
-
-
-@wp.func
-def held_at(joints: JointModel, dof: int, side: int, start: float, share: float) -> float:
-    """Where a limit holds the coordinate [m or rad]: what was beyond at the start stays, less a
-    share, so that it does not enter the velocity."""
-    if side < 0:
-        limit = joints.limit_lower[dof]
-        return limit + (1.0 - share) * wp.min(start - limit, 0.0)
-    limit = joints.limit_upper[dof]
-    return limit + (1.0 - share) * wp.max(start - limit, 0.0)
