@@ -30,6 +30,7 @@ from .bodies import has_rows, pose_sum, report_held
 from .contacts import make_build_rows
 from .islands import begin_island, join_islands, keep_momentum
 from .trees import (
+    ROUNDING,
     is_linked,
     make_sweep_tree,
     measure_moved,
@@ -472,6 +473,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
+            radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
+            tree.rounding[body] = ROUNDING * radius
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 if measure_misfit(body, static_slot, model, joints, work, tree):
                     is_open = True

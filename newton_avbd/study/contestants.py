@@ -11,7 +11,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import newton
 import numpy as np
@@ -60,6 +60,12 @@ class Quality:
     def value(self, quantity: str) -> float | None:
         """An attribute of this or of its joints, by name; None where there is none."""
         return getattr(self, quantity, getattr(self.joints, quantity, None))
+
+    def failed(self) -> "Quality":
+        """The same run, but nothing that it shows is worth anything."""
+        joints = self.joints and JointQuality(*[math.nan] * len(fields(JointQuality)))
+        nan = math.nan
+        return replace(self, penetration=nan, drift=nan, speed=nan, joints=joints)
 
 
 class Contestant(ABC):
@@ -125,7 +131,7 @@ class Contestant(ABC):
         belongs = center + (done * self.scene.dt * start_qd[:, :3] if free else 0.0)
         offset = np.linalg.norm(measure.transform(body_q, bodies.com) - belongs, axis=1)
         momentum = _momentum_error(bodies, (start_q, start_qd), (body_q, body_qd))
-        return Quality(
+        quality = Quality(
             seconds=done * self.scene.dt,
             contacts=len(gaps),
             penetration=penetration,
@@ -134,6 +140,11 @@ class Contestant(ABC):
             momentum=momentum if free else None,
             joints=joints.worst if joints.watching else None,
         )
+        return quality.failed() if self.gave_up() else quality
+
+    def gave_up(self) -> bool:
+        """Whether the solver says that it could not go on."""
+        return False
 
     def centers(self) -> Array:
         """Where every body has its center of mass [m], shape [bodies, 3]."""
@@ -173,6 +184,11 @@ class NewtonContestant(Contestant):
 
     def observe(self) -> newton.State:
         return self.state
+
+    def gave_up(self) -> bool:
+        # SolverAVBD holds a world still where it would blow up, which must not look like rest.
+        status = getattr(self.solver, "status", None)
+        return status is not None and bool(np.any(status.held_steps))
 
     def advance(self) -> float:
         self._collide()

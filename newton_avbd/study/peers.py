@@ -5,8 +5,10 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import newton
+import numpy as np
 from newton.solvers import SolverBase
 
 from newton_avbd.study.scenes import Scene
@@ -23,6 +25,9 @@ MJ_STEP = "mj_step"
 STEEL_ROWS = 2048
 """Rows that SolverSteel may use for contacts of free bodies, three a contact; its default of 512
 lets the boxes of the pyramid fall through the ground."""
+
+STEEL_ARTICULATION_ROWS = 192
+"""Rows that SolverSteel may use for an articulation, against a default of 32."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +86,16 @@ def _mujoco_warp(model: newton.Model) -> SolverBase:
 
 
 def _steel(model: newton.Model) -> SolverBase:
+    options: dict[str, Any] = {}
+    if np.any(model.joint_type.numpy() != newton.JointType.FREE):
+        # By default it ignores limits, and a robot that lies on the ground has more rows than fit.
+        options = {
+            "articulation_constraint_max": STEEL_ARTICULATION_ROWS,
+            "enable_joint_limits": True,
+            "joint_limit_activation_gap": 0.1,
+        }
     return newton.solvers.SolverSteel(
-        model, iterations=ITERATIONS, free_body_constraint_max=STEEL_ROWS
+        model, iterations=ITERATIONS, free_body_constraint_max=STEEL_ROWS, **options
     )
 
 
