@@ -302,6 +302,26 @@ class TreeWork:
 
 
 @wp.struct
+class LoopWork:
+    """Joints outside of trees: those that close loops, or all."""
+
+    world_start: wp.array[wp.int32]
+    joints: wp.array[wp.int32]
+    """The joints, world by world."""
+    body_start: wp.array[wp.int32]
+    items: wp.array[wp.int32]
+    """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""
+    misfit: wp.array[wp.spatial_vector]
+    """How far each joint is open at the start of the step, as (shift [m], turn [rad])."""
+    k_l: wp.array[float]
+    """Penalty of shifts [N/m]; zero for a joint that does nothing."""
+    k_a: wp.array[float]
+    """Penalty of turns [N m/rad]."""
+    start_coordinate: wp.array[float]
+    """Coordinate at the start of the step, by degree of freedom of the model [m or rad]."""
+
+
+@wp.struct
 class RowWork:
     """Contact rows of the step; see the module docstring for the order of rows."""
 
@@ -341,6 +361,9 @@ class History:
     """Buffer and generation that a world's records came from, shape (world_count, 2)."""
     joint_force: wp.array[wp.vec3]
     """Force of the tree's joint on the body at the end of the last step [N], world frame."""
+    loop_force: wp.array[wp.vec3]
+    """Multipliers of the joints outside of trees: force on the child [N], world frame."""
+    loop_torque: wp.array[wp.vec3]
     joint_angle: wp.array[float]
     """Angle of each degree of freedom with its turns counted [rad], shape (joint_dof_count,)."""
     limit_force: wp.array[float]

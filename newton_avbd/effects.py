@@ -26,6 +26,8 @@ class Effects:
     """A FREE joint, whose generalized force acts on its body."""
     joints: bool = False
     """Joints that link bodies into the tree of an articulation."""
+    loops: bool = False
+    """Joints outside of trees: they close a loop, or each body is a block of its own."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""
     limits: bool = False
@@ -42,7 +44,9 @@ class Effects:
     """The contact buffer in use has materials of its own for each contact."""
 
     @classmethod
-    def of_model(cls, model: newton.Model, *, compliance: bool, ramp: bool) -> "Effects":
+    def of_model(
+        cls, model: newton.Model, *, compliance: bool, ramp: bool, loops: bool
+    ) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
         types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
@@ -53,6 +57,7 @@ class Effects:
             gyroscopic=_has_unequal_moments(model),
             joint_force=bool(np.any(types == _FREE)),
             joints=bool(np.any(types != _FREE)),
+            loops=loops,
             drives=_has_drives(model),
             limits=_has_limits(model),
             compliance=compliance,

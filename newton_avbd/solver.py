@@ -73,6 +73,7 @@ class SolverAVBD(SolverBase):
         tolerance: float = 0.0,
         compliant_contacts: bool = False,
         formulation: Literal["augmented", "ramp"] = "augmented",
+        blocks: Literal["articulation", "body"] = "articulation",
         collision_pipeline: newton.CollisionPipeline | None = None,
         collision_frequency: Mapping[SolverBase.CollisionSlot, int] | None = None,
         collision_frequency_type: Mapping[
@@ -93,6 +94,8 @@ class SolverAVBD(SolverBase):
                 (their means over the two shapes) instead of being rigid.
             formulation: ``"augmented"`` (multipliers), or ``"ramp"``: the seed document's growing
                 penalty up to the shapes' ``ke``, for comparison.
+            blocks: What is solved at once: ``"articulation"``, the tree that joints make of bodies,
+                or ``"body"``, each body by itself, for comparison.
             collision_pipeline: A pipeline that the solver runs at the start of each step, on
                 ``state_in``; ``step`` then takes ``contacts=None``.
             collision_frequency: See :class:`newton.solvers.SolverBase`.
@@ -108,6 +111,8 @@ class SolverAVBD(SolverBase):
             raise ValueError(f"tolerance must be a length of at least 0 m, got {tolerance}.")
         if formulation not in ("augmented", "ramp"):
             raise ValueError(f"formulation must be 'augmented' or 'ramp', got {formulation!r}.")
+        if blocks not in ("articulation", "body"):
+            raise ValueError(f"blocks must be 'articulation' or 'body', got {blocks!r}.")
         if formulation == "ramp" and compliant_contacts:
             raise ValueError(
                 "formulation='ramp' is limited by the shapes' stiffness already; leave "
@@ -127,6 +132,7 @@ class SolverAVBD(SolverBase):
         """What the scene calls for and the kernels are compiled with."""
         self._compliance = compliant_contacts
         self._ramp = formulation == "ramp"
+        self._blocks = blocks
         self._groups: np.ndarray | None = None
         self._worlds: data.WorldWork
         self._retired: list[tuple] = []
@@ -268,6 +274,7 @@ class SolverAVBD(SolverBase):
                 self._work,
                 self._rows,
                 self._tree,
+                self._loops,
                 self._islands,
                 self._history,
                 state_out.body_q,
@@ -499,9 +506,15 @@ class SolverAVBD(SolverBase):
         A group is a Newton world, or, where global bodies that move tie the worlds together, all
         bodies at once.
         """
-        self.effects = Effects.of_model(self.model, compliance=self._compliance, ramp=self._ramp)
-        self._effects_apart = self.effects.without_contact()
         groups = _solver_worlds(self.model)
+        topology = Topology.of_model(self.model, groups, trees=self._blocks == "articulation")
+        self.effects = Effects.of_model(
+            self.model,
+            compliance=self._compliance,
+            ramp=self._ramp,
+            loops=topology.loops.size > 0,
+        )
+        self._effects_apart = self.effects.without_contact()
         if self._groups is not None and np.array_equal(groups, self._groups):
             return
         if self._groups is not None:
@@ -512,7 +525,6 @@ class SolverAVBD(SolverBase):
         self._launch.forget()
         self._groups = groups
         self._world_count = int(groups.max(initial=0)) + 1
-        topology = Topology.of_model(self.model, groups, trees=True)
         starts = np.searchsorted(groups[topology.order], np.arange(self._world_count + 1))
         with wp.ScopedDevice(self.device):
             self._worlds = data.WorldWork()
@@ -532,6 +544,7 @@ class SolverAVBD(SolverBase):
             self._history.age = wp.zeros(self._world_count, dtype=wp.int32)
 
         self._allocate_trees(topology)
+        self._allocate_loops(topology, groups)
 
     def _allocate_trees(self, topology: Topology) -> None:
         """Buffers for the trees of joints, by body slot."""
@@ -567,6 +580,35 @@ class SolverAVBD(SolverBase):
             self._tree.h_aa = wp.zeros(slots, dtype=wp.mat33)
             self._tree.push = wp.zeros(slots, dtype=wp.spatial_vector)
             self._tree.load = wp.zeros(slots, dtype=wp.spatial_vector)
+
+    def _allocate_loops(self, topology: Topology, groups: np.ndarray) -> None:
+        """Buffers for the joints outside of trees."""
+        self._loops = data.LoopWork()
+        if not self.effects.loops:
+            return
+        model = self.model
+        slots = model.body_count + 1
+        child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+        joints = topology.loops[np.argsort(groups[child[topology.loops]], kind="stable")]
+        world_start = np.searchsorted(groups[child[joints]], np.arange(self._world_count + 1))
+        sides: list[list[int]] = [[] for _ in range(slots)]
+        for i, joint in enumerate(joints):
+            sides[child[joint]].append(2 * i)
+            if parent[joint] >= 0:
+                sides[parent[joint]].append(2 * i + 1)
+        with wp.ScopedDevice(self.device):
+            self._loops.world_start = wp.array(world_start, dtype=wp.int32)
+            self._loops.joints = wp.array(joints, dtype=wp.int32)
+            self._loops.body_start = wp.array(np.cumsum([0, *map(len, sides)]), dtype=wp.int32)
+            self._loops.items = wp.array(
+                np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
+            )
+            self._loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
+            self._loops.k_l = wp.zeros(joints.size, dtype=float)
+            self._loops.k_a = wp.zeros(joints.size, dtype=float)
+            self._loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=float)
+            self._history.loop_force = wp.zeros(joints.size, dtype=wp.vec3)
+            self._history.loop_torque = wp.zeros(joints.size, dtype=wp.vec3)
 
     def _allocate_contacts(self, capacity: int) -> None:
         """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""

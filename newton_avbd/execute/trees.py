@@ -13,6 +13,7 @@ from ..data import (
     ControlInput,
     History,
     JointModel,
+    LoopWork,
     RowWork,
     TreeAxis,
     TreeWork,
@@ -209,11 +210,26 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         work: BodyWork,
         rows: RowWork,
         tree: TreeWork,
+        loops: LoopWork,
         history: History,
     ):
         """Reduces the body's block and wrench by its joint's axes and hands them to the parent."""
         static_slot = work.inv_mass.shape[0] - 1
-        wrench = gather(body, has_dual, recovery, slop, h, model, work, rows)
+        wrench = gather(
+            body,
+            has_dual,
+            recovery,
+            slop,
+            h,
+            model,
+            joints,
+            control,
+            work,
+            rows,
+            tree,
+            loops,
+            history,
+        )
         inv_h2 = 1.0 / (h * h)
         h_ll = tree.own_ll[body] + tree.h_ll[body]
         h_al = tree.own_al[body] + tree.h_al[body]
@@ -406,6 +422,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         work: BodyWork,
         rows: RowWork,
         tree: TreeWork,
+        loops: LoopWork,
         history: History,
     ) -> float:
         """Moves the bodies of a tree to the minimum of their quadratic model.
@@ -428,6 +445,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                     work,
                     rows,
                     tree,
+                    loops,
                     history,
                 )
         # Newton's method leaves about the square of an angle, but the first iteration starts from
@@ -445,6 +463,9 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                 if wp.static(effects.contact):
                     if has_rows(rows, body):
                         is_newton = False
+                if wp.static(effects.loops):
+                    # rows of loops converge by a factor, too
+                    is_newton = False
         farthest = wp.where(settled, 0.0, wp.inf)
         left = wp.where(is_newton, wp.min(largest, 1.0), 1.0)
         for i in range(first, end):

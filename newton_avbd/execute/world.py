@@ -17,6 +17,7 @@ from ..data import (
     History,
     IslandWork,
     JointModel,
+    LoopWork,
     RowWork,
     ShapeModel,
     TreeWork,
@@ -29,6 +30,7 @@ from ..rows import ramp as ramp_rows
 from .bodies import has_rows, pose_sum, report_held
 from .contacts import make_build_rows
 from .islands import begin_island, join_islands, keep_momentum
+from .loops import begin_loop, has_loops, make_loops, parent_slot
 from .trees import (
     ROUNDING,
     is_linked,
@@ -59,6 +61,12 @@ def is_tree(first: int, end: int, body: int, tree: TreeWork) -> bool:
 
 
 @wp.func
+def is_same_block(worlds: WorldWork, a: int, b: int) -> bool:
+    """Whether two bodies move at once."""
+    return worlds.block_end[worlds.rank[a]] == worlds.block_end[worlds.rank[b]]
+
+
+@wp.func
 def shared_row(row: ContactRow, worlds: WorldWork) -> ContactRow:
     """The row as the block of one of its bodies sees it.
 
@@ -66,7 +74,7 @@ def shared_row(row: ContactRow, worlds: WorldWork) -> ContactRow:
     the curvature on each is still an upper bound: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2.
     """
     out = row
-    if worlds.block_end[worlds.rank[row.a]] == worlds.block_end[worlds.rank[row.b]]:
+    if is_same_block(worlds, row.a, row.b):
         out.k_n = 2.0 * row.k_n
         out.k_t = 2.0 * row.k_t
     return out
@@ -155,7 +163,12 @@ def coasting_increment(
     return h * body_qd[slot]
 
 
-def make_gather(effects: Effects, contact_force: wp.Function, gap_of: wp.Function) -> wp.Function:
+def make_gather(
+    effects: Effects,
+    contact_force: wp.Function,
+    gap_of: wp.Function,
+    loop_wrench: wp.Function,
+) -> wp.Function:
     """Device function that sums what pulls a body: to its inertial target, and at its contacts.
 
     With ``has_dual`` the rows that the body owns start with the dual update lambda <- F that ends
@@ -171,8 +184,13 @@ def make_gather(effects: Effects, contact_force: wp.Function, gap_of: wp.Functio
         slop: float,
         h: float,
         model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
     ) -> wp.spatial_vector:
         increment = work.increment[body]
         away = work.target[body] - increment
@@ -222,12 +240,34 @@ def make_gather(effects: Effects, contact_force: wp.Function, gap_of: wp.Functio
                 push = contact_force(row, u, gap_of(row.gap, recovery, slop))
                 f += push
                 tau += wp.cross(row.arm + span, push)
+        if wp.static(effects.loops):
+            for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                item = loops.items[k]
+                force, torque, arm_c, arm_p = loop_wrench(
+                    item / 2,
+                    recovery,
+                    h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    tree,
+                    loops,
+                    history,
+                    False,
+                )
+                if item % 2 == 0:
+                    f += force
+                    tau += torque + wp.cross(arm_c, force)
+                else:
+                    f -= force
+                    tau -= torque + wp.cross(arm_p, force)
         return wp.spatial_vector(f, tau)
 
     return gather
 
 
-def make_sweep(gather: wp.Function) -> wp.Function:
+def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
     """Device function that moves one body to the minimum of its quadratic model (block descent)."""
 
     @wp.func
@@ -237,14 +277,36 @@ def make_sweep(gather: wp.Function) -> wp.Function:
         recovery: float,
         slop: float,
         h: float,
+        body_q: wp.array[wp.transform],
         model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
     ) -> float:
         """Returns the square of how far that moved it [m^2], a turn by its radius of gyration."""
-        wrench = gather(body, has_dual, recovery, slop, h, model, work, rows)
+        wrench = gather(
+            body,
+            has_dual,
+            recovery,
+            slop,
+            h,
+            model,
+            joints,
+            control,
+            work,
+            rows,
+            tree,
+            loops,
+            history,
+        )
         update = solve_block(work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
         work.increment[body] = work.increment[body] + update
+        if wp.static(effects.loops):
+            place_body(body, body_q, work, tree)
         shift = wp.spatial_top(update)
         turn = wp.spatial_bottom(update)
         turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
@@ -257,12 +319,23 @@ def make_sweep(gather: wp.Function) -> wp.Function:
 def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     build_rows = make_build_rows(effects)
+    loop_wrench, loop_curvature = make_loops(effects)
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
 
     @wp.func
     def assemble_body(
-        body: int, h: float, model: BodyModel, worlds: WorldWork, work: BodyWork, rows: RowWork
+        body: int,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
     ):
         """A body's block: its inertia and the curvature of its rows, the same all step long."""
         inv_h2 = 1.0 / (h * h)
@@ -281,10 +354,30 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if wp.static(effects.joints):
                     row = shared_row(row, worlds)
                 h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
+        if wp.static(effects.loops):
+            for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                item = loops.items[k]
+                joint = loops.joints[item / 2]
+                parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
+                ll, al, aa = loop_curvature(
+                    item,
+                    is_same_block(worlds, joints.child[joint], parent),
+                    h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    tree,
+                    loops,
+                    history,
+                )
+                h_ll += ll
+                h_al += al
+                h_aa += aa
         return h_ll, h_al, h_aa
 
-    gather = make_gather(effects, contact_force, sweep_gap)
-    sweep_body = make_sweep(gather)
+    gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
+    sweep_body = make_sweep(effects, gather)
     sweep_tree = make_sweep_tree(effects, gather)
 
     @wp.func
@@ -400,6 +493,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         work: BodyWork,
         rows: RowWork,
         tree: TreeWork,
+        loops: LoopWork,
         history: History,
     ) -> float:
         """Visits all blocks; returns the square of how far one of their bodies moved [m^2].
@@ -431,21 +525,45 @@ def make_solve(effects: Effects) -> wp.Kernel:
                             work,
                             rows,
                             tree,
+                            loops,
                             history,
                         ),
                     )
                     first = end
                     continue
+            is_held = bool(False)
             if wp.static(effects.contact):
-                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
-                    if wp.static(effects.ramp):
-                        sweep_body_ramped(body, h, model, work, rows)
-                    else:
-                        farthest = wp.max(
-                            farthest,
-                            sweep_body(body, has_dual, recovery, slop, h, model, work, rows),
-                        )
+                is_held = has_rows(rows, body)
+            if wp.static(effects.loops):
+                is_held = is_held or has_loops(loops, body)
+            if work.inv_mass[body] > 0.0 and is_held:
+                if wp.static(effects.ramp):
+                    sweep_body_ramped(body, h, model, work, rows)
+                else:
+                    farthest = wp.max(
+                        farthest,
+                        sweep_body(
+                            body,
+                            has_dual,
+                            recovery,
+                            slop,
+                            h,
+                            body_q,
+                            model,
+                            joints,
+                            control,
+                            work,
+                            rows,
+                            tree,
+                            loops,
+                            history,
+                        ),
+                    )
             first = end
+        if wp.static(effects.loops):
+            if recovery == 0.0:
+                for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                    loop_wrench(i, 0.0, h, model, joints, control, work, tree, loops, history, True)
         if wp.static(effects.ramp):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 sweep_duals_ramped(worlds.bodies[i], work, rows)
@@ -455,12 +573,14 @@ def make_solve(effects: Effects) -> wp.Kernel:
     def begin_trees(
         world: int,
         static_slot: int,
+        h: float,
         body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
         worlds: WorldWork,
         work: BodyWork,
         tree: TreeWork,
+        loops: LoopWork,
         history: History,
     ) -> bool:
         """Measures the joints at the start of the step; returns whether one is open."""
@@ -481,6 +601,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if wp.static(effects.drives or effects.limits):
                     if measure_start(body, static_slot, model, joints, work, tree, history):
                         is_open = True
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                if begin_loop(i, h, model, joints, work, tree, loops, history):
+                    is_open = True
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             work.increment[body] = tree.update[body]
@@ -515,6 +639,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         work: BodyWork,
         rows: RowWork,
         tree: TreeWork,
+        loops: LoopWork,
         islands: IslandWork,
         history: History,
         # State out:
@@ -561,7 +686,17 @@ def make_solve(effects: Effects) -> wp.Kernel:
         is_open = bool(False)
         if wp.static(effects.joints):
             is_open = begin_trees(
-                world, scale.static_slot, body_q, model, joints, worlds, work, tree, history
+                world,
+                scale.static_slot,
+                h,
+                body_q,
+                model,
+                joints,
+                worlds,
+                work,
+                tree,
+                loops,
+                history,
             )
 
         # Sweeps: a body that nothing touches is at its target at once.
@@ -579,12 +714,27 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     if worlds.block_end[i] > i + 1 or tree.joint[body] >= 0:
                         is_alone = False
                         is_jointed = True
+                if wp.static(effects.loops):
+                    if has_loops(loops, body):
+                        is_alone = False
                 if is_alone:
                     work.increment[body] = work.target[body]
                 else:
                     sweeps = iterations
                     if wp.static(not effects.ramp):
-                        h_ll, h_al, h_aa = assemble_body(body, h, model, worlds, work, rows)
+                        h_ll, h_al, h_aa = assemble_body(
+                            body,
+                            h,
+                            model,
+                            joints,
+                            control,
+                            worlds,
+                            work,
+                            rows,
+                            tree,
+                            loops,
+                            history,
+                        )
                         if is_jointed:
                             if wp.static(effects.joints):
                                 tree.own_ll[body] = h_ll
@@ -618,6 +768,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 work,
                 rows,
                 tree,
+                loops,
                 history,
             )
             sweep += 1
@@ -674,6 +825,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     work,
                     rows,
                     tree,
+                    loops,
                     history,
                 )
 

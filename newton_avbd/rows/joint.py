@@ -87,6 +87,16 @@ def linear_misfit(joints: JointModel, joint: int, q_p: wp.quat, offset: wp.vec3)
 
 
 @wp.func
+def linear_lock(joints: JointModel, joint: int, q_p: wp.quat) -> wp.mat33:
+    """Projection of a shift to what the joint locks."""
+    return wp.matrix_from_cols(
+        linear_misfit(joints, joint, q_p, wp.vec3(1.0, 0.0, 0.0)),
+        linear_misfit(joints, joint, q_p, wp.vec3(0.0, 1.0, 0.0)),
+        linear_misfit(joints, joint, q_p, wp.vec3(0.0, 0.0, 1.0)),
+    )
+
+
+@wp.func
 def euler_axes(joints: JointModel, joint: int):
     """The three axes of a joint with two or three angular axes, in the parent anchor frame.
 
@@ -132,6 +142,21 @@ def angular_misfit(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -
         angle, middle = euler_middle(joints, joint, q_p, q_c)
         return angle * middle
     return wp.vec3(0.0)
+
+
+@wp.func
+def angular_lock(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.mat33:
+    """Projection of a turn to what the joint locks."""
+    free = joints.dof_dim[joint, 1]
+    if free == 0:
+        return wp.identity(n=3, dtype=float)
+    if free == 1:
+        axis = wp.quat_rotate(q_p, joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0]])
+        return wp.identity(n=3, dtype=float) - wp.outer(axis, axis)
+    if free == 2:
+        _, middle = euler_middle(joints, joint, q_p, q_c)
+        return wp.outer(middle, middle)
+    return wp.mat33(0.0)
 
 
 @wp.func

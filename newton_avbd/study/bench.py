@@ -72,7 +72,7 @@ class Benchmark:
 
 _RIGID = ("avbd", "vbd", "xpbd", "mujoco", MJ_STEP, "mujoco_warp", "steel", "kamino")
 _PENALTY = ("semi_implicit", "featherstone")
-# Those that can be told apart by how they take a large step.
+# Worth watching at a large step.
 _COARSE = ("avbd", "vbd", "xpbd", "mujoco")
 _CHAINS = ("chain", "chain_100", "chain_10000")
 _ROPES = ("rope", "rope_100000")
@@ -134,7 +134,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAMES",
         help=f"separated by commas, of {', '.join((*PEERS, MJ_STEP))} (default: all that apply)",
     )
-    parser.add_argument("--quick", action="store_true", help="a minute, rough; no cold start")
+    parser.add_argument("--quick", action="store_true", help="some minutes, rough; no cold start")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
 
 

@@ -140,7 +140,8 @@ class Contestant(ABC):
             momentum=momentum if free else None,
             joints=joints.worst if joints.watching else None,
         )
-        return quality.failed() if self.gave_up() else quality
+        # Solvers may keep the poses of a state whose velocities are not finite.
+        return quality if math.isfinite(quality.speed) and not self.gave_up() else quality.failed()
 
     def gave_up(self) -> bool:
         """Whether the solver says that it could not go on."""

@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 from newton_avbd.study.measure import Array, rotate, transform
 
 _UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.ROD)
+_LEAST = 1e-9
+"""Energy that stands for none where it is divided by [J]."""
+
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
@@ -36,9 +39,9 @@ class Joints:
         locked: Projection of an offset between the anchors, in the parent's anchor frame, onto
             the directions that the joint locks, shape [n, 3, 3].
         slide: Maps such an offset to the linear coordinates, unused ones 0, shape [n, 3, 3].
-        basis: Columns that a rotation is taken apart about, in turn: with three free axes these,
-            but right-handed; with two the first, the locked one, the second, but right-handed;
-            with one that and two across; shape [n, 3, 3].
+        basis: Right-handed columns; a rotation is taken apart into turns about them, one after
+            the other. With three free axes these, with two the locked one between them, with one
+            that and two across; shape [n, 3, 3].
         sign: -1 where the last column is opposite to the joint's own axis, else 1, shape [n].
         lower: Lower limits, three linear and three angular [m, rad], shape [n, 6].
         upper: Upper limits, likewise.
@@ -214,7 +217,8 @@ class JointProbe:
         worst.misalignment = _worse(worst.misalignment, joints.misalignment(body_q))
         worst.limit = _worse(worst.limit, joints.limit_violation(body_q))
         worst.energy = energy
-        worst.gain = _worse(worst.gain, np.array([(energy - self._start) / abs(self._start)]))
+        gain = (energy - self._start) / max(abs(self._start), _LEAST)
+        worst.gain = _worse(worst.gain, np.array([gain]))
 
 
 def _basis(axes: Array) -> tuple[Array, float]:

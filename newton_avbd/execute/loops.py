@@ -1,0 +1,301 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joints outside of trees, held by multipliers and a penalty, as contacts are.
+
+Those are the joints that close loops, DISTANCE joints, and with ``blocks="body"`` all joints. With
+the misfit e = (e_l, e_a) beyond that of the start of the step, a joint pushes its child with
+
+    F = P_l lambda_l - k_l e_l at the anchor,   tau = P_a lambda_a - k_a e_a,
+
+where P projects to what the joint locks, and its parent with the opposite. The dual update is
+lambda <- F, tau, after each sweep. What acts along its free axes, drives and limits, is
+rows of one dimension.
+"""
+
+import warp as wp
+
+from ..blocks.tree import geometric_stiffness
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    JointModel,
+    LoopWork,
+    TreeWork,
+)
+from ..effects import Effects
+from ..rows import axis as axis_rows
+from ..rows import joint as joint_rows
+from ..rows.contact import PENALTY
+from ..rows.joint import BALL
+from .trees import ROUNDING, anchor_arm, anchor_offset, anchor_rotation
+
+
+@wp.func
+def parent_slot(joints: JointModel, joint: int, static_slot: int) -> int:
+    """Slot of the joint's parent."""
+    parent = joints.parent[joint]
+    return wp.where(parent < 0, static_slot, parent)
+
+
+@wp.func
+def mean_inverse(inv_inertia: wp.mat33) -> float:
+    """What a torque does to the spin, in the mean over all directions [1/(kg m^2)]."""
+    return wp.static(1 / 3) * wp.trace(inv_inertia)
+
+
+@wp.func
+def has_loops(loops: LoopWork, body: int) -> bool:
+    """Whether a joint outside of the trees acts on the body."""
+    return loops.body_start[body] < loops.body_start[body + 1]
+
+
+@wp.func
+def loop_geometry(
+    joint: int,
+    model: BodyModel,
+    joints: JointModel,
+    work: BodyWork,
+    tree: TreeWork,
+):
+    """Rotations of a joint's anchors after the increments, arms, and child anchor from parent's."""
+    static_slot = work.inv_mass.shape[0] - 1
+    child = joints.child[joint]
+    parent = parent_slot(joints, joint, static_slot)
+    frame_p = joints.parent_frame[joint]
+    frame_c = joints.child_frame[joint]
+    arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+    arm_c = anchor_arm(model, tree, child, frame_c, static_slot)
+    offset = anchor_offset(work, child, parent, arm_c, arm_p)
+    q_p = anchor_rotation(tree, parent, frame_p)
+    q_c = anchor_rotation(tree, child, frame_c)
+    return q_p, q_c, arm_p, arm_c, offset
+
+
+@wp.func
+def axis_of(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+    """World axis of a degree of freedom, linear or angular."""
+    linear = joints.dof_dim[joint, 0]
+    if dof < linear:
+        return joint_rows.linear_axis(joints, joint, dof, q_p)
+    return joint_rows.angular_axis(joints, joint, dof - linear, q_p, q_c)
+
+
+@wp.func
+def loop_coordinate(
+    joints: JointModel,
+    joint: int,
+    dof: int,
+    q_p: wp.quat,
+    q_c: wp.quat,
+    offset: wp.vec3,
+    known: float,
+) -> float:
+    """Coordinate of a degree of freedom; of an angle the one nearest to the ``known`` one."""
+    linear = joints.dof_dim[joint, 0]
+    if dof < linear:
+        return wp.dot(joint_rows.linear_axis(joints, joint, dof, q_p), offset)
+    if joints.type[joint] == BALL:
+        return 0.0
+    angle = joint_rows.angle(joints, joint, dof - linear, q_p, q_c)
+    return known + joint_rows.wrapped(angle - known)
+
+
+@wp.func
+def begin_loop(
+    i: int,
+    h: float,
+    model: BodyModel,
+    joints: JointModel,
+    work: BodyWork,
+    tree: TreeWork,
+    loops: LoopWork,
+    history: History,
+) -> bool:
+    """Misfit, coordinates and penalties of a joint at the start of the step.
+
+    Expects increments of zero and rotations at the start of the step. Returns whether the joint is
+    open by more than rounding.
+    """
+    joint = loops.joints[i]
+    static_slot = work.inv_mass.shape[0] - 1
+    child = joints.child[joint]
+    parent = parent_slot(joints, joint, static_slot)
+    q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
+    shift = joint_rows.linear_misfit(joints, joint, q_p, offset)
+    turn = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+    loops.misfit[i] = wp.spatial_vector(shift, turn)
+    inv_mass = work.inv_mass[child] + work.inv_mass[parent]
+    inv_inertia = mean_inverse(work.inv_inertia[child] + work.inv_inertia[parent])
+    loops.k_l[i] = 0.0
+    loops.k_a[i] = 0.0
+    if not joints.enabled[joint] or inv_mass == 0.0:
+        return False
+    loops.k_l[i] = PENALTY / (inv_mass * h * h)
+    loops.k_a[i] = PENALTY / (inv_inertia * h * h)
+    linear = joints.dof_dim[joint, 0]
+    for dof in range(linear + joints.dof_dim[joint, 1]):
+        index = joints.dof_start[joint] + dof
+        q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, history.joint_angle[index])
+        history.joint_angle[index] = q
+        loops.start_coordinate[index] = q
+    reach = wp.length(arm_c) + wp.length(arm_p)
+    allowed = ROUNDING * (wp.length(work.com[child]) + reach)
+    return wp.length_sq(shift) + reach * reach * wp.length_sq(turn) > allowed * allowed
+
+
+def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
+    """Device functions of a joint's wrench on its child, and of its share of a block."""
+
+    @wp.func
+    def axis_force(
+        i: int,
+        dof: int,
+        q: float,
+        turn_away: wp.vec3,
+        h: float,
+        joints: JointModel,
+        control: ControlInput,
+        loops: LoopWork,
+        history: History,
+    ):
+        """Generalized force along a free axis, its curvature, and the limit's share of it."""
+        joint = loops.joints[i]
+        index = joints.dof_start[joint] + dof
+        start = loops.start_coordinate[index]
+        force = control.joint_f[index]
+        stiffness = float(0.0)
+        limit_force = float(0.0)
+        if wp.static(effects.drives):
+            away = float(0.0)
+            if joints.type[joint] == BALL:
+                away = turn_away[dof]
+            else:
+                away = control.target_q[joints.coord_start[joint] + dof] - q
+            force, stiffness = axis_rows.drive(joints, control, index, away, q - start, h)
+            force += control.joint_f[index]
+        if wp.static(effects.limits):
+            if wp.static(effects.compliance):
+                pull, more = axis_rows.soft_limit(joints, index, q, q - start, h)
+                force += pull
+                stiffness += more
+            else:
+                k = wp.where(dof < joints.dof_dim[joint, 0], loops.k_l[i], loops.k_a[i])
+                lower = axis_rows.lower_stop(joints, index, start, 0.0)
+                upper = axis_rows.upper_stop(joints, index, start, 0.0)
+                held = history.limit_force[index]
+                limit_force = wp.max(held + k * (lower - q), 0.0)
+                if limit_force == 0.0:
+                    limit_force = wp.min(held + k * (upper - q), 0.0)
+                force += limit_force
+                if limit_force != 0.0 or held != 0.0:
+                    stiffness += k
+        return force, stiffness, limit_force
+
+    @wp.func
+    def loop_wrench(
+        i: int,
+        recovery: float,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+        has_dual: bool,
+    ):
+        """Force [N] at the anchor and torque [N m] of a joint on its child, and the two arms [m].
+
+        With ``has_dual`` they become the joint's multipliers.
+        """
+        joint = loops.joints[i]
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
+        if loops.k_l[i] == 0.0:
+            return wp.vec3(0.0), wp.vec3(0.0), arm_c, arm_p
+        shift = joint_rows.linear_misfit(joints, joint, q_p, offset)
+        arm_p += offset - shift
+        turn = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+        kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
+        force = joint_rows.linear_misfit(joints, joint, q_p, history.loop_force[i])
+        force -= loops.k_l[i] * (shift - wp.spatial_top(kept))
+        torque = joint_rows.angular_lock(joints, joint, q_p, q_c) * history.loop_torque[i]
+        torque -= loops.k_a[i] * (turn - wp.spatial_bottom(kept))
+        if has_dual:
+            history.loop_force[i] = force
+            history.loop_torque[i] = torque
+        turn_away = wp.vec3(0.0)
+        if wp.static(effects.drives):
+            if joints.type[joint] == BALL:
+                target = joint_rows.ball_target(control, joints.coord_start[joint])
+                turn_away = joint_rows.rotation_vector(
+                    target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c)
+                )
+        linear = joints.dof_dim[joint, 0]
+        for dof in range(linear + joints.dof_dim[joint, 1]):
+            index = joints.dof_start[joint] + dof
+            q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
+            push, _, limit_force = axis_force(
+                i, dof, q, turn_away, h, joints, control, loops, history
+            )
+            if has_dual:
+                history.limit_force[index] = limit_force
+            axis = axis_of(joints, joint, dof, q_p, q_c)
+            if dof < linear:
+                force += push * axis
+            else:
+                torque += push * axis
+        return force, torque, arm_c, arm_p
+
+    @wp.func
+    def loop_curvature(
+        item: int,
+        doubled: bool,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ):
+        """What a joint adds to the block of one of its bodies: H_ll, H_al and H_aa."""
+        i = item / 2
+        joint = loops.joints[i]
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
+        shift = joint_rows.linear_misfit(joints, joint, q_p, offset)
+        arm = arm_c
+        sign = float(1.0)
+        if item % 2 == 1:
+            arm = arm_p + (offset - shift)
+            sign = -1.0
+        linear_k = loops.k_l[i] * joint_rows.linear_lock(joints, joint, q_p)
+        angular_k = loops.k_a[i] * joint_rows.angular_lock(joints, joint, q_p, q_c)
+        if loops.k_l[i] > 0.0:
+            linear = joints.dof_dim[joint, 0]
+            for dof in range(linear + joints.dof_dim[joint, 1]):
+                index = joints.dof_start[joint] + dof
+                q = loop_coordinate(
+                    joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index]
+                )
+                _, stiffness, _ = axis_force(
+                    i, dof, q, wp.vec3(0.0), h, joints, control, loops, history
+                )
+                axis = axis_of(joints, joint, dof, q_p, q_c)
+                if dof < linear:
+                    linear_k += stiffness * wp.outer(axis, axis)
+                else:
+                    angular_k += stiffness * wp.outer(axis, axis)
+        if doubled:
+            linear_k *= 2.0
+            angular_k *= 2.0
+        r = wp.skew(arm)
+        al = r * linear_k
+        aa = al * wp.transpose(r) + angular_k
+        aa += geometric_stiffness(sign * history.loop_force[i], arm)
+        return linear_k, al, aa
+
+    return loop_wrench, loop_curvature
