@@ -18,9 +18,15 @@ from . import data
 from .algebra.block import BlockFactor
 from .checks import check_model
 from .effects import Effects
-from .execute.bodies import export_acceleration, make_integrate, make_predict
-from .execute.contacts import export_contact_force, reset_bodies, sort_contacts
+from .execute.bodies import make_integrate, make_predict
+from .execute.contacts import reset_bodies, sort_contacts
 from .execute.launch import Launcher
+from .execute.observables import (
+    count_turns,
+    export_acceleration,
+    export_contact_force,
+    make_export_parent_force,
+)
 from .execute.world import make_solve
 from .rows.joint import KINDS
 from .topology import Topology
@@ -62,7 +68,11 @@ class SolverAVBD(SolverBase):
     supports_collision_pipeline = True
     supports_body_pair_reduced_contacts = True
     SUPPORTED_OBSERVABLES = frozenset(
-        {SolverBase.ObservableKind.BODY_QDD, SolverBase.ObservableKind.CONTACT_F}
+        {
+            SolverBase.ObservableKind.BODY_QDD,
+            SolverBase.ObservableKind.BODY_PARENT_F,
+            SolverBase.ObservableKind.CONTACT_F,
+        }
     )
 
     def __init__(
@@ -74,6 +84,7 @@ class SolverAVBD(SolverBase):
         compliant_contacts: bool = False,
         formulation: Literal["augmented", "ramp"] = "augmented",
         blocks: Literal["articulation", "body"] = "articulation",
+        update_joint_state: bool = False,
         collision_pipeline: newton.CollisionPipeline | None = None,
         collision_frequency: Mapping[SolverBase.CollisionSlot, int] | None = None,
         collision_frequency_type: Mapping[
@@ -96,6 +107,8 @@ class SolverAVBD(SolverBase):
                 penalty up to the shapes' ``ke``, for comparison.
             blocks: What is solved at once: ``"articulation"``, the tree that joints make of bodies,
                 or ``"body"``, each body by itself, for comparison.
+            update_joint_state: Each step writes ``state_out.joint_q`` and ``joint_qd``, too, with
+                the turns of hinges counted; without it only poses and velocities of bodies.
             collision_pipeline: A pipeline that the solver runs at the start of each step, on
                 ``state_in``; ``step`` then takes ``contacts=None``.
             collision_frequency: See :class:`newton.solvers.SolverBase`.
@@ -133,6 +146,8 @@ class SolverAVBD(SolverBase):
         self._compliance = compliant_contacts
         self._ramp = formulation == "ramp"
         self._blocks = blocks
+        self.writes_joint_state = update_joint_state and model.joint_count > 0
+        """Whether ``step`` writes the joint coordinates of ``state_out``."""
         self._groups: np.ndarray | None = None
         self._worlds: data.WorldWork
         self._retired: list[tuple] = []
@@ -204,6 +219,12 @@ class SolverAVBD(SolverBase):
             observables and observables.contact_f, contacts and contacts.force
         ):
             self._export_contact_force(contact_f)
+        for body_parent_f in _requested(
+            observables and observables.body_parent_f, state_out.body_parent_f
+        ):
+            self._export_parent_force(body_parent_f, state_out, control_input, contacts, dt)
+        if self.writes_joint_state:
+            self._write_joint_state(state_out)
 
     def _integrate(
         self,
@@ -755,6 +776,45 @@ class SolverAVBD(SolverBase):
         contact_f.zero_()
         if self._capacity:
             self._launch_bodies(export_contact_force, [self._work, self._rows, contact_f])
+
+    def _export_parent_force(
+        self,
+        body_parent_f: wp.array,
+        state_out: newton.State,
+        control: data.ControlInput,
+        contacts: newton.Contacts | None,
+        dt: float,
+    ) -> None:
+        body_parent_f.zero_()
+        if not self.effects.joints:
+            return
+        self._launch(
+            make_export_parent_force(self._effects_with(contacts)),
+            self._world_count,
+            [
+                self._bodies,
+                self._joints,
+                control,
+                dt,
+                self._worlds,
+                self._work,
+                self._rows,
+                self._tree,
+                self._loops,
+                self._history,
+                state_out.body_qd,
+                body_parent_f,
+            ],
+        )
+
+    def _write_joint_state(self, state_out: newton.State) -> None:
+        """Joint coordinates of the bodies' poses, turns counted."""
+        newton.eval_ik(self.model, state_out, state_out.joint_q, state_out.joint_qd)
+        self._launch(
+            count_turns,
+            self.model.joint_count,
+            [self._joints, self._history, state_out.joint_q],
+        )
 
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""

@@ -227,16 +227,3 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         body_qd_out[body] = wp.spatial_vector(dx / h, spin)
 
     return integrate
-
-
-@wp.kernel(enable_backward=False, module="unique")
-def export_acceleration(
-    # State out:
-    body_qd_out: wp.array[wp.spatial_vector],
-    h: float,
-    # Out:
-    body_qdd: wp.array[wp.spatial_vector],
-):
-    """Turns the velocities at the start of the step, left in ``body_qdd``, into accelerations."""
-    body = wp.tid()
-    body_qdd[body] = (body_qd_out[body] - body_qdd[body]) / h

@@ -401,27 +401,6 @@ def make_build_rows(effects: Effects) -> wp.Function:
     return build_rows
 
 
-@wp.kernel(enable_backward=False, module="unique")
-def export_contact_force(
-    # Work:
-    work: BodyWork,
-    rows: RowWork,
-    # Out:
-    contact_f: wp.array[wp.spatial_vector],
-):
-    """Force [N] on body 0 of each contact and torque [N m] about its COM; one thread a body."""
-    body = wp.tid()
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        if wp.max(row.contact, ~row.contact) >= contact_f.shape[0]:
-            continue
-        if row.contact >= 0:
-            contact_f[row.contact] = wp.spatial_vector(-row.force, wp.cross(row.arm, -row.force))
-        else:
-            arm = row.arm + (work.com[row.a] - work.com[row.b])
-            contact_f[~row.contact] = wp.spatial_vector(row.force, wp.cross(arm, row.force))
-
-
 @wp.func
 def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
     """Whether a reset mask, whose last entry stands for global bodies, selects a Newton world."""

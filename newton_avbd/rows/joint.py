@@ -46,6 +46,14 @@ KINDS: dict[JointType, Kind] = {
 """All types of joints that the solver supports."""
 
 BALL = wp.constant(int(JointType.BALL))
+FREE = wp.constant(int(JointType.FREE))
+
+
+@wp.func
+def has_axes(joints: JointModel, joint: int) -> bool:
+    """Whether the coordinates of a joint are those of its axes."""
+    kind = joints.type[joint]
+    return kind != BALL and kind != FREE
 
 
 @wp.func

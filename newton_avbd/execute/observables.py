@@ -1,0 +1,156 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a user may ask for beside poses and velocities, written after the step."""
+
+import functools
+
+import warp as wp
+
+from ..blocks.tree import handed_down
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows.joint import has_axes, wrapped
+from .loops import make_loops
+from .trees import is_linked
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def export_acceleration(
+    # State out:
+    body_qd_out: wp.array[wp.spatial_vector],
+    h: float,
+    # Out:
+    body_qdd: wp.array[wp.spatial_vector],
+):
+    """Turns the velocities at the start of the step, left in ``body_qdd``, into accelerations."""
+    body = wp.tid()
+    body_qdd[body] = (body_qd_out[body] - body_qdd[body]) / h
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def export_contact_force(
+    # Work:
+    work: BodyWork,
+    rows: RowWork,
+    # Out:
+    contact_f: wp.array[wp.spatial_vector],
+):
+    """Force [N] on body 0 of each contact and torque [N m] about its COM; one thread a body."""
+    body = wp.tid()
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        if wp.max(row.contact, ~row.contact) >= contact_f.shape[0]:
+            continue
+        if row.contact >= 0:
+            contact_f[row.contact] = wp.spatial_vector(-row.force, wp.cross(row.arm, -row.force))
+        else:
+            arm = row.arm + (work.com[row.a] - work.com[row.b])
+            contact_f[~row.contact] = wp.spatial_vector(row.force, wp.cross(arm, row.force))
+
+
+@functools.cache
+def make_export_parent_force(effects: Effects) -> wp.Kernel:
+    """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
+    loop_wrench, _ = make_loops(effects)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def export_parent_force(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+        # State out:
+        body_qd_out: wp.array[wp.spatial_vector],
+        # Out:
+        body_parent_f: wp.array[wp.spatial_vector],
+    ):
+        """What holds a subtree is what its bodies lack: their change of momentum less other forces."""
+        world = wp.tid()
+        first = worlds.body_start[world]
+        end = worlds.body_start[world + 1]
+        inv_h2 = 1.0 / (h * h)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            lacking = h * body_qd_out[body] - work.target[body]
+            wrench = wp.spatial_vector(
+                (model.mass[body] * inv_h2) * wp.spatial_top(lacking),
+                inv_h2 * (work.inertia[body] * wp.spatial_bottom(lacking)),
+            )
+            if work.inv_mass[body] == 0.0:
+                wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            if wp.static(effects.contact):
+                for k in range(rows.owned_start[body], rows.owned_end[body]):
+                    row = rows.rows[k]
+                    wrench += wp.spatial_vector(row.force, wp.cross(row.arm, row.force))
+                for k in range(rows.other_start[body], rows.other_end[body]):
+                    row = rows.rows[rows.other_rows[k]]
+                    arm = row.arm + (work.com[row.a] - work.com[body])
+                    wrench -= wp.spatial_vector(row.force, wp.cross(arm, row.force))
+            tree.load[body] = wrench
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                joint = loops.joints[i]
+                child = joints.child[joint]
+                force, torque, arm_c, arm_p = loop_wrench(
+                    i, 0.0, h, model, joints, control, work, tree, loops, history, False
+                )
+                push = wp.spatial_vector(force, torque + wp.cross(arm_c, force))
+                tree.load[child] = tree.load[child] - push
+                parent = joints.parent[joint]
+                if parent >= 0:
+                    pull = wp.spatial_vector(force, torque + wp.cross(arm_p, force))
+                    tree.load[parent] = tree.load[parent] + pull
+                body_parent_f[child] = body_parent_f[child] + push
+        for i in range(end - first):
+            body = worlds.bodies[end - 1 - i]
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                load = tree.load[body]
+                body_parent_f[body] = body_parent_f[body] + load
+                parent = tree.parent[body]
+                tree.load[parent] = tree.load[parent] + handed_down(tree.span[body], load)
+        # the sweeps of the next step start from zero
+        for i in range(first, end):
+            tree.load[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+
+    return export_parent_force
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def count_turns(
+    # Model:
+    joints: JointModel,
+    # Work:
+    history: History,
+    # State out:
+    joint_q_out: wp.array[float],
+):
+    """Puts the turns back into the angles that inverse kinematics wraps; one thread a joint."""
+    joint = wp.tid()
+    if not has_axes(joints, joint):
+        return
+    linear = joints.dof_dim[joint, 0]
+    for dof in range(linear, linear + joints.dof_dim[joint, 1]):
+        index = joints.dof_start[joint] + dof
+        coord = joints.coord_start[joint] + dof
+        known = history.joint_angle[index]
+        angle = known + wrapped(joint_q_out[coord] - known)
+        joint_q_out[coord] = angle
+        history.joint_angle[index] = angle
