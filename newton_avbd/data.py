@@ -108,6 +108,8 @@ class JointModel:
     limit_ke: wp.array[float]
     """Stiffness of the limits [N/m or N m/rad], where they are compliant."""
     limit_kd: wp.array[float]
+    rest_q: wp.array[float]
+    """Joint coordinates at rest, of rods."""
 
 
 @wp.struct

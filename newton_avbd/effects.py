@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import newton
 import numpy as np
 
+from .rows.joint import PUSHED_AT_COM
+
 
 _FREE = int(newton.JointType.FREE)
 
@@ -23,7 +25,7 @@ class Effects:
     gyroscopic: bool
     """A body whose principal moments of inertia differ."""
     joint_force: bool
-    """A FREE joint, whose generalized force acts on its body."""
+    """A joint whose generalized force is a wrench on its body: FREE, DISTANCE or ROD."""
     joints: bool = False
     """Joints that link bodies into the tree of an articulation."""
     loops: bool = False
@@ -32,6 +34,8 @@ class Effects:
     """A joint axis with a drive that has a gain."""
     limits: bool = False
     """A joint axis with a limit."""
+    rods: bool = False
+    """A ROD joint, elastic along all six axes."""
     compliance: bool = False
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
@@ -55,14 +59,20 @@ class Effects:
             contact=contact,
             friction=bool(np.any(mu > 0.0)),
             gyroscopic=_has_unequal_moments(model),
-            joint_force=bool(np.any(types == _FREE)),
+            joint_force=bool(np.any(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))),
             joints=bool(np.any(types != _FREE)),
             loops=loops,
+            rods=bool(np.any(types == int(newton.JointType.ROD))),
             drives=_has_drives(model),
             limits=_has_limits(model),
             compliance=compliance,
             ramp=ramp,
         )
+
+    @property
+    def coordinates(self) -> bool:
+        """Whether something acts along joint axes that depends on their coordinates."""
+        return self.drives or self.limits or self.rods
 
     def without_contact(self) -> "Effects":
         """The effects of a step in which nothing touches."""
@@ -77,8 +87,9 @@ def _axes(model: newton.Model) -> np.ndarray:
         return np.zeros(0, dtype=int)
     types, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
     starts = model.joint_qd_start.numpy()
+    driven = ~np.isin(types, (_FREE, int(newton.JointType.ROD), int(newton.JointType.DISTANCE)))
     return np.concatenate(
-        [np.arange(starts[j], starts[j] + dims[j]) for j in np.flatnonzero(types != _FREE)]
+        [np.arange(starts[j], starts[j] + dims[j]) for j in np.flatnonzero(driven)]
         or [np.zeros(0, dtype=int)]
     )
 

@@ -28,7 +28,7 @@ from .execute.observables import (
     make_export_parent_force,
 )
 from .execute.world import make_solve
-from .rows.joint import KINDS
+from .rows.joint import KINDS, PUSHED_AT_COM
 from .topology import Topology
 
 _SIDES = 2
@@ -434,7 +434,8 @@ class SolverAVBD(SolverBase):
         slots = model.body_count + 1
         free_dof = np.full(model.body_count, -1, dtype=np.int32)
         if model.joint_count:
-            free = model.joint_type.numpy() == int(newton.JointType.FREE)
+            kinds = model.joint_type.numpy()
+            free = np.isin(kinds, [int(kind) for kind in PUSHED_AT_COM])
             free_dof[model.joint_child.numpy()[free]] = model.joint_qd_start.numpy()[:-1][free]
         self._no_contacts = data.ContactInput()
         self._control = data.ControlInput()
@@ -515,6 +516,7 @@ class SolverAVBD(SolverBase):
             self._joints.limit_upper = model.joint_limit_upper
             self._joints.limit_ke = model.joint_limit_ke
             self._joints.limit_kd = model.joint_limit_kd
+            self._joints.rest_q = model.joint_rest_q
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu

@@ -28,7 +28,7 @@ from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
-from ..rows.joint import BALL
+from ..rows.joint import BALL, DISTANCE, ROD
 from .trees import ROUNDING, anchor_arm, anchor_offset, anchor_rotation
 
 
@@ -134,15 +134,49 @@ def begin_loop(
         return False
     loops.k_l[i] = PENALTY / (inv_mass * h * h)
     loops.k_a[i] = PENALTY / (inv_inertia * h * h)
+    is_open = bool(False)
     linear = joints.dof_dim[joint, 0]
-    for dof in range(linear + joints.dof_dim[joint, 1]):
-        index = joints.dof_start[joint] + dof
-        q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, history.joint_angle[index])
-        history.joint_angle[index] = q
+    if joints.type[joint] == DISTANCE:
+        index = joints.dof_start[joint]
+        q = wp.length(offset)
         loops.start_coordinate[index] = q
+        rounding = ROUNDING * (wp.length(work.com[child]) + q)
+        lower = joints.limit_lower[index]
+        upper = joints.limit_upper[index]
+        is_open = q < lower - rounding or (upper >= 0.0 and q > upper + rounding)
+    else:
+        for dof in range(linear + joints.dof_dim[joint, 1]):
+            index = joints.dof_start[joint] + dof
+            q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, history.joint_angle[index])
+            history.joint_angle[index] = q
+            loops.start_coordinate[index] = q
     reach = wp.length(arm_c) + wp.length(arm_p)
     allowed = ROUNDING * (wp.length(work.com[child]) + reach)
-    return wp.length_sq(shift) + reach * reach * wp.length_sq(turn) > allowed * allowed
+    error = wp.length_sq(shift) + reach * reach * wp.length_sq(turn)
+    return is_open or error > allowed * allowed
+
+
+@wp.func
+def distance_force(
+    i: int,
+    length: float,
+    recovery: float,
+    joints: JointModel,
+    loops: LoopWork,
+    history: History,
+) -> float:
+    """Force of a DISTANCE joint that pushes its anchors apart [N], negative where it pulls."""
+    index = joints.dof_start[loops.joints[i]]
+    held = history.limit_force[index]
+    start = loops.start_coordinate[index]
+    force = float(0.0)
+    if joints.limit_lower[index] >= 0.0:
+        lower = axis_rows.lower_stop(joints, index, start, recovery)
+        force = wp.max(held + loops.k_l[i] * (lower - length), 0.0)
+    if force == 0.0 and joints.limit_upper[index] >= 0.0:
+        upper = axis_rows.upper_stop(joints, index, start, recovery)
+        force = wp.min(held + loops.k_l[i] * (upper - length), 0.0)
+    return force
 
 
 def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
@@ -175,6 +209,10 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 away = control.target_q[joints.coord_start[joint] + dof] - q
             force, stiffness = axis_rows.drive(joints, control, index, away, q - start, h)
             force += control.joint_f[index]
+        if wp.static(effects.rods):
+            if joints.type[joint] == ROD:
+                force, stiffness = axis_rows.rod_response(joints, index, q, q - start, h)
+                return force, stiffness, 0.0
         if wp.static(effects.limits):
             if wp.static(effects.compliance):
                 pull, more = axis_rows.soft_limit(joints, index, q, q - start, h)
@@ -233,6 +271,12 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 turn_away = joint_rows.rotation_vector(
                     target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c)
                 )
+        if joints.type[joint] == DISTANCE:
+            first = joints.dof_start[joint]
+            pull = distance_force(i, wp.length(offset), recovery, joints, loops, history)
+            if has_dual:
+                history.limit_force[first] = pull
+            return force + pull * wp.normalize(offset), torque, arm_c, arm_p
         linear = joints.dof_dim[joint, 0]
         for dof in range(linear + joints.dof_dim[joint, 1]):
             index = joints.dof_start[joint] + dof
@@ -274,7 +318,18 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
             sign = -1.0
         linear_k = loops.k_l[i] * joint_rows.linear_lock(joints, joint, q_p)
         angular_k = loops.k_a[i] * joint_rows.angular_lock(joints, joint, q_p, q_c)
-        if loops.k_l[i] > 0.0:
+        if joints.type[joint] == DISTANCE:
+            length = wp.length(offset)
+            start = loops.start_coordinate[joints.dof_start[joint]]
+            ahead = length + 2.0 * wp.abs(length - start)
+            behind = length - 2.0 * wp.abs(length - start)
+            if (
+                distance_force(i, ahead, 0.0, joints, loops, history) != 0.0
+                or distance_force(i, behind, 0.0, joints, loops, history) != 0.0
+            ):
+                along = wp.normalize(offset)
+                linear_k += loops.k_l[i] * wp.outer(along, along)
+        elif loops.k_l[i] > 0.0:
             linear = joints.dof_dim[joint, 0]
             for dof in range(linear + joints.dof_dim[joint, 1]):
                 index = joints.dof_start[joint] + dof

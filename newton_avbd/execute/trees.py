@@ -22,7 +22,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
-from ..rows.joint import BALL
+from ..rows.joint import BALL, ROD
 from .bodies import has_rows
 
 ROUNDING = wp.constant(5.0e-7)
@@ -302,8 +302,9 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             )
             k = tree.axis_start[body] + dof
             index = joints.dof_start[joint] + dof
-            axis.push += control.joint_f[index]
-            if wp.static(effects.drives or effects.limits):
+            if joints.type[joint] != ROD:
+                axis.push += control.joint_f[index]
+            if wp.static(effects.coordinates):
                 q = tree.coordinate[k]
                 start = tree.start_coordinate[k]
                 if wp.static(effects.drives):
@@ -315,6 +316,11 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                     pull, stiffness = axis_rows.drive(joints, control, index, away, q - start, h)
                     axis.push += pull
                     pivot += stiffness
+                if wp.static(effects.rods):
+                    if joints.type[joint] == ROD:
+                        pull, stiffness = axis_rows.rod_response(joints, index, q, q - start, h)
+                        axis.push += pull
+                        pivot += stiffness
                 if wp.static(effects.limits and effects.compliance):
                     pull, stiffness = axis_rows.soft_limit(joints, index, q, q - start, h)
                     axis.push += pull
@@ -386,7 +392,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                         # not beyond the limit, even before the others know of it
                         q = wp.clamp(at + q, lower, upper) - at
                         settled = False
-                if wp.static(effects.drives or effects.limits):
+                if wp.static(effects.coordinates):
                     tree.coordinate[k] = tree.coordinate[k] + q
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]
@@ -397,7 +403,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             algebra.combined_turn(wp.spatial_bottom(increment), wp.spatial_bottom(update)),
         )
         place_body(body, body_q, work, tree)
-        if wp.static(effects.drives or effects.limits):
+        if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
             if (
                 is_linked(joints, tree, body)

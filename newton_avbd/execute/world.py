@@ -598,7 +598,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 if measure_misfit(body, static_slot, model, joints, work, tree):
                     is_open = True
-                if wp.static(effects.drives or effects.limits):
+                if wp.static(effects.coordinates):
                     if measure_start(body, static_slot, model, joints, work, tree, history):
                         is_open = True
         if wp.static(effects.loops):
@@ -611,7 +611,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
             place_body(body, body_q, work, tree)
             if work.inv_mass[body] == 0.0:
                 tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        if wp.static(effects.drives or effects.limits):
+        if wp.static(effects.coordinates):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 body = worlds.bodies[i]
                 if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):

@@ -54,6 +54,17 @@ def drive(
 
 
 @wp.func
+def rod_response(joints: JointModel, dof: int, q: float, moved: float, h: float):
+    """Generalized force of a rod's stretch, shear, bend or twist [N or N m] and its curvature.
+
+    Coefficients are the drive's ``target_ke`` and ``target_kd``, as in SolverVBD.
+    """
+    ke = joints.target_ke[dof]
+    kd = joints.target_kd[dof]
+    return -ke * q - kd * moved / h, ke + kd / h
+
+
+@wp.func
 def soft_limit(joints: JointModel, dof: int, q: float, moved: float, h: float):
     """Generalized force of a compliant limit [N or N m] and its curvature."""
     beyond = wp.min(q - joints.limit_lower[dof], 0.0) + wp.max(q - joints.limit_upper[dof], 0.0)

@@ -12,6 +12,10 @@ types differ only in how many linear and angular axes they leave free, as ``KIND
     2 (universal)        the middle Euler angle     first of the parent, second of the child
     3 (gimbal)           nothing                    three Euler axes, each carried by those before
     3 (ball)             nothing                    axes of the parent frame
+    3 (rod)              nothing                    two bends and the twist
+
+A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the distance
+of the anchors.
 """
 
 import math
@@ -41,19 +45,26 @@ KINDS: dict[JointType, Kind] = {
     JointType.D6: Kind(in_tree=True, has_axes=True),
     JointType.FIXED: Kind(in_tree=True, has_axes=True),
     JointType.BALL: Kind(in_tree=True, has_axes=False),
+    JointType.ROD: Kind(in_tree=True, has_axes=False),
+    JointType.DISTANCE: Kind(in_tree=False, has_axes=False),
     JointType.FREE: Kind(in_tree=False, has_axes=False),
 }
 """All types of joints that the solver supports."""
 
+PUSHED_AT_COM = (JointType.FREE, JointType.DISTANCE, JointType.ROD)
+"""Types whose generalized force is a world wrench at the COM of the child."""
+
 BALL = wp.constant(int(JointType.BALL))
 FREE = wp.constant(int(JointType.FREE))
+ROD = wp.constant(int(JointType.ROD))
+DISTANCE = wp.constant(int(JointType.DISTANCE))
 
 
 @wp.func
 def has_axes(joints: JointModel, joint: int) -> bool:
     """Whether the coordinates of a joint are those of its axes."""
     kind = joints.type[joint]
-    return kind != BALL and kind != FREE
+    return kind != BALL and kind != FREE and kind != ROD and kind != DISTANCE
 
 
 @wp.func
@@ -69,6 +80,12 @@ def rotation_vector(q: wp.quat) -> wp.vec3:
         # atan2(s, w)/s to third order
         return (2.0 + wp.static(1 / 3) * sine * sine) * v
     return (2.0 * wp.atan2(sine, w) / sine) * v
+
+
+@wp.func
+def wrapped(angle: float) -> float:
+    """The angle less whole turns, in [-pi, pi] [rad]."""
+    return angle - wp.static(2.0 * math.pi) * wp.round(angle * wp.static(0.5 / math.pi))
 
 
 @wp.func
@@ -170,7 +187,10 @@ def angular_lock(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> 
 @wp.func
 def angular_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
     """Free angular axis ``dof`` of the joint, counted from its first angular one, world frame."""
-    if joints.type[joint] == BALL:
+    kind = joints.type[joint]
+    if kind == ROD and dof == 2:
+        return wp.normalize(tangent(q_p) + tangent(q_c))
+    if kind == BALL or kind == ROD:
         axis = wp.vec3(0.0)
         axis[dof] = 1.0
         return wp.quat_rotate(q_p, axis)
@@ -185,6 +205,41 @@ def angular_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp
 
 
 @wp.func
+def tangent(q: wp.quat) -> wp.vec3:
+    """Direction of a rod at an anchor: its local Z."""
+    return wp.quat_rotate(q, wp.vec3(0.0, 0.0, 1.0))
+
+
+@wp.func
+def bend_and_twist(q: wp.quat) -> wp.vec3:
+    """Bends about X and Y and twist about Z [rad] of a rod whose end is turned by q to its start.
+
+    The bend is the curvature binormal 2 tan(theta/2) of the angle theta between the two tangents
+    (Bergou et al., "Discrete Elastic Rods", 2008), the twist what turns the child about its tangent
+    after the start has been carried along without twisting.
+    """
+    end = tangent(q)
+    along = wp.max(1.0 + end[2], 1.0e-3)
+    # z x t = (-t_y, t_x, 0)
+    return wp.vec3(-2.0 * end[1] / along, 2.0 * end[0] / along, 2.0 * wp.atan2(q[2], q[3]))
+
+
+@wp.func
+def rod_turn(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+    """Bends and twist of a rod beyond those at rest [rad]."""
+    start = joints.coord_start[joint] + 3
+    rest = wp.quat(
+        joints.rest_q[start],
+        joints.rest_q[start + 1],
+        joints.rest_q[start + 2],
+        joints.rest_q[start + 3],
+    )
+    out = bend_and_twist(wp.quat_inverse(q_p) * q_c) - bend_and_twist(rest)
+    out[2] = wrapped(out[2])
+    return out
+
+
+@wp.func
 def turn_about(axis: wp.vec3, start: wp.vec3, end: wp.vec3) -> float:
     """Angle about a unit axis [rad] that turns one vector square to it into another."""
     return wp.atan2(wp.dot(axis, wp.cross(start, end)), wp.dot(start, end))
@@ -193,6 +248,9 @@ def turn_about(axis: wp.vec3, start: wp.vec3, end: wp.vec3) -> float:
 @wp.func
 def angle(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> float:
     """Coordinate of angular axis ``dof`` of a joint that is no ball, in (-pi, pi] [rad]."""
+    if joints.type[joint] == ROD:
+        turn = rod_turn(joints, joint, q_p, q_c)
+        return turn[dof]
     free = joints.dof_dim[joint, 1]
     if free == 1:
         axis = joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0]]
@@ -206,12 +264,6 @@ def angle(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) 
     if dof == free - 1:
         return turn_about(wp.quat_rotate(q_c, a2), middle, wp.quat_rotate(q_c, a1))
     return tilt
-
-
-@wp.func
-def wrapped(angle: float) -> float:
-    """The angle less whole turns, in [-pi, pi] [rad]."""
-    return angle - wp.static(2.0 * math.pi) * wp.round(angle * wp.static(0.5 / math.pi))
 
 
 @wp.func
