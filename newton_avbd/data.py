@@ -315,6 +315,10 @@ class LoopWork:
     """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""
     misfit: wp.array[wp.spatial_vector]
     """How far each joint is open at the start of the step, as (shift [m], turn [rad])."""
+    reach: wp.array[float]
+    """How far the joint's bodies could move its anchors in the step [m]."""
+    turn_reach: wp.array[float]
+    """How far they could turn them [rad]."""
     k_l: wp.array[float]
     """Penalty of shifts [N/m]; zero for a joint that does nothing."""
     k_a: wp.array[float]

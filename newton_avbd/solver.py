@@ -627,6 +627,8 @@ class SolverAVBD(SolverBase):
                 np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
             )
             self._loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
+            self._loops.reach = wp.zeros(joints.size, dtype=float)
+            self._loops.turn_reach = wp.zeros(joints.size, dtype=float)
             self._loops.k_l = wp.zeros(joints.size, dtype=float)
             self._loops.k_a = wp.zeros(joints.size, dtype=float)
             self._loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=float)

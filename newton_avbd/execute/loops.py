@@ -29,7 +29,7 @@ from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.joint import BALL, DISTANCE, ROD
-from .trees import ROUNDING, anchor_arm, anchor_offset, anchor_rotation
+from .trees import ROUNDING, anchor_arm, anchor_offset, anchor_rotation, carried_misfit
 
 
 @wp.func
@@ -125,7 +125,17 @@ def begin_loop(
     q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
     shift = joint_rows.linear_misfit(joints, joint, q_p, offset)
     turn = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+    if work.inv_mass[parent] == 0.0:
+        misfit = carried_misfit(parent, arm_p, shift, turn, work, tree)
+        shift = joint_rows.linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
+        turn = joint_rows.angular_lock(joints, joint, q_p, q_c) * wp.spatial_bottom(misfit)
     loops.misfit[i] = wp.spatial_vector(shift, turn)
+    turning = wp.length(wp.spatial_bottom(work.target[child]))
+    turning += wp.length(wp.spatial_bottom(work.target[parent]))
+    moving = wp.length(wp.spatial_top(work.target[child]))
+    moving += wp.length(wp.spatial_top(work.target[parent]))
+    loops.turn_reach[i] = 2.0 * turning
+    loops.reach[i] = 2.0 * (moving + turning * (wp.length(arm_c) + wp.length(arm_p)))
     inv_mass = work.inv_mass[child] + work.inv_mass[parent]
     inv_inertia = mean_inverse(work.inv_inertia[child] + work.inv_inertia[parent])
     loops.k_l[i] = 0.0
@@ -227,7 +237,10 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 if limit_force == 0.0:
                     limit_force = wp.min(held + k * (upper - q), 0.0)
                 force += limit_force
-                if limit_force != 0.0 or held != 0.0:
+                reach = wp.where(
+                    dof < joints.dof_dim[joint, 0], loops.reach[i], loops.turn_reach[i]
+                )
+                if held != 0.0 or q - reach < lower or q + reach > upper:
                     stiffness += k
         return force, stiffness, limit_force
 
@@ -320,12 +333,10 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
         angular_k = loops.k_a[i] * joint_rows.angular_lock(joints, joint, q_p, q_c)
         if joints.type[joint] == DISTANCE:
             length = wp.length(offset)
-            start = loops.start_coordinate[joints.dof_start[joint]]
-            ahead = length + 2.0 * wp.abs(length - start)
-            behind = length - 2.0 * wp.abs(length - start)
+            reach = loops.reach[i]
             if (
-                distance_force(i, ahead, 0.0, joints, loops, history) != 0.0
-                or distance_force(i, behind, 0.0, joints, loops, history) != 0.0
+                distance_force(i, length + reach, 0.0, joints, loops, history) != 0.0
+                or distance_force(i, length - reach, 0.0, joints, loops, history) != 0.0
             ):
                 along = wp.normalize(offset)
                 linear_k += loops.k_l[i] * wp.outer(along, along)

@@ -50,13 +50,35 @@ def anchor_rotation(tree: TreeWork, slot: int, frame: wp.transform) -> wp.quat:
 
 
 @wp.func
+def joint_shift(work: BodyWork, slot: int) -> wp.vec3:
+    """Shift of a body in the step as its joints see it [m]: a kinematic one is where it is put."""
+    if work.inv_mass[slot] == 0.0:
+        return wp.vec3(0.0)
+    return wp.spatial_top(work.increment[slot])
+
+
+@wp.func
 def anchor_offset(
     work: BodyWork, body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3
 ) -> wp.vec3:
     """From the parent anchor to the child anchor after the increments [m]."""
     apart = work.com[body] - work.com[parent]
-    moved = wp.spatial_top(work.increment[body]) - wp.spatial_top(work.increment[parent])
+    moved = joint_shift(work, body) - joint_shift(work, parent)
     return (apart + (arm_c - arm_p)) + moved
+
+
+@wp.func
+def carried_misfit(
+    parent: int, arm_p: wp.vec3, shift: wp.vec3, turn: wp.vec3, work: BodyWork, tree: TreeWork
+) -> wp.spatial_vector:
+    """Misfit of a joint that is not new in this step.
+
+    A kinematic parent has been put ahead of its child by what it moves in a step; that is new.
+    """
+    if work.inv_mass[parent] == 0.0:
+        ahead = algebra.carried(arm_p, tree.update[parent])
+        return wp.spatial_vector(shift, turn) + ahead
+    return wp.spatial_vector(shift, turn)
 
 
 @wp.func
@@ -86,7 +108,7 @@ def measure_misfit(
 ) -> bool:
     """Misfit of the body's joint at the start of the step; returns whether it is beyond rounding.
 
-    Expects increments of zero and rotations at the start of the step.
+    Expects increments of zero, the guess of them in ``tree.update``, and rotations at the start.
     """
     joint = tree.joint[body]
     parent = tree.parent[body]
@@ -99,6 +121,12 @@ def measure_misfit(
     apart = work.com[body] - work.com[parent]
     linear = joint_rows.linear_misfit(joints, joint, q_p, apart + (arm_c - arm_p))
     angular = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+    misfit = carried_misfit(parent, arm_p, linear, angular, work, tree)
+    if work.inv_mass[parent] == 0.0:
+        # only what the joint locks
+        linear = joint_rows.linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
+        lock = joint_rows.angular_lock(joints, joint, q_p, q_c)
+        angular = lock * wp.spatial_bottom(misfit)
     tree.misfit[body] = wp.spatial_vector(linear, angular)
     reach = wp.length(arm_c) + wp.length(arm_p)
     tree.rounding[body] = ROUNDING * reach

@@ -608,8 +608,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             work.increment[body] = tree.update[body]
-            place_body(body, body_q, work, tree)
-            if work.inv_mass[body] == 0.0:
+            if work.inv_mass[body] > 0.0:
+                place_body(body, body_q, work, tree)
+            else:
                 tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.coordinates):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
