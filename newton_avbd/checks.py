@@ -17,9 +17,9 @@ def check_model(model: newton.Model) -> None:
         model: The model, on any device; its arrays are copied to the host.
 
     Raises:
-        NotImplementedError: If a joint is not a FREE joint to the world.
-        ValueError: If a mass, inertia, center of mass, friction coefficient or gravity is not
-            finite, or a mass or friction coefficient is negative.
+        NotImplementedError: If a joint is of a type that the solver does not know.
+        ValueError: If a mass, inertia, center of mass, joint frame, axis, limit, gain, friction
+            coefficient or gravity is not finite, or a mass, gain or coefficient is negative.
     """
     _check_joints(model)
     _check_bodies(model)
@@ -45,6 +45,14 @@ def _check_joints(model: newton.Model) -> None:
                 f"SolverAVBD does not support joints of type {newton.JointType(int(kind)).name}: "
                 f"joint {joint} '{_label(model.joint_label, joint)}'."
             )
+    for name in ("joint_X_p", "joint_X_c"):
+        _check_numbers(model, name, model.joint_label)
+    owner = np.repeat(np.arange(model.joint_count), model.joint_dof_dim.numpy().sum(axis=1))
+    labels = [_label(model.joint_label, joint) for joint in owner]
+    for name in ("joint_axis", "joint_limit_lower", "joint_limit_upper"):
+        _check_numbers(model, name, labels)
+    for name in ("joint_target_ke", "joint_target_kd", "joint_limit_ke", "joint_limit_kd"):
+        _check_numbers(model, name, labels, minimum=0.0)
 
 
 def _check_bodies(model: newton.Model) -> None:

@@ -344,6 +344,7 @@ class SolverAVBD(SolverBase):
                 self._worlds,
                 self._joints,
                 self._tree,
+                self._loops,
                 self._rest_angle,
                 self._history,
                 state.body_q,
@@ -355,8 +356,8 @@ class SolverAVBD(SolverBase):
         """Look again at what the model calls for.
 
         Arrays of the model are read live, so changing their values needs no call, except where it
-        calls for an effect that the scene did without: friction, unequal moments of inertia, or
-        other bodies that move. The call copies model arrays to the host. While a graph is being
+        calls for an effect that the scene did without: friction, unequal moments of inertia,
+        drives, limits, or other bodies that move. The call copies model arrays to the host. While a graph is being
         captured it compiles in these effects instead, and global bodies that start or stop to move
         need another call outside the capture. Capture again after a call that changed which global
         bodies move.
@@ -365,7 +366,11 @@ class SolverAVBD(SolverBase):
             flags: What changed; unknown bits are ignored.
         """
         relevant = (
-            ModelFlags.BODY_PROPERTIES
+            ModelFlags.JOINT_PROPERTIES
+            | ModelFlags.JOINT_DOF_PROPERTIES
+            | ModelFlags.JOINT_DOF_FORCE_PROPERTIES
+            | ModelFlags.JOINT_REFERENCE_POSE_PROPERTIES
+            | ModelFlags.BODY_PROPERTIES
             | ModelFlags.BODY_INERTIAL_PROPERTIES
             | ModelFlags.SHAPE_PROPERTIES
             | ModelFlags.SHAPE_TYPE_AND_SOURCE
@@ -375,7 +380,14 @@ class SolverAVBD(SolverBase):
             return
         self._bind_model()
         if self.device.is_capturing:
-            self.effects = dataclasses.replace(self.effects, friction=True, gyroscopic=True)
+            self.effects = dataclasses.replace(
+                self.effects,
+                friction=True,
+                gyroscopic=True,
+                drives=self.effects.joints,
+                limits=self.effects.joints,
+            )
+            self._effects_apart = self.effects.without_contact()
         else:
             check_model(self.model)
             self._group_worlds()

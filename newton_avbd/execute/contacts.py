@@ -15,6 +15,7 @@ from ..data import (
     ContactRow,
     History,
     JointModel,
+    LoopWork,
     RowWork,
     ShapeModel,
     TreeWork,
@@ -407,6 +408,15 @@ def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
     return mask[wp.where(world < 0, mask.shape[0] - 1, world)]
 
 
+@wp.func
+def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], history: History):
+    """Lets go the limits of a joint and puts the turns of its angles back."""
+    if joint >= 0:
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            history.limit_force[dof] = 0.0
+            history.joint_angle[dof] = rest_angle[dof]
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def reset_bodies(
     # Model:
@@ -419,6 +429,7 @@ def reset_bodies(
     worlds: WorldWork,
     joints: JointModel,
     tree: TreeWork,
+    loops: LoopWork,
     rest_angle: wp.array[float],
     # Out:
     history: History,
@@ -443,11 +454,13 @@ def reset_bodies(
     history.falling[body] = 0.0
     if tree.joint.shape[0] > 0:
         history.joint_force[body] = wp.vec3(0.0)
-        joint = tree.joint[body]
-        if joint >= 0:
-            for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                history.limit_force[dof] = 0.0
-                history.joint_angle[dof] = rest_angle[dof]
+        forget_axes(tree.joint[body], joints, rest_angle, history)
+    if loops.joints.shape[0] > 0:
+        for i in range(loops.body_start[body], loops.body_start[body + 1]):
+            loop = loops.items[i] / 2
+            history.loop_force[loop] = wp.vec3(0.0)
+            history.loop_torque[loop] = wp.vec3(0.0)
+            forget_axes(loops.joints[loop], joints, rest_angle, history)
     history.age[worlds.of_body[body]] = 0
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0

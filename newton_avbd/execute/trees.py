@@ -4,7 +4,7 @@
 
 import warp as wp
 
-from ..algebra.block import PIVOT_FLOOR, factor_block, solve_block
+from ..algebra.block import factor_block, solve_block
 from ..algebra.so3 import exp_quat
 from ..blocks import tree as algebra
 from ..data import (
@@ -321,10 +321,12 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
             axis.torque = h_al * axis.linear + h_aa * axis.angular
             pivot = wp.dot(axis.linear, axis.force) + wp.dot(axis.angular, axis.torque)
-            inertial = model.mass[body] * wp.length_sq(axis.linear) + wp.dot(
-                axis.angular, work.inertia[body] * axis.angular
-            )
-            pivot = wp.max(pivot, PIVOT_FLOOR * inv_h2 * inertial)
+            # In exact arithmetic no coordinate meets less than the body's own inertia; what heavy
+            # children add and take away again rounds.
+            own = model.mass[body]
+            if dof >= linear:
+                own = 1.0 / wp.dot(axis.angular, work.inv_inertia[body] * axis.angular)
+            pivot = wp.max(pivot, inv_h2 * own)
             axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
                 axis.angular, wp.spatial_bottom(push)
             )

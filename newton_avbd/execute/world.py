@@ -48,6 +48,8 @@ SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
 SETTLED = wp.constant(5.0e-6)
 """Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
+JOINT_PASSES = wp.constant(3)
+"""Most sweeps that close open joints: one leaves the square of how far they were open."""
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
@@ -811,8 +813,17 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
         # Recovery: old errors go, without entering the velocity.
         if wp.static(not effects.ramp and not effects.compliance):
-            if (sweeps > 0 and deepest > scale.slop) or is_open:
-                sweep_world(
+            # joints close even where impacts keep the sweeps from settling
+            unsettled = float(wp.inf)
+            if wp.static(effects.joints):
+                unsettled = scale.slop
+            passes = int(0)
+            if sweeps > 0 and deepest > scale.slop:
+                passes = 1
+            if is_open or update > unsettled * unsettled:
+                passes = JOINT_PASSES
+            while passes > 0:
+                update = sweep_world(
                     world,
                     False,
                     contact_rows.RECOVERY,
@@ -829,6 +840,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     loops,
                     history,
                 )
+                passes -= 1
+                if update <= enough * enough:
+                    passes = 0
 
         # Poses.
         for i in range(body_start, body_end):

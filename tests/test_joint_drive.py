@@ -1,0 +1,180 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Drives push with ke (target_q - q) + kd (target_qd - qd), taken at the end of the step."""
+
+import newton
+import numpy as np
+import pytest
+from helpers import NO_GRAVITY, G, Simulation, in_float32
+from joint_scenes import (
+    WORLD,
+    add_link,
+    anchor_gaps,
+    coordinates,
+    euler_period,
+    set_control,
+    set_coordinates,
+    simulate,
+    swing_period,
+    transform,
+)
+from scipy.spatial.transform import Rotation
+
+TURNED = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
+GAINS = [(0.0, 5.0), (100.0, 0.0), (100.0, 3.0), (1.0e4, 20.0), (1.0e6, 0.0)]
+
+
+def one_dof(kind: str, ke: float, kd: float, q: float, qd: float) -> tuple[Simulation, float]:
+    """A body of 2 kg on a turned slider or hinge without gravity, and what it weighs for its dof.
+
+    The hinge runs through the COM, about a principal axis, so that the motion is linear.
+    """
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    inertia = (0.2, 0.3, 0.4)
+    body = add_link(builder, mass=2.0, inertia=inertia, com=(0.1, 0.2, 0.3))
+    add = builder.add_joint_prismatic if kind == "slider" else builder.add_joint_revolute
+    joint = add(
+        WORLD,
+        body,
+        parent_xform=transform((1.0, 0.5, -0.3), TURNED),
+        child_xform=transform((0.1, 0.2, 0.3)),
+        axis=(0.0, 1.0, 0.0),
+        target_ke=ke,
+        target_kd=kd,
+    )
+    builder.add_articulation([joint])
+    set_coordinates(builder, joint, [q], [qd])
+    return simulate(builder), 2.0 if kind == "slider" else inertia[1]
+
+
+@pytest.mark.parametrize(("ke", "kd"), GAINS)
+@pytest.mark.parametrize("kind", ["slider", "hinge"])
+def test_a_driven_dof_follows_the_implicit_law(kind: str, ke: float, kd: float) -> None:
+    """v' = (M v + dt (ke (target - q) + kd target_v + f)) / (M + dt kd + dt^2 ke), q' = q + dt v'.
+
+    The motion is linear, so one step solves it to rounding. Bound: 1e-4 of the largest speed in
+    the first step, 1e-3 over 60 steps, for a drive that is 13 times as stiff as the step resolves
+    as for one that swings.
+    """
+    q, v = 0.2, -0.5
+    target, target_v, force = 0.35, 0.7, 1.5
+    sim, inertia = one_dof(kind, ke, kd, q, v)
+    set_control(sim, joint_f=[force], joint_target_q=[target], joint_target_qd=[target_v])
+    h = in_float32(sim.dt)
+    scale = 0.0
+    for step in range(60):
+        pull = ke * (target - q) + kd * target_v + force
+        v = (inertia * v + h * pull) / (inertia + h * kd + h * h * ke)
+        q += h * v
+        scale = max(scale, abs(v))
+        sim.step()
+        actual_q, actual_v = (x[0] for x in coordinates(sim))
+        bound = 1.0e-4 if step == 0 else 1.0e-3
+        assert actual_v == pytest.approx(v, abs=bound * scale)
+        assert actual_q == pytest.approx(q, abs=bound * scale * max(step * h, 0.1))
+
+
+@pytest.mark.parametrize("kind", ["slider", "hinge"])
+def test_targets_are_read_live(kind: str) -> None:
+    """A target that moves is followed; the drive halves its error in 14 ms, so 0.5 s is plenty."""
+    sim, _ = one_dof(kind, 1.0e5, 2.0e3, 0.0, 0.0)
+    for target in (0.3, -0.2):
+        set_control(sim, joint_target_q=[target])
+        sim.run(0.5)
+        assert coordinates(sim)[0][0] == pytest.approx(target, abs=1.0e-3)
+
+
+def test_gains_that_change_are_read_live() -> None:
+    """``joint_target_ke`` and ``joint_target_kd`` of the model act from the next step on."""
+    sim, inertia = one_dof("hinge", 50.0, 1.0, 0.2, 0.0)
+    sim.model.joint_target_ke.assign([400.0])
+    sim.model.joint_target_kd.assign([8.0])
+    sim.solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_PROPERTIES)
+    sim.step()
+    h = in_float32(sim.dt)
+    expected = h * 400.0 * -0.2 / (inertia + h * 8.0 + h * h * 400.0)
+    assert coordinates(sim)[1][0] == pytest.approx(expected, rel=1.0e-3)
+
+
+def two_hinges(stiff: float, soft: float) -> Simulation:
+    """Two links on parallel hinges with springs, each turned by 0.1 rad from its target."""
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    inertia = (0.02, 0.02, 0.02)
+    upper, lower = (add_link(builder, inertia=inertia) for _ in range(2))
+    first = builder.add_joint_revolute(
+        WORLD, upper, child_xform=transform((-0.25, 0, 0)), axis=(0, 1, 0), target_ke=stiff
+    )
+    second = builder.add_joint_revolute(
+        upper,
+        lower,
+        parent_xform=transform((0.25, 0, 0)),
+        child_xform=transform((-0.25, 0, 0)),
+        axis=(0, 1, 0),
+        target_ke=soft,
+    )
+    builder.add_articulation([first, second])
+    for joint in (first, second):
+        set_coordinates(builder, joint, [0.1])
+    return simulate(builder)
+
+
+def test_a_stiff_drive_beside_a_soft_one_does_not_oscillate() -> None:
+    """1e6 beside 1e2 N m/rad in a chain: the stiff one is home at once, the soft one swings.
+
+    The stiff hinge then gives by what the soft spring's torque bends it, 1e-5 rad, and what its
+    own start still rings: each step divides that by at least dt sqrt(ke / I), 8 and more here. The
+    soft one swings as if the stiff one were a wall, period within 1 % of backward Euler's. With
+    springs alone and no damping, energy never grows.
+    """
+    stiff, soft = 1.0e6, 1.0e2
+    sim = two_hinges(stiff, soft)
+    inertia = 0.02 + 0.25**2
+    angles, energies = [], []
+    for _ in range(240):
+        sim.step()
+        q = coordinates(sim)[0]
+        angles.append(q)
+        energies.append(sim.kinetic_energy + 0.5 * (stiff * q[0] ** 2 + soft * q[1] ** 2))
+    angles, energies = np.array(angles), np.array(energies)
+    assert np.abs(angles[10:, 0]).max() < 1.0e-4
+    assert np.all(np.diff(energies) < 1.0e-4 * energies[0])
+    period = swing_period(angles[10:, 1], sim.dt)
+    assert period == pytest.approx(euler_period(np.sqrt(soft / inertia), sim.dt), rel=1.0e-2)
+    assert anchor_gaps(sim).max() < 1.0e-6
+
+
+@pytest.mark.parametrize(("ke", "kd"), [(200.0, 20.0), (1.0e4, 150.0)])
+def test_a_drive_holds_an_arm_against_gravity(ke: float, kd: float) -> None:
+    """The sag of a horizontal arm balances its weight: ke sag = m g l cos(sag), within 1 %."""
+    mass, arm = 1.0, 0.5
+    builder = newton.ModelBuilder()
+    body = add_link(builder, mass=mass)
+    joint = builder.add_joint_revolute(
+        WORLD,
+        body,
+        parent_xform=transform((0.0, 0.0, 1.0), TURNED),
+        child_xform=transform((-arm, 0.0, 0.0), TURNED),
+        axis=tuple(TURNED.inv().apply([0.0, 1.0, 0.0])),
+        target_ke=ke,
+        target_kd=kd,
+    )
+    builder.add_articulation([joint])
+    sim = simulate(builder)
+    sim.run(2.0)
+    sag = coordinates(sim)[0][0]  # about +y: positive is downwards
+    assert sag == pytest.approx(mass * G * arm * np.cos(sag) / ke, rel=1.0e-2)
+    assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+def test_a_vertical_slider_sags_by_its_weight_over_the_stiffness() -> None:
+    """ke sag = m g, within 1 %; gravity pulls along -q."""
+    builder = newton.ModelBuilder()
+    body = add_link(builder, mass=2.0)
+    joint = builder.add_joint_prismatic(
+        WORLD, body, axis=(0.0, 0.0, 1.0), target_q=0.3, target_ke=4000.0, target_kd=200.0
+    )
+    builder.add_articulation([joint])
+    sim = simulate(builder)
+    sim.run(2.0)
+    assert coordinates(sim)[0][0] - 0.3 == pytest.approx(-2.0 * G / 4000.0, rel=1.0e-2)
+    assert np.abs(sim.velocity).max() < 1.0e-4

@@ -1,0 +1,114 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Limits are hard: a joint stops there, does not bounce, and leaves freely."""
+
+import newton
+import numpy as np
+import pytest
+from helpers import G, Simulation
+from joint_scenes import (
+    WORLD,
+    add_link,
+    anchor_gaps,
+    coordinates,
+    set_coordinates,
+    simulate,
+    transform,
+)
+from scipy.spatial.transform import Rotation
+
+TURNED = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
+CLOSE = 1.0e-4  # [m] or [rad]: how far past its limit a joint may be found, ever
+
+
+def falling(kind: str, side: str, stop: float | None, q: float = 0.0) -> Simulation:
+    """A slider that falls along, or an arm that falls from horizontal about, a turned frame.
+
+    Towards the upper side the coordinate grows in the fall, towards the lower side it shrinks.
+    ``stop`` is the limit's distance from 0.
+    """
+    sign = 1.0 if side == "upper" else -1.0
+    axis = np.array([0.0, 0.0, -sign]) if kind == "slider" else np.array([0.0, sign, 0.0])
+    limits = {} if stop is None else {f"limit_{side}": sign * stop}
+    builder = newton.ModelBuilder()
+    body = add_link(builder)
+    add = builder.add_joint_prismatic if kind == "slider" else builder.add_joint_revolute
+    joint = add(
+        WORLD,
+        body,
+        parent_xform=transform((0.2, 0.1, 1.0), TURNED),
+        child_xform=transform((-0.4, 0.0, 0.0), TURNED),
+        axis=tuple(TURNED.inv().apply(axis)),
+        **limits,
+    )
+    builder.add_articulation([joint])
+    set_coordinates(builder, joint, [sign * q])
+    return simulate(builder)
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+@pytest.mark.parametrize("kind", ["slider", "arm"])
+def test_a_falling_joint_stops_at_its_limit(kind: str, side: str) -> None:
+    """It lands after 0.2 to 0.4 s, at 3 to 5 m/s or rad/s, and is at rest there from then on.
+
+    Newton's ``limit_ke`` of 1e4 would let it 20 mm deep; limits are hard here, and inelastic.
+    """
+    stop = 0.5
+    sim = falling(kind, side, stop)
+    path = []
+    for _ in range(240):
+        sim.step()
+        path.append(abs(coordinates(sim)[0][0]))
+    path = np.array(path)
+    landed = int(np.argmax(path > stop - CLOSE))
+    assert 0.2 < landed * sim.dt < 0.4
+    assert path.max() < stop + CLOSE
+    assert path[landed:].min() > stop - CLOSE
+    assert np.abs(sim.velocity).max() < 1.0e-4
+    assert anchor_gaps(sim)[0] == pytest.approx(stop if kind == "slider" else 0.0, abs=CLOSE)
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+@pytest.mark.parametrize("kind", ["slider", "arm"])
+def test_a_limit_that_is_not_reached_changes_nothing(kind: str, side: str) -> None:
+    """Up to landing the fall is that without a limit, to rounding: no braking before it."""
+    free, limited = falling(kind, side, None), falling(kind, side, 0.5)
+    for _ in range(50):
+        free.step()
+        limited.step()
+        assert abs(coordinates(limited)[0][0]) < 0.5
+        assert limited.velocity == pytest.approx(free.velocity, abs=1.0e-4)
+        assert limited.pose == pytest.approx(free.pose, abs=1.0e-5)
+
+
+@pytest.mark.parametrize("side", ["lower", "upper"])
+def test_a_joint_leaves_its_limit_freely(side: str) -> None:
+    """Pulled away with twice its weight, it leaves with 1 g at once: limits do not hold on.
+
+    Bound: 1 % of the speed after 24 steps, a tenth of which is one step's worth.
+    """
+    sim = falling("slider", side, 0.1, q=0.1)
+    sim.step(10)
+    assert abs(coordinates(sim)[0][0]) == pytest.approx(0.1, abs=CLOSE)
+    sim.push(0, (0.0, 0.0, 2.0 * G))
+    sim.step(24)
+    assert sim.velocity[0, 2] == pytest.approx(24 * sim.dt * G, rel=1.0e-2)
+
+
+def test_both_limits_at_zero_lock_the_joint() -> None:
+    """An arm between equal limits neither sags nor swings: 1e-4 rad."""
+    builder = newton.ModelBuilder()
+    body = add_link(builder)
+    joint = builder.add_joint_revolute(
+        WORLD,
+        body,
+        child_xform=transform((-0.4, 0.0, 0.0)),
+        axis=(0.0, 1.0, 0.0),
+        limit_lower=0.0,
+        limit_upper=0.0,
+    )
+    builder.add_articulation([joint])
+    sim = simulate(builder)
+    sim.run(0.5)
+    assert coordinates(sim)[0][0] == pytest.approx(0.0, abs=CLOSE)
+    assert np.abs(sim.velocity).max() < 1.0e-3

@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joints that close a loop, and bodies that several joints hold."""
+
+import newton
+import numpy as np
+import pytest
+from helpers import G, Simulation
+from joint_scenes import (
+    WORLD,
+    add_link,
+    anchor_gaps,
+    coordinates,
+    euler_period,
+    set_coordinates,
+    simulate,
+    swing_period,
+    transform,
+)
+from scipy.spatial.transform import Rotation
+
+HINGE = (0.0, 1.0, 0.0)
+AT_END = pytest.mark.filterwarnings("ignore:.*another joint already connects.*")
+
+
+def four_bar(
+    crank: float, coupler: float, rocker: float, ground: float, angle: float
+) -> Simulation:
+    """A planar four-bar in the xz plane that hangs from (0, 0, 0) and (ground, 0, 0).
+
+    Links are rods along their own x, at ``angle`` [rad] below +x for the crank; the joint from
+    the rocker to the world closes the loop and belongs to no articulation.
+    """
+    # angles below +x, all about +y
+    b = crank * np.array([np.cos(angle), -np.sin(angle)])
+    d = np.array([ground, 0.0])
+    reach = np.linalg.norm(d - b)
+    along = (reach**2 + coupler**2 - rocker**2) / (2.0 * reach)
+    across = np.sqrt(coupler**2 - along**2)
+    u = (d - b) / reach
+    c = b + along * u + across * np.array([u[1], -u[0]])  # the lower of the two assemblies
+    coupler_angle = np.arctan2(-(c - b)[1], (c - b)[0])
+    rocker_angle = np.arctan2(-(d - c)[1], (d - c)[0])
+    builder = newton.ModelBuilder()
+    lengths = (crank, coupler, rocker)
+    links = [
+        add_link(builder, mass=m, inertia=np.array([0.001, m / 12 * a**2, m / 12 * a**2]))
+        for m, a in zip(2.0 * np.array(lengths), lengths, strict=True)
+    ]
+    parent, joints = WORLD, []
+    for link, length, before in zip(links, lengths, (0.0, crank, coupler), strict=True):
+        joints.append(
+            builder.add_joint_revolute(
+                parent,
+                link,
+                parent_xform=transform((0.5 * before, 0.0, 0.0)),
+                child_xform=transform((-0.5 * length, 0.0, 0.0)),
+                axis=HINGE,
+            )
+        )
+        parent = link
+    builder.add_articulation(joints)
+    builder.add_joint_revolute(
+        WORLD,
+        links[2],
+        parent_xform=transform((ground, 0.0, 0.0)),
+        child_xform=transform((0.5 * rocker, 0.0, 0.0)),
+        axis=HINGE,
+    )
+    turns = (angle, coupler_angle - angle, rocker_angle - coupler_angle)
+    for joint, turn in zip(joints, turns, strict=True):
+        set_coordinates(builder, joint, [turn])
+    return simulate(builder)
+
+
+def test_a_four_bar_keeps_its_anchors_together() -> None:
+    """3 s of swinging in gravity: all four anchors within 1e-4 m, all links in their plane.
+
+    It swings for a while (the lowest energy is not the start's), and gains no energy.
+    """
+    sim = four_bar(0.4, 0.9, 0.7, 1.0, 0.3)
+    assert anchor_gaps(sim).max() < 1.0e-6
+    energy = sim.energy
+    fastest = 0.0
+    for _ in range(720):
+        sim.step()
+        assert anchor_gaps(sim).max() < 1.0e-4
+        assert np.abs(sim.pose[:, 1]).max() < 1.0e-4
+        assert sim.energy < energy + 1.0e-4 * sim.mass.sum() * G
+        fastest = max(fastest, np.abs(sim.velocity[0, 4]))
+    assert fastest > 1.0
+
+
+def test_a_parallelogram_swings_with_its_own_period() -> None:
+    """Equal cranks carry the coupler without turning it: one dof, T in closed form.
+
+    I = 2 m_c l^2 / 3 + m_k l^2 and the weight m_k l + 2 m_c l / 2 about hanging straight down.
+    The loop has a redundant row out of the plane, three in fact, which must not hold it back.
+    Bound 1e-3: the amplitude of 0.05 rad adds 1.6e-4.
+    """
+    crank, coupler = 0.5, 0.8
+    sim = four_bar(crank, coupler, crank, coupler, np.pi / 2 + 0.05)
+    light, heavy = 2.0 * crank, 2.0 * coupler
+    inertia = 2.0 * light * crank**2 / 3.0 + heavy * crank**2
+    omega = np.sqrt(G * (heavy * crank + light * crank) / inertia)
+    angle = []
+    for _ in range(round(3.3 * 2 * np.pi / omega / sim.dt)):
+        sim.step()
+        angle.append(coordinates(sim)[0][0] - np.pi / 2)
+    assert swing_period(np.array(angle), sim.dt) == pytest.approx(
+        euler_period(omega, sim.dt), rel=1.0e-3
+    )
+    turned = Rotation.from_quat(sim.pose[1, 3:]).magnitude()
+    assert turned < 1.0e-4  # the coupler stays level
+
+
+def door(hinges: int) -> Simulation:
+    """A plate that swings about the x axis on hinges at x = -0.4 and 0.4, released level."""
+    builder = newton.ModelBuilder()
+    plate = add_link(builder, mass=2.0, inertia=(0.2, 0.3, 0.4))
+    joints = [
+        builder.add_joint_revolute(
+            WORLD,
+            plate,
+            parent_xform=transform((x, 0.0, 1.0)),
+            child_xform=transform((x, -0.3, 0.0)),
+            axis=(1.0, 0.0, 0.0),
+        )
+        for x in np.linspace(-0.4, 0.4, hinges)
+    ]
+    builder.add_articulation(joints[:1])
+    return simulate(builder)
+
+
+@AT_END
+def test_a_second_hinge_on_the_same_axis_changes_nothing() -> None:
+    """A door on two hinges swings like a door on one, within 1e-4 over 1 s: five redundant rows."""
+    one, two = door(1), door(2)
+    lowest = 1.0
+    for _ in range(240):
+        one.step()
+        two.step()
+        assert two.pose == pytest.approx(one.pose, abs=1.0e-4)
+        assert anchor_gaps(two).max() < 1.0e-5
+        lowest = min(lowest, two.pose[0, 2])
+    assert lowest < 0.75  # it swung through
+
+
+@AT_END
+def test_a_body_on_two_ball_joints_is_a_door() -> None:
+    """Two inbound joints on one body: it turns about the line through both, as on a hinge."""
+    hinged = door(1)
+    builder = newton.ModelBuilder()
+    plate = add_link(builder, mass=2.0, inertia=(0.2, 0.3, 0.4))
+    joints = [
+        builder.add_joint_ball(
+            WORLD,
+            plate,
+            parent_xform=transform((x, 0.0, 1.0)),
+            child_xform=transform((x, -0.3, 0.0)),
+        )
+        for x in (-0.4, 0.4)
+    ]
+    builder.add_articulation(joints[:1])
+    set_coordinates(builder, joints[0], (0.0, 0.0, 0.0, 1.0))
+    sim = simulate(builder)
+    for _ in range(240):
+        hinged.step()
+        sim.step()
+        assert sim.pose == pytest.approx(hinged.pose, abs=1.0e-4)
+    assert anchor_gaps(sim).max() < 1.0e-5
+
+
+def test_a_plate_hung_from_four_links_carries_itself() -> None:
+    """Four equal links with ball joints at both ends, four inbound joints on the plate, at rest.
+
+    Nothing moves: the links hang straight and share the load in whatever way. 1 mm/s, 1e-4 m.
+    """
+    builder = newton.ModelBuilder()
+    plate = add_link(builder, mass=5.0, inertia=(0.5, 0.5, 0.9))
+    loops = []
+    for x, y in ((-0.5, -0.5), (-0.5, 0.5), (0.5, 0.5), (0.5, -0.5)):
+        link = add_link(builder, mass=0.2, inertia=(0.005, 0.005, 0.001))
+        tree = [
+            builder.add_joint_ball(
+                WORLD,
+                link,
+                parent_xform=transform((x, y, 1.0)),
+                child_xform=transform((0.0, 0.0, 0.25)),
+            )
+        ]
+        hung = {
+            "parent_xform": transform((0.0, 0.0, -0.25)),
+            "child_xform": transform((x, y, 0.0)),
+        }
+        if not loops:
+            tree.append(builder.add_joint_ball(link, plate, **hung))
+        loops.append((link, hung))
+        builder.add_articulation(tree)
+    for link, hung in loops[1:]:
+        builder.add_joint_ball(link, plate, **hung)
+    sim = simulate(builder)
+    assert anchor_gaps(sim).max() < 1.0e-6
+    start = sim.pose
+    for _ in range(240):
+        sim.step()
+        assert anchor_gaps(sim).max() < 1.0e-4
+    assert sim.pose == pytest.approx(start, abs=1.0e-4)
+    assert np.abs(sim.velocity).max() < 1.0e-3
