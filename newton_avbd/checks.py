@@ -76,6 +76,8 @@ def _check_numbers(
 ) -> None:
     """Raises a ValueError that names the first entry of a model array that makes no sense."""
     values = getattr(model, name).numpy()
+    if values.size == 0:
+        return
     per_item = values.reshape(len(values), -1)
     wrong = np.flatnonzero(~np.all(np.isfinite(per_item) & (per_item >= minimum), axis=1))
     if wrong.size:

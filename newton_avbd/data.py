@@ -289,8 +289,10 @@ class TreeWork:
     """Motion of the body that closes the misfit of its joint."""
     update: wp.array[wp.spatial_vector]
     """What the last substitution added to the pose of the body."""
+    is_touched: wp.array[wp.bool]
+    """Whether the body has contacts or joints that close loops."""
     own_ll: wp.array[wp.mat33]
-    """The body's own block: inertia and contacts."""
+    """The body's own block, inertia and those, where it is touched."""
     own_al: wp.array[wp.mat33]
     own_aa: wp.array[wp.mat33]
     h_ll: wp.array[wp.mat33]

@@ -607,6 +607,7 @@ class SolverAVBD(SolverBase):
             self._tree.span = wp.zeros(slots, dtype=wp.vec3)
             self._tree.closing = wp.zeros(slots, dtype=wp.spatial_vector)
             self._tree.update = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._tree.is_touched = wp.zeros(slots, dtype=wp.bool)
             self._tree.own_ll = wp.zeros(slots, dtype=wp.mat33)
             self._tree.own_al = wp.zeros(slots, dtype=wp.mat33)
             self._tree.own_aa = wp.zeros(slots, dtype=wp.mat33)

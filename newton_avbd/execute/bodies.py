@@ -161,7 +161,8 @@ def make_predict(effects: Effects) -> wp.Kernel:
             dtheta = h * w
             work.spin_gain[body] = wp.quat_rotate(rotation * turn, spin) - w
             work.inertia[body] = world_inertia(rotation, model.inertia[body])
-            work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
+            if wp.static(effects.contact or effects.loops):
+                work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
         else:
             dtheta = target_turn(model, body, rotation, velocity, wrench, h)
             # equal principal moments look the same from all sides

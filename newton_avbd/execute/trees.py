@@ -259,9 +259,14 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             history,
         )
         inv_h2 = 1.0 / (h * h)
-        h_ll = tree.own_ll[body] + tree.h_ll[body]
-        h_al = tree.own_al[body] + tree.h_al[body]
-        h_aa = tree.own_aa[body] + tree.h_aa[body]
+        h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2)) + tree.h_ll[body]
+        h_al = tree.h_al[body]
+        h_aa = work.inertia[body] * inv_h2 + tree.h_aa[body]
+        if wp.static(effects.contact or effects.loops):
+            if tree.is_touched[body]:
+                h_ll = tree.own_ll[body] + tree.h_ll[body]
+                h_al = tree.own_al[body] + tree.h_al[body]
+                h_aa = tree.own_aa[body] + tree.h_aa[body]
         push = wrench + tree.push[body]
         load = wrench + tree.load[body]
         tree.h_ll[body] = wp.mat33(0.0)
@@ -304,6 +309,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         push -= algebra.times_block(h_ll, h_al, h_aa, closing)
         linear = joints.dof_dim[joint, 0]
         dofs = linear + joints.dof_dim[joint, 1]
+        first_axis = wp.vec3(0.0)
         turn_away = wp.vec3(0.0)
         if wp.static(effects.drives):
             if joints.type[joint] == BALL:
@@ -311,6 +317,22 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                 turn_away = joint_rows.rotation_vector(
                     target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c)
                 )
+        rod_torque = wp.vec3(0.0)
+        if wp.static(effects.rods):
+            if joints.type[joint] == ROD:
+                response = wp.vec3(0.0)
+                for dof in range(3):
+                    k = tree.axis_start[body] + 3 + dof
+                    q = tree.coordinate[k]
+                    pull, _ = axis_rows.rod_response(
+                        joints,
+                        joints.dof_start[joint] + 3 + dof,
+                        q,
+                        q - tree.start_coordinate[k],
+                        h,
+                    )
+                    response[dof] = pull
+                rod_torque = joint_rows.rod_torque(q_p, q_c, response)
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
@@ -322,10 +344,17 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
             axis.torque = h_al * axis.linear + h_aa * axis.angular
             pivot = wp.dot(axis.linear, axis.force) + wp.dot(axis.angular, axis.torque)
             # In exact arithmetic no coordinate meets less than the body's own inertia; what heavy
-            # children add and take away again rounds.
-            own = model.mass[body]
+            # children add and take away again rounds. (Of an Euler axis that is nearly parallel to
+            # the first only the part across it counts.)
+            own = float(model.mass[body])
+            if dof == linear:
+                first_axis = axis.angular
             if dof >= linear:
-                own = 1.0 / wp.dot(axis.angular, work.inv_inertia[body] * axis.angular)
+                across = float(1.0)
+                if dof > linear:
+                    along = wp.dot(axis.angular, first_axis)
+                    across = wp.max(1.0 - along * along, 0.0) + 1.0e-6
+                own = across / wp.trace(model.inv_inertia[body])
             pivot = wp.max(pivot, inv_h2 * own)
             axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
                 axis.angular, wp.spatial_bottom(push)
@@ -349,7 +378,10 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                 if wp.static(effects.rods):
                     if joints.type[joint] == ROD:
                         pull, stiffness = axis_rows.rod_response(joints, index, q, q - start, h)
-                        axis.push += pull
+                        if dof < linear:
+                            axis.push += pull
+                        else:
+                            axis.push += wp.dot(axis.angular, rod_torque)
                         pivot += stiffness
                 if wp.static(effects.limits and effects.compliance):
                     pull, stiffness = axis_rows.soft_limit(joints, index, q, q - start, h)

@@ -7,7 +7,7 @@ import functools
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..blocks.body import moved_pose
+from ..blocks.body import moved_pose, placed
 from ..data import (
     BodyModel,
     BodyWork,
@@ -29,6 +29,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from .bodies import has_rows, pose_sum, report_held
 from .contacts import make_build_rows
+from .denormals import flush_denormals, restore_denormals
 from .islands import begin_island, join_islands, keep_momentum
 from .loops import begin_loop, has_loops, make_loops, parent_slot
 from .trees import (
@@ -58,7 +59,7 @@ COLD_FACTOR = wp.constant(4)
 
 @wp.func
 def is_tree(first: int, end: int, body: int, tree: TreeWork) -> bool:
-    """Whether a block has joints."""
+    """Whether a body belongs to a block with joints, which holds it from ``first`` to ``end``."""
     return end > first + 1 or tree.joint[body] >= 0
 
 
@@ -80,33 +81,6 @@ def shared_row(row: ContactRow, worlds: WorldWork) -> ContactRow:
         out.k_n = 2.0 * row.k_n
         out.k_t = 2.0 * row.k_t
     return out
-
-
-@wp.func
-def measure_world(
-    world: int, h: float, model: BodyModel, worlds: WorldWork, work: BodyWork
-) -> WorldScale:
-    """How far things may go in this step, and how much could rest on a contact."""
-    scale = WorldScale()
-    scale.h = h
-    scale.static_slot = work.inv_mass.shape[0] - 1
-    farthest = float(0.0)
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        target = work.target[body]
-        move = wp.length(wp.spatial_top(target))
-        if work.inv_mass[body] > 0.0:
-            mass = model.mass[body]
-            scale.mass += mass
-            scale.gravity = wp.max(scale.gravity, wp.length(model.gravity[model.world[body]]))
-            # radius of a solid body from its gyration, generously
-            radius = 2.0 * wp.sqrt(wp.trace(work.inertia[body]) / mass)
-            move += radius * wp.length(wp.spatial_bottom(target))
-        farthest = wp.max(farthest, move)
-    # an impact can at most double the speed of the faster body
-    scale.reach = 2.0 * farthest
-    scale.slop = SLOP_SHARE * scale.gravity * h * h
-    return scale
 
 
 @wp.func
@@ -163,6 +137,40 @@ def coasting_increment(
     if work.inv_mass[slot] == 0.0:
         return work.increment[slot]
     return h * body_qd[slot]
+
+
+def make_measure_world(effects: Effects) -> wp.Function:
+    """Device function: how far things may go in this step, and how much could rest on a contact."""
+
+    @wp.func
+    def measure_world(
+        world: int, h: float, model: BodyModel, worlds: WorldWork, work: BodyWork
+    ) -> WorldScale:
+        scale = WorldScale()
+        scale.h = h
+        scale.static_slot = work.inv_mass.shape[0] - 1
+        farthest = float(0.0)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0:
+                gravity = wp.length(model.gravity[model.world[body]])
+                scale.gravity = wp.max(scale.gravity, gravity)
+            if wp.static(effects.contact):
+                target = work.target[body]
+                move = wp.length(wp.spatial_top(target))
+                if work.inv_mass[body] > 0.0:
+                    mass = model.mass[body]
+                    scale.mass += mass
+                    # radius of a solid body from its gyration, generously
+                    radius = 2.0 * wp.sqrt(wp.trace(work.inertia[body]) / mass)
+                    move += radius * wp.length(wp.spatial_bottom(target))
+                farthest = wp.max(farthest, move)
+        # an impact can at most double the speed of the faster body
+        scale.reach = 2.0 * farthest
+        scale.slop = SLOP_SHARE * scale.gravity * h * h
+        return scale
+
+    return measure_world
 
 
 def make_gather(
@@ -320,6 +328,7 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
 @functools.cache
 def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
+    measure_world = make_measure_world(effects)
     build_rows = make_build_rows(effects)
     loop_wrench, loop_curvature = make_loops(effects)
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
@@ -621,10 +630,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     measure_moved(body, static_slot, model, joints, work, tree)
         return is_open
 
-    flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
-
-    @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
-    def solve(
+    @wp.func
+    def solve_world(
+        world: int,
         # Model:
         model: BodyModel,
         shapes: ShapeModel,
@@ -649,7 +657,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
-        world = wp.tid()
         body_start = worlds.body_start[world]
         body_end = worlds.body_start[world + 1]
         if not is_world_finite(world, worlds, work):
@@ -707,46 +714,44 @@ def make_solve(effects: Effects) -> wp.Kernel:
         for i in range(body_start, body_end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                is_alone = bool(True)
+                is_touched = bool(False)
                 is_jointed = bool(False)
                 if wp.static(effects.contact):
                     begin_island(islands, body)
-                    if has_rows(rows, body):
-                        is_alone = False
-                if wp.static(effects.joints):
-                    if worlds.block_end[i] > i + 1 or tree.joint[body] >= 0:
-                        is_alone = False
-                        is_jointed = True
+                    is_touched = has_rows(rows, body)
                 if wp.static(effects.loops):
-                    if has_loops(loops, body):
-                        is_alone = False
-                if is_alone:
+                    is_touched = is_touched or has_loops(loops, body)
+                if wp.static(effects.joints):
+                    tree.is_touched[body] = is_touched
+                    is_jointed = is_tree(i, worlds.block_end[i], body, tree)
+                if is_touched and wp.static(not effects.ramp):
+                    h_ll, h_al, h_aa = assemble_body(
+                        body,
+                        h,
+                        model,
+                        joints,
+                        control,
+                        worlds,
+                        work,
+                        rows,
+                        tree,
+                        loops,
+                        history,
+                    )
+                    if is_jointed:
+                        if wp.static(effects.joints):
+                            tree.own_ll[body] = h_ll
+                            tree.own_al[body] = h_al
+                            tree.own_aa[body] = h_aa
+                    else:
+                        work.factor[body] = factor_block(h_ll, h_al, h_aa)
+                if wp.static(effects.joints and effects.contact):
+                    if tree.joint[body] >= 0:
+                        join_islands(islands, worlds, work, body, tree.parent[body])
+                if not is_touched and not is_jointed:
                     work.increment[body] = work.target[body]
                 else:
                     sweeps = iterations
-                    if wp.static(not effects.ramp):
-                        h_ll, h_al, h_aa = assemble_body(
-                            body,
-                            h,
-                            model,
-                            joints,
-                            control,
-                            worlds,
-                            work,
-                            rows,
-                            tree,
-                            loops,
-                            history,
-                        )
-                        if is_jointed:
-                            if wp.static(effects.joints):
-                                tree.own_ll[body] = h_ll
-                                tree.own_al[body] = h_al
-                                tree.own_aa[body] = h_aa
-                                if wp.static(effects.contact):
-                                    join_islands(islands, worlds, work, body, tree.parent[body])
-                        else:
-                            work.factor[body] = factor_block(h_ll, h_al, h_aa)
                     if wp.static(effects.gyroscopic):
                         # constraints see the mean spin over the step, and so does the velocity
                         work.spin_gain[body] = wp.vec3(0.0)
@@ -849,11 +854,72 @@ def make_solve(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[i]
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
-                moved = moved_pose(pose, model.com[body], work.increment[body])
+                moved = pose
+                is_placed = bool(False)
+                if wp.static(effects.joints):
+                    is_placed = is_tree(i, worlds.block_end[i], body, tree)
+                    if is_placed:
+                        dx = wp.spatial_top(work.increment[body])
+                        moved = placed(pose, model.com[body], dx, tree.rotation[body])
+                if not is_placed:
+                    moved = moved_pose(pose, model.com[body], work.increment[body])
                 if wp.isfinite(pose_sum(moved)):
                     pose = moved
                 else:
                     report_held(worlds, world)
             body_q_out[body] = pose
+
+    flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
+
+    @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
+    def solve(
+        # Model:
+        model: BodyModel,
+        shapes: ShapeModel,
+        joints: JointModel,
+        control: ControlInput,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        contacts: ContactInput,
+        h: float,
+        iterations: int,
+        tolerance: float,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        islands: IslandWork,
+        history: History,
+        # State out:
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        mode = flush_denormals()
+        solve_world(
+            wp.tid(),
+            model,
+            shapes,
+            joints,
+            control,
+            body_q,
+            body_qd,
+            contacts,
+            h,
+            iterations,
+            tolerance,
+            worlds,
+            work,
+            rows,
+            tree,
+            loops,
+            islands,
+            history,
+            body_q_out,
+            body_qd_out,
+        )
+        restore_denormals(mode)
 
     return solve

@@ -12,7 +12,7 @@ types differ only in how many linear and angular axes they leave free, as ``KIND
     2 (universal)        the middle Euler angle     first of the parent, second of the child
     3 (gimbal)           nothing                    three Euler axes, each carried by those before
     3 (ball)             nothing                    axes of the parent frame
-    3 (rod)              nothing                    two bends and the twist
+    3 (rod)              nothing                    axes of the parent frame
 
 A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the distance
 of the anchors.
@@ -188,8 +188,6 @@ def angular_lock(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> 
 def angular_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
     """Free angular axis ``dof`` of the joint, counted from its first angular one, world frame."""
     kind = joints.type[joint]
-    if kind == ROD and dof == 2:
-        return wp.normalize(tangent(q_p) + tangent(q_c))
     if kind == BALL or kind == ROD:
         axis = wp.vec3(0.0)
         axis[dof] = 1.0
@@ -237,6 +235,22 @@ def rod_turn(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.v
     out = bend_and_twist(wp.quat_inverse(q_p) * q_c) - bend_and_twist(rest)
     out[2] = wrapped(out[2])
     return out
+
+
+@wp.func
+def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
+    """Torque on the child [N m], world frame, of what answers the bends and the twist [N m].
+
+    That is J^T response: a bend changes by 1 + kb^2/4 times the turn, the twist by the turn about
+    the mean tangent.
+    """
+    start = tangent(q_p)
+    end = tangent(q_c)
+    along = wp.max(1.0 + wp.dot(start, end), 1.0e-3)
+    bend = wp.cross(start, end)
+    growth = 1.0 + wp.length_sq(bend) / (along * along)
+    across = wp.quat_rotate(q_p, wp.vec3(response[0], response[1], 0.0))
+    return growth * across + (response[2] / along) * (start + end)
 
 
 @wp.func
