@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import newton
 import numpy as np
 
-from .rows.joint import PUSHED_AT_COM
+from .rows.joint import PUSHED_AT_COM, JointKinds
 
 
 _FREE = int(newton.JointType.FREE)
@@ -26,16 +26,14 @@ class Effects:
     """A body whose principal moments of inertia differ."""
     joint_force: bool
     """A joint whose generalized force is a wrench on its body: FREE, DISTANCE or ROD."""
-    joints: bool = False
-    """Joints that link bodies into the tree of an articulation."""
+    kinds: JointKinds = JointKinds()
+    """The kinds of joints that hold something."""
     loops: bool = False
     """Joints outside of trees: they close a loop, or each body is a block of its own."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""
     limits: bool = False
     """A joint axis with a limit."""
-    rods: bool = False
-    """A ROD joint, elastic along all six axes."""
     compliance: bool = False
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
@@ -60,14 +58,23 @@ class Effects:
             friction=bool(np.any(mu > 0.0)),
             gyroscopic=_has_unequal_moments(model),
             joint_force=bool(np.any(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))),
-            joints=bool(np.any(types != _FREE)),
+            kinds=JointKinds.of_model(model),
             loops=loops,
-            rods=bool(np.any(types == int(newton.JointType.ROD))),
             drives=_has_drives(model),
             limits=_has_limits(model),
             compliance=compliance,
             ramp=ramp,
         )
+
+    @property
+    def joints(self) -> bool:
+        """Whether a joint holds anything."""
+        return bool(self.kinds.angular)
+
+    @property
+    def rods(self) -> bool:
+        """Whether there are ROD joints, elastic along all six axes."""
+        return self.kinds.rods
 
     @property
     def coordinates(self) -> bool:

@@ -10,6 +10,7 @@ from ..algebra.so3 import exp_quat, world_inertia
 from ..blocks.body import free_turn, is_mobile, placed, target_translation
 from ..data import BodyModel, BodyWork, ControlInput, History, RowWork, WorldWork
 from ..effects import Effects
+from .denormals import flush_denormals, restore_denormals
 
 
 @wp.func
@@ -122,8 +123,9 @@ def make_predict(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: everything about a body that the sweeps need, once a step."""
     external_wrench = make_wrench(effects)
 
-    @wp.kernel(enable_backward=False, module="unique")
-    def predict(
+    @wp.func
+    def predict_body(
+        body: int,
         # Model:
         model: BodyModel,
         # State in:
@@ -136,7 +138,6 @@ def make_predict(effects: Effects) -> wp.Kernel:
         # Work out:
         work: BodyWork,
     ):
-        body = wp.tid()
         pose = body_q[body]
         velocity = body_qd[body]
         wrench = external_wrench(model, body, body_f, control)
@@ -177,6 +178,24 @@ def make_predict(effects: Effects) -> wp.Kernel:
         # section 3.7): a resting body starts at rest, a falling one at its target.
         coasting = h * velocity
         work.increment[body] = coasting + history.falling[body] * (target - coasting)
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def predict(
+        # Model:
+        model: BodyModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        body_f: wp.array[wp.spatial_vector],
+        control: ControlInput,
+        h: float,
+        history: History,
+        # Work out:
+        work: BodyWork,
+    ):
+        mode = flush_denormals()
+        predict_body(wp.tid(), model, body_q, body_qd, body_f, control, h, history, work)
+        restore_denormals(mode)
 
     return predict
 

@@ -12,6 +12,8 @@ lambda <- F, tau, after each sweep. What acts along its free axes, drives and li
 rows of one dimension.
 """
 
+from dataclasses import dataclass
+
 import warp as wp
 
 from ..blocks.tree import geometric_stiffness
@@ -74,99 +76,6 @@ def loop_geometry(
 
 
 @wp.func
-def axis_of(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
-    """World axis of a degree of freedom, linear or angular."""
-    linear = joints.dof_dim[joint, 0]
-    if dof < linear:
-        return joint_rows.linear_axis(joints, joint, dof, q_p)
-    return joint_rows.angular_axis(joints, joint, dof - linear, q_p, q_c)
-
-
-@wp.func
-def loop_coordinate(
-    joints: JointModel,
-    joint: int,
-    dof: int,
-    q_p: wp.quat,
-    q_c: wp.quat,
-    offset: wp.vec3,
-    known: float,
-) -> float:
-    """Coordinate of a degree of freedom; of an angle the one nearest to the ``known`` one."""
-    linear = joints.dof_dim[joint, 0]
-    if dof < linear:
-        return wp.dot(joint_rows.linear_axis(joints, joint, dof, q_p), offset)
-    if joints.type[joint] == BALL:
-        return 0.0
-    angle = joint_rows.angle(joints, joint, dof - linear, q_p, q_c)
-    return known + joint_rows.wrapped(angle - known)
-
-
-@wp.func
-def begin_loop(
-    i: int,
-    h: float,
-    model: BodyModel,
-    joints: JointModel,
-    work: BodyWork,
-    tree: TreeWork,
-    loops: LoopWork,
-    history: History,
-) -> bool:
-    """Misfit, coordinates and penalties of a joint at the start of the step.
-
-    Expects increments of zero and rotations at the start of the step. Returns whether the joint is
-    open by more than rounding.
-    """
-    joint = loops.joints[i]
-    static_slot = work.inv_mass.shape[0] - 1
-    child = joints.child[joint]
-    parent = parent_slot(joints, joint, static_slot)
-    q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
-    shift = joint_rows.linear_misfit(joints, joint, q_p, offset)
-    turn = joint_rows.angular_misfit(joints, joint, q_p, q_c)
-    if work.inv_mass[parent] == 0.0:
-        misfit = carried_misfit(parent, arm_p, shift, turn, work, tree)
-        shift = joint_rows.linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
-        turn = joint_rows.angular_lock(joints, joint, q_p, q_c) * wp.spatial_bottom(misfit)
-    loops.misfit[i] = wp.spatial_vector(shift, turn)
-    turning = wp.length(wp.spatial_bottom(work.target[child]))
-    turning += wp.length(wp.spatial_bottom(work.target[parent]))
-    moving = wp.length(wp.spatial_top(work.target[child]))
-    moving += wp.length(wp.spatial_top(work.target[parent]))
-    loops.turn_reach[i] = 2.0 * turning
-    loops.reach[i] = 2.0 * (moving + turning * (wp.length(arm_c) + wp.length(arm_p)))
-    inv_mass = work.inv_mass[child] + work.inv_mass[parent]
-    inv_inertia = mean_inverse(work.inv_inertia[child] + work.inv_inertia[parent])
-    loops.k_l[i] = 0.0
-    loops.k_a[i] = 0.0
-    if not joints.enabled[joint] or inv_mass == 0.0:
-        return False
-    loops.k_l[i] = PENALTY / (inv_mass * h * h)
-    loops.k_a[i] = PENALTY / (inv_inertia * h * h)
-    is_open = bool(False)
-    linear = joints.dof_dim[joint, 0]
-    if joints.type[joint] == DISTANCE:
-        index = joints.dof_start[joint]
-        q = wp.length(offset)
-        loops.start_coordinate[index] = q
-        rounding = ROUNDING * (wp.length(work.com[child]) + q)
-        lower = joints.limit_lower[index]
-        upper = joints.limit_upper[index]
-        is_open = q < lower - rounding or (upper >= 0.0 and q > upper + rounding)
-    else:
-        for dof in range(linear + joints.dof_dim[joint, 1]):
-            index = joints.dof_start[joint] + dof
-            q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, history.joint_angle[index])
-            history.joint_angle[index] = q
-            loops.start_coordinate[index] = q
-    reach = wp.length(arm_c) + wp.length(arm_p)
-    allowed = ROUNDING * (wp.length(work.com[child]) + reach)
-    error = wp.length_sq(shift) + reach * reach * wp.length_sq(turn)
-    return is_open or error > allowed * allowed
-
-
-@wp.func
 def distance_force(
     i: int,
     length: float,
@@ -189,8 +98,119 @@ def distance_force(
     return force
 
 
-def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
-    """Device functions of a joint's wrench on its child, and of its share of a block."""
+@dataclass(frozen=True)
+class LoopFunctions:
+    """Device functions of joints outside of trees, compiled for the joints of a scene."""
+
+    begin_loop: wp.Function
+    loop_wrench: wp.Function
+    loop_curvature: wp.Function
+
+
+def make_loops(effects: Effects) -> LoopFunctions:
+    """Device functions: how a joint stands, its wrench on its child, its share of a block."""
+    joint_functions = joint_rows.make_joint(effects.kinds)
+    linear_count = joint_functions.linear_count
+    angular_count = joint_functions.angular_count
+    linear_axis = joint_functions.linear_axis
+    linear_misfit = joint_functions.linear_misfit
+    linear_lock = joint_functions.linear_lock
+    angular_axis = joint_functions.angular_axis
+    angular_misfit = joint_functions.angular_misfit
+    angular_lock = joint_functions.angular_lock
+    angle = joint_functions.angle
+
+    @wp.func
+    def axis_of(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+        """World axis of a degree of freedom, linear or angular."""
+        linear = linear_count(joints, joint)
+        if dof < linear:
+            return linear_axis(joints, joint, dof, q_p)
+        return angular_axis(joints, joint, dof - linear, q_p, q_c)
+
+    @wp.func
+    def loop_coordinate(
+        joints: JointModel,
+        joint: int,
+        dof: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        offset: wp.vec3,
+        known: float,
+    ) -> float:
+        """Coordinate of a degree of freedom; of an angle the one nearest to the ``known`` one."""
+        linear = linear_count(joints, joint)
+        if dof < linear:
+            return wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+        if joints.type[joint] == BALL:
+            return 0.0
+        found = angle(joints, joint, dof - linear, q_p, q_c)
+        return known + joint_rows.wrapped(found - known)
+
+    @wp.func
+    def begin_loop(
+        i: int,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ) -> bool:
+        """Misfit, coordinates and penalties of a joint at the start of the step.
+
+        Expects increments of zero and rotations at the start of the step. Returns whether the joint is
+        open by more than rounding.
+        """
+        joint = loops.joints[i]
+        static_slot = work.inv_mass.shape[0] - 1
+        child = joints.child[joint]
+        parent = parent_slot(joints, joint, static_slot)
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
+        shift = linear_misfit(joints, joint, q_p, offset)
+        turn = angular_misfit(joints, joint, q_p, q_c)
+        if work.inv_mass[parent] == 0.0:
+            misfit = carried_misfit(parent, arm_p, shift, turn, work, tree)
+            shift = linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
+            turn = angular_lock(joints, joint, q_p, q_c) * wp.spatial_bottom(misfit)
+        loops.misfit[i] = wp.spatial_vector(shift, turn)
+        turning = wp.length(wp.spatial_bottom(work.target[child]))
+        turning += wp.length(wp.spatial_bottom(work.target[parent]))
+        moving = wp.length(wp.spatial_top(work.target[child]))
+        moving += wp.length(wp.spatial_top(work.target[parent]))
+        loops.turn_reach[i] = 2.0 * turning
+        loops.reach[i] = 2.0 * (moving + turning * (wp.length(arm_c) + wp.length(arm_p)))
+        inv_mass = work.inv_mass[child] + work.inv_mass[parent]
+        inv_inertia = mean_inverse(work.inv_inertia[child] + work.inv_inertia[parent])
+        loops.k_l[i] = 0.0
+        loops.k_a[i] = 0.0
+        if not joints.enabled[joint] or inv_mass == 0.0:
+            return False
+        loops.k_l[i] = PENALTY / (inv_mass * h * h)
+        loops.k_a[i] = PENALTY / (inv_inertia * h * h)
+        is_open = bool(False)
+        linear = linear_count(joints, joint)
+        if joints.type[joint] == DISTANCE:
+            index = joints.dof_start[joint]
+            q = wp.length(offset)
+            loops.start_coordinate[index] = q
+            rounding = ROUNDING * (wp.length(work.com[child]) + q)
+            lower = joints.limit_lower[index]
+            upper = joints.limit_upper[index]
+            is_open = q < lower - rounding or (upper >= 0.0 and q > upper + rounding)
+        else:
+            for dof in range(linear + angular_count(joints, joint)):
+                index = joints.dof_start[joint] + dof
+                q = loop_coordinate(
+                    joints, joint, dof, q_p, q_c, offset, history.joint_angle[index]
+                )
+                history.joint_angle[index] = q
+                loops.start_coordinate[index] = q
+        reach = wp.length(arm_c) + wp.length(arm_p)
+        allowed = ROUNDING * (wp.length(work.com[child]) + reach)
+        error = wp.length_sq(shift) + reach * reach * wp.length_sq(turn)
+        return is_open or error > allowed * allowed
 
     @wp.func
     def axis_force(
@@ -229,7 +249,7 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 force += pull
                 stiffness += more
             else:
-                k = wp.where(dof < joints.dof_dim[joint, 0], loops.k_l[i], loops.k_a[i])
+                k = wp.where(dof < linear_count(joints, joint), loops.k_l[i], loops.k_a[i])
                 lower = axis_rows.lower_stop(joints, index, start, 0.0)
                 upper = axis_rows.upper_stop(joints, index, start, 0.0)
                 held = history.limit_force[index]
@@ -238,7 +258,7 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     limit_force = wp.min(held + k * (upper - q), 0.0)
                 force += limit_force
                 reach = wp.where(
-                    dof < joints.dof_dim[joint, 0], loops.reach[i], loops.turn_reach[i]
+                    dof < linear_count(joints, joint), loops.reach[i], loops.turn_reach[i]
                 )
                 if held != 0.0 or q - reach < lower or q + reach > upper:
                     stiffness += k
@@ -266,13 +286,13 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
         if loops.k_l[i] == 0.0:
             return wp.vec3(0.0), wp.vec3(0.0), arm_c, arm_p
-        shift = joint_rows.linear_misfit(joints, joint, q_p, offset)
+        shift = linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - shift
-        turn = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+        turn = angular_misfit(joints, joint, q_p, q_c)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
-        force = joint_rows.linear_misfit(joints, joint, q_p, history.loop_force[i])
+        force = linear_misfit(joints, joint, q_p, history.loop_force[i])
         force -= loops.k_l[i] * (shift - wp.spatial_top(kept))
-        torque = joint_rows.angular_lock(joints, joint, q_p, q_c) * history.loop_torque[i]
+        torque = angular_lock(joints, joint, q_p, q_c) * history.loop_torque[i]
         torque -= loops.k_a[i] * (turn - wp.spatial_bottom(kept))
         if has_dual:
             history.loop_force[i] = force
@@ -290,8 +310,8 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
             if has_dual:
                 history.limit_force[first] = pull
             return force + pull * wp.normalize(offset), torque, arm_c, arm_p
-        linear = joints.dof_dim[joint, 0]
-        for dof in range(linear + joints.dof_dim[joint, 1]):
+        linear = linear_count(joints, joint)
+        for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
             q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
             push, _, limit_force = axis_force(
@@ -323,14 +343,14 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
         i = item / 2
         joint = loops.joints[i]
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
-        shift = joint_rows.linear_misfit(joints, joint, q_p, offset)
+        shift = linear_misfit(joints, joint, q_p, offset)
         arm = arm_c
         sign = float(1.0)
         if item % 2 == 1:
             arm = arm_p + (offset - shift)
             sign = -1.0
-        linear_k = loops.k_l[i] * joint_rows.linear_lock(joints, joint, q_p)
-        angular_k = loops.k_a[i] * joint_rows.angular_lock(joints, joint, q_p, q_c)
+        linear_k = loops.k_l[i] * linear_lock(joints, joint, q_p)
+        angular_k = loops.k_a[i] * angular_lock(joints, joint, q_p, q_c)
         if joints.type[joint] == DISTANCE:
             length = wp.length(offset)
             reach = loops.reach[i]
@@ -341,8 +361,8 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 along = wp.normalize(offset)
                 linear_k += loops.k_l[i] * wp.outer(along, along)
         elif loops.k_l[i] > 0.0:
-            linear = joints.dof_dim[joint, 0]
-            for dof in range(linear + joints.dof_dim[joint, 1]):
+            linear = linear_count(joints, joint)
+            for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
                 q = loop_coordinate(
                     joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index]
@@ -364,4 +384,4 @@ def make_loops(effects: Effects) -> tuple[wp.Function, wp.Function]:
         aa += geometric_stiffness(sign * history.loop_force[i], arm)
         return linear_k, al, aa
 
-    return loop_wrench, loop_curvature
+    return LoopFunctions(begin_loop, loop_wrench, loop_curvature)

@@ -61,7 +61,7 @@ def export_contact_force(
 @functools.cache
 def make_export_parent_force(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
-    loop_wrench, _ = make_loops(effects)
+    loop_wrench = make_loops(effects).loop_wrench
 
     @wp.kernel(enable_backward=False, module="unique")
     def export_parent_force(

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """One iteration of Newton's method on the tree of an articulation: eliminate, substitute."""
 
+from dataclasses import dataclass
+
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
@@ -97,133 +99,148 @@ def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
     return joints.enabled[joint]
 
 
-@wp.func
-def measure_misfit(
-    body: int,
-    static_slot: int,
-    model: BodyModel,
-    joints: JointModel,
-    work: BodyWork,
-    tree: TreeWork,
-) -> bool:
-    """Misfit of the body's joint at the start of the step; returns whether it is beyond rounding.
+@dataclass(frozen=True)
+class TreeFunctions:
+    """Device functions of trees, compiled for the joints of a scene."""
 
-    Expects increments of zero, the guess of them in ``tree.update``, and rotations at the start.
-    """
-    joint = tree.joint[body]
-    parent = tree.parent[body]
-    frame_p = joints.parent_frame[joint]
-    frame_c = joints.child_frame[joint]
-    q_p = anchor_rotation(tree, parent, frame_p)
-    q_c = anchor_rotation(tree, body, frame_c)
-    arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-    arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-    apart = work.com[body] - work.com[parent]
-    linear = joint_rows.linear_misfit(joints, joint, q_p, apart + (arm_c - arm_p))
-    angular = joint_rows.angular_misfit(joints, joint, q_p, q_c)
-    misfit = carried_misfit(parent, arm_p, linear, angular, work, tree)
-    if work.inv_mass[parent] == 0.0:
-        # only what the joint locks
-        linear = joint_rows.linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
-        lock = joint_rows.angular_lock(joints, joint, q_p, q_c)
-        angular = lock * wp.spatial_bottom(misfit)
-    tree.misfit[body] = wp.spatial_vector(linear, angular)
-    reach = wp.length(arm_c) + wp.length(arm_p)
-    tree.rounding[body] = ROUNDING * reach
-    allowed = ROUNDING * (wp.length(work.com[body]) + reach)
-    return wp.length_sq(linear) + reach * reach * wp.length_sq(angular) > allowed * allowed
+    measure_misfit: wp.Function
+    measure_start: wp.Function
+    measure_moved: wp.Function
+    sweep_tree: wp.Function
 
 
-@wp.func
-def joint_coordinate(
-    body: int,
-    dof: int,
-    known: float,
-    static_slot: int,
-    model: BodyModel,
-    joints: JointModel,
-    work: BodyWork,
-    tree: TreeWork,
-) -> float:
-    """Coordinate of the body's joint at the orientations in ``tree``; zero for a ball.
-
-    An angle is the one nearest to the ``known`` one, so that turns are counted.
-    """
-    joint = tree.joint[body]
-    parent = tree.parent[body]
-    frame_p = joints.parent_frame[joint]
-    frame_c = joints.child_frame[joint]
-    q_p = anchor_rotation(tree, parent, frame_p)
-    linear = joints.dof_dim[joint, 0]
-    if dof < linear:
-        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-        offset = anchor_offset(work, body, parent, arm_c, arm_p)
-        return wp.dot(joint_rows.linear_axis(joints, joint, dof, q_p), offset)
-    if joints.type[joint] == BALL:
-        return 0.0
-    q_c = anchor_rotation(tree, body, frame_c)
-    angle = joint_rows.angle(joints, joint, dof - linear, q_p, q_c)
-    return known + joint_rows.wrapped(angle - known)
-
-
-@wp.func
-def measure_start(
-    body: int,
-    static_slot: int,
-    model: BodyModel,
-    joints: JointModel,
-    work: BodyWork,
-    tree: TreeWork,
-    history: History,
-) -> bool:
-    """Coordinates of the body's joint at the start of the step.
-
-    Expects increments of zero and rotations at the start of the step. Returns whether one of them
-    is beyond its limits by more than rounding.
-    """
-    joint = tree.joint[body]
-    is_beyond = bool(False)
-    for dof in range(joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]):
-        index = joints.dof_start[joint] + dof
-        q = joint_coordinate(
-            body, dof, history.joint_angle[index], static_slot, model, joints, work, tree
-        )
-        history.joint_angle[index] = q
-        tree.start_coordinate[tree.axis_start[body] + dof] = q
-        rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(q)
-        if dof >= joints.dof_dim[joint, 0]:
-            rounding = 2.0 * ROUNDING * (2.0 + wp.abs(q))
-        if q < joints.limit_lower[index] - rounding or q > joints.limit_upper[index] + rounding:
-            is_beyond = True
-    return is_beyond
-
-
-@wp.func
-def measure_moved(
-    body: int,
-    static_slot: int,
-    model: BodyModel,
-    joints: JointModel,
-    work: BodyWork,
-    tree: TreeWork,
-):
-    """Coordinates of the body's joint after the increments."""
-    joint = tree.joint[body]
-    for dof in range(joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]):
-        k = tree.axis_start[body] + dof
-        tree.coordinate[k] = joint_coordinate(
-            body, dof, tree.start_coordinate[k], static_slot, model, joints, work, tree
-        )
-
-
-def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
-    """Device function: one Newton iteration on a tree.
+def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
+    """Device functions: how joints stand, and one Newton iteration on a tree.
 
     Args:
         effects: What the kernel is compiled with.
         gather: Device function that sums the inertial and contact wrench of a body.
     """
+    joint_functions = joint_rows.make_joint(effects.kinds)
+    linear_count = joint_functions.linear_count
+    angular_count = joint_functions.angular_count
+    linear_axis = joint_functions.linear_axis
+    linear_misfit = joint_functions.linear_misfit
+    angular_axis = joint_functions.angular_axis
+    angular_misfit = joint_functions.angular_misfit
+    angular_lock = joint_functions.angular_lock
+    angle = joint_functions.angle
+
+    @wp.func
+    def measure_misfit(
+        body: int,
+        static_slot: int,
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+    ) -> bool:
+        """Misfit of the body's joint at the start of the step; returns whether it is beyond rounding.
+
+        Expects increments of zero, the guess of them in ``tree.update``, and rotations at the start.
+        """
+        joint = tree.joint[body]
+        parent = tree.parent[body]
+        frame_p = joints.parent_frame[joint]
+        frame_c = joints.child_frame[joint]
+        q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+        apart = work.com[body] - work.com[parent]
+        linear = linear_misfit(joints, joint, q_p, apart + (arm_c - arm_p))
+        angular = angular_misfit(joints, joint, q_p, q_c)
+        misfit = carried_misfit(parent, arm_p, linear, angular, work, tree)
+        if work.inv_mass[parent] == 0.0:
+            # only what the joint locks
+            linear = linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
+            lock = angular_lock(joints, joint, q_p, q_c)
+            angular = lock * wp.spatial_bottom(misfit)
+        tree.misfit[body] = wp.spatial_vector(linear, angular)
+        reach = wp.length(arm_c) + wp.length(arm_p)
+        tree.rounding[body] = ROUNDING * reach
+        allowed = ROUNDING * (wp.length(work.com[body]) + reach)
+        return wp.length_sq(linear) + reach * reach * wp.length_sq(angular) > allowed * allowed
+
+    @wp.func
+    def joint_coordinate(
+        body: int,
+        dof: int,
+        known: float,
+        static_slot: int,
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+    ) -> float:
+        """Coordinate of the body's joint at the orientations in ``tree``; zero for a ball.
+
+        An angle is the one nearest to the ``known`` one, so that turns are counted.
+        """
+        joint = tree.joint[body]
+        parent = tree.parent[body]
+        frame_p = joints.parent_frame[joint]
+        frame_c = joints.child_frame[joint]
+        q_p = anchor_rotation(tree, parent, frame_p)
+        linear = linear_count(joints, joint)
+        if dof < linear:
+            arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+            arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+            offset = anchor_offset(work, body, parent, arm_c, arm_p)
+            return wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+        if joints.type[joint] == BALL:
+            return 0.0
+        q_c = anchor_rotation(tree, body, frame_c)
+        found = angle(joints, joint, dof - linear, q_p, q_c)
+        return known + joint_rows.wrapped(found - known)
+
+    @wp.func
+    def measure_start(
+        body: int,
+        static_slot: int,
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+        history: History,
+    ) -> bool:
+        """Coordinates of the body's joint at the start of the step.
+
+        Expects increments of zero and rotations at the start of the step. Returns whether one of them
+        is beyond its limits by more than rounding.
+        """
+        joint = tree.joint[body]
+        is_beyond = bool(False)
+        for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+            index = joints.dof_start[joint] + dof
+            q = joint_coordinate(
+                body, dof, history.joint_angle[index], static_slot, model, joints, work, tree
+            )
+            history.joint_angle[index] = q
+            tree.start_coordinate[tree.axis_start[body] + dof] = q
+            rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(q)
+            if dof >= linear_count(joints, joint):
+                rounding = 2.0 * ROUNDING * (2.0 + wp.abs(q))
+            if q < joints.limit_lower[index] - rounding or q > joints.limit_upper[index] + rounding:
+                is_beyond = True
+        return is_beyond
+
+    @wp.func
+    def measure_moved(
+        body: int,
+        static_slot: int,
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+    ):
+        """Coordinates of the body's joint after the increments."""
+        joint = tree.joint[body]
+        for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+            k = tree.axis_start[body] + dof
+            tree.coordinate[k] = joint_coordinate(
+                body, dof, tree.start_coordinate[k], static_slot, model, joints, work, tree
+            )
 
     @wp.func
     def eliminate(
@@ -289,9 +306,9 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         offset = anchor_offset(work, body, parent, arm_c, arm_p)
-        misfit = joint_rows.linear_misfit(joints, joint, q_p, offset)
+        misfit = linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - misfit
-        tilt = joint_rows.angular_misfit(joints, joint, q_p, q_c)
+        tilt = angular_misfit(joints, joint, q_p, q_c)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
         misfit -= wp.spatial_top(kept)
         tilt -= wp.spatial_bottom(kept)
@@ -307,8 +324,8 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         h_aa += algebra.geometric_stiffness(force, arm_c)
 
         push -= algebra.times_block(h_ll, h_al, h_aa, closing)
-        linear = joints.dof_dim[joint, 0]
-        dofs = linear + joints.dof_dim[joint, 1]
+        linear = linear_count(joints, joint)
+        dofs = linear + angular_count(joints, joint)
         first_axis = wp.vec3(0.0)
         turn_away = wp.vec3(0.0)
         if wp.static(effects.drives):
@@ -336,9 +353,9 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
-                axis.linear = joint_rows.linear_axis(joints, joint, dof, q_p)
+                axis.linear = linear_axis(joints, joint, dof, q_p)
             else:
-                axis.angular = joint_rows.angular_axis(joints, joint, dof - linear, q_p, q_c)
+                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c)
                 axis.linear = wp.cross(arm_c, axis.angular)
             axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
             axis.torque = h_al * axis.linear + h_aa * axis.angular
@@ -426,7 +443,7 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
         if is_linked(joints, tree, body):
             joint = tree.joint[body]
             update = algebra.carried(tree.span[body], tree.update[tree.parent[body]])
-            dofs = joints.dof_dim[joint, 0] + joints.dof_dim[joint, 1]
+            dofs = linear_count(joints, joint) + angular_count(joints, joint)
             for i in range(dofs):
                 k = tree.axis_start[body] + dofs - 1 - i
                 axis = tree.axes[k]
@@ -547,4 +564,4 @@ def make_sweep_tree(effects: Effects, gather: wp.Function) -> wp.Function:
                     farthest = wp.max(farthest, moved)
         return farthest
 
-    return sweep_tree
+    return TreeFunctions(measure_misfit, measure_start, measure_moved, sweep_tree)

@@ -31,16 +31,8 @@ from .bodies import has_rows, pose_sum, report_held
 from .contacts import make_build_rows
 from .denormals import flush_denormals, restore_denormals
 from .islands import begin_island, join_islands, keep_momentum
-from .loops import begin_loop, has_loops, make_loops, parent_slot
-from .trees import (
-    ROUNDING,
-    is_linked,
-    make_sweep_tree,
-    measure_moved,
-    measure_misfit,
-    measure_start,
-    place_body,
-)
+from .loops import has_loops, make_loops, parent_slot
+from .trees import ROUNDING, is_linked, make_trees, place_body
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
@@ -330,7 +322,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     measure_world = make_measure_world(effects)
     build_rows = make_build_rows(effects)
-    loop_wrench, loop_curvature = make_loops(effects)
+    loop_functions = make_loops(effects)
+    begin_loop = loop_functions.begin_loop
+    loop_wrench = loop_functions.loop_wrench
+    loop_curvature = loop_functions.loop_curvature
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
 
@@ -389,7 +384,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     sweep_body = make_sweep(effects, gather)
-    sweep_tree = make_sweep_tree(effects, gather)
+    trees = make_trees(effects, gather)
+    measure_misfit = trees.measure_misfit
+    measure_start = trees.measure_start
+    measure_moved = trees.measure_moved
+    sweep_tree = trees.sweep_tree
 
     @wp.func
     def sweep_body_ramped(body: int, h: float, model: BodyModel, work: BodyWork, rows: RowWork):

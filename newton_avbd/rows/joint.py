@@ -18,10 +18,12 @@ A ROD leaves all six free and springs them; a DISTANCE joint leaves them free an
 of the anchors.
 """
 
+import functools
 import math
 from dataclasses import dataclass
 
 import newton
+import numpy as np
 import warp as wp
 
 from ..data import ControlInput, JointModel
@@ -89,117 +91,9 @@ def wrapped(angle: float) -> float:
 
 
 @wp.func
-def linear_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat) -> wp.vec3:
-    """Free linear axis, world frame; ``q_p`` is the rotation of the parent anchor."""
-    return wp.quat_rotate(q_p, joints.axis[joints.dof_start[joint] + dof])
-
-
-@wp.func
-def linear_misfit(joints: JointModel, joint: int, q_p: wp.quat, offset: wp.vec3) -> wp.vec3:
-    """Part [m] of the offset between the anchors that the joint locks."""
-    free = joints.dof_dim[joint, 0]
-    if free == 0:
-        return offset
-    if free == 1:
-        axis = linear_axis(joints, joint, 0, q_p)
-        return offset - wp.dot(axis, offset) * axis
-    if free == 2:
-        normal = wp.normalize(
-            wp.cross(linear_axis(joints, joint, 0, q_p), linear_axis(joints, joint, 1, q_p))
-        )
-        return wp.dot(normal, offset) * normal
-    return wp.vec3(0.0)
-
-
-@wp.func
-def linear_lock(joints: JointModel, joint: int, q_p: wp.quat) -> wp.mat33:
-    """Projection of a shift to what the joint locks."""
-    return wp.matrix_from_cols(
-        linear_misfit(joints, joint, q_p, wp.vec3(1.0, 0.0, 0.0)),
-        linear_misfit(joints, joint, q_p, wp.vec3(0.0, 1.0, 0.0)),
-        linear_misfit(joints, joint, q_p, wp.vec3(0.0, 0.0, 1.0)),
-    )
-
-
-@wp.func
-def euler_axes(joints: JointModel, joint: int):
-    """The three axes of a joint with two or three angular axes, in the parent anchor frame.
-
-    With two, the locked rotation is the middle one, as in Newton.
-    """
-    first = joints.dof_start[joint] + joints.dof_dim[joint, 0]
-    a0 = joints.axis[first]
-    a1 = joints.axis[first + 1]
-    if joints.dof_dim[joint, 1] == 2:
-        return a0, wp.cross(a0, a1), a1
-    return a0, a1, joints.axis[first + 2]
-
-
-@wp.func
-def euler_middle(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat):
-    """Middle Euler angle [rad] of a joint with two or three angular axes, and its world axis."""
-    a0, a1, a2 = euler_axes(joints, joint)
-    first = wp.quat_rotate(q_p, a0)
-    last = wp.quat_rotate(q_c, a2)
-    # The middle axis is square to both; the angle is how far the last leaves the plane across a0.
-    middle = wp.cross(last, first)
-    if wp.dot(wp.cross(a2, a0), a1) < 0.0:
-        middle = -middle
-    if wp.length_sq(middle) < 1.0e-8:
-        middle = wp.quat_rotate(q_p, a1)
-    middle = wp.normalize(middle)
-    sine = wp.dot(first, last)
-    if wp.dot(wp.cross(a0, a1), a2) < 0.0:
-        sine = -sine
-    return wp.asin(wp.clamp(sine, -1.0, 1.0)), middle
-
-
-@wp.func
-def angular_misfit(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
-    """Turn [rad] of the child against the parent that the joint locks, world frame."""
-    free = joints.dof_dim[joint, 1]
-    if free == 0:
-        return rotation_vector(q_c * wp.quat_inverse(q_p))
-    if free == 1:
-        axis = joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0]]
-        return wp.cross(wp.quat_rotate(q_p, axis), wp.quat_rotate(q_c, axis))
-    if free == 2:
-        angle, middle = euler_middle(joints, joint, q_p, q_c)
-        return angle * middle
-    return wp.vec3(0.0)
-
-
-@wp.func
-def angular_lock(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.mat33:
-    """Projection of a turn to what the joint locks."""
-    free = joints.dof_dim[joint, 1]
-    if free == 0:
-        return wp.identity(n=3, dtype=float)
-    if free == 1:
-        axis = wp.quat_rotate(q_p, joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0]])
-        return wp.identity(n=3, dtype=float) - wp.outer(axis, axis)
-    if free == 2:
-        _, middle = euler_middle(joints, joint, q_p, q_c)
-        return wp.outer(middle, middle)
-    return wp.mat33(0.0)
-
-
-@wp.func
-def angular_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
-    """Free angular axis ``dof`` of the joint, counted from its first angular one, world frame."""
-    kind = joints.type[joint]
-    if kind == BALL or kind == ROD:
-        axis = wp.vec3(0.0)
-        axis[dof] = 1.0
-        return wp.quat_rotate(q_p, axis)
-    free = joints.dof_dim[joint, 1]
-    axis = joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0] + dof]
-    if dof == 0:
-        return wp.quat_rotate(q_p, axis)
-    if dof == free - 1:
-        return wp.quat_rotate(q_c, axis)
-    _, middle = euler_middle(joints, joint, q_p, q_c)
-    return middle
+def turn_about(axis: wp.vec3, start: wp.vec3, end: wp.vec3) -> float:
+    """Angle about a unit axis [rad] that turns one vector square to it into another."""
+    return wp.atan2(wp.dot(axis, wp.cross(start, end)), wp.dot(start, end))
 
 
 @wp.func
@@ -223,21 +117,6 @@ def bend_and_twist(q: wp.quat) -> wp.vec3:
 
 
 @wp.func
-def rod_turn(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
-    """Bends and twist of a rod beyond those at rest [rad]."""
-    start = joints.coord_start[joint] + 3
-    rest = wp.quat(
-        joints.rest_q[start],
-        joints.rest_q[start + 1],
-        joints.rest_q[start + 2],
-        joints.rest_q[start + 3],
-    )
-    out = bend_and_twist(wp.quat_inverse(q_p) * q_c) - bend_and_twist(rest)
-    out[2] = wrapped(out[2])
-    return out
-
-
-@wp.func
 def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
     """Torque on the child [N m], world frame, of what answers the bends and the twist [N m].
 
@@ -254,34 +133,251 @@ def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def turn_about(axis: wp.vec3, start: wp.vec3, end: wp.vec3) -> float:
-    """Angle about a unit axis [rad] that turns one vector square to it into another."""
-    return wp.atan2(wp.dot(axis, wp.cross(start, end)), wp.dot(start, end))
-
-
-@wp.func
-def angle(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> float:
-    """Coordinate of angular axis ``dof`` of a joint that is no ball, in (-pi, pi] [rad]."""
-    if joints.type[joint] == ROD:
-        turn = rod_turn(joints, joint, q_p, q_c)
-        return turn[dof]
-    free = joints.dof_dim[joint, 1]
-    if free == 1:
-        axis = joints.axis[joints.dof_start[joint] + joints.dof_dim[joint, 0]]
-        q = wp.quat_inverse(q_p) * q_c
-        half = wp.atan2(wp.dot(wp.vec3(q[0], q[1], q[2]), axis), q[3])
-        return wrapped(2.0 * half)
-    tilt, middle = euler_middle(joints, joint, q_p, q_c)
-    a0, a1, a2 = euler_axes(joints, joint)
-    if dof == 0:
-        return turn_about(wp.quat_rotate(q_p, a0), wp.quat_rotate(q_p, a1), middle)
-    if dof == free - 1:
-        return turn_about(wp.quat_rotate(q_c, a2), middle, wp.quat_rotate(q_c, a1))
-    return tilt
-
-
-@wp.func
 def ball_target(control: ControlInput, start: int) -> wp.quat:
     """Target rotation of a ball joint's drive, child anchor against parent anchor."""
     q = control.target_q
     return wp.quat(q[start], q[start + 1], q[start + 2], q[start + 3])
+
+
+@dataclass(frozen=True)
+class JointKinds:
+    """Which kinds of joints a scene has, FREE joints aside."""
+
+    linear: tuple[int, ...] = ()
+    """Numbers of free linear axes that occur."""
+    angular: tuple[int, ...] = ()
+    """Numbers of free angular axes that occur."""
+    euler: bool = False
+    """Joints with two or three angular axes that are Euler axes."""
+    balls: bool = False
+    """Joints whose angular axes are those of the parent frame: BALL and ROD."""
+    rods: bool = False
+
+    @classmethod
+    def of_model(cls, model: newton.Model) -> "JointKinds":
+        """Reads the kinds of joints from a model; copies model arrays to the host."""
+        if model.joint_count == 0:
+            return cls()
+        types, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy()
+        held = types != int(JointType.FREE)
+        types, dims = types[held], dims[held]
+        is_ball = np.isin(types, (int(JointType.BALL), int(JointType.ROD)))
+        authored = ~is_ball & (types != int(JointType.DISTANCE))
+        return cls(
+            linear=tuple(int(n) for n in np.unique(dims[:, 0])),
+            angular=tuple(int(n) for n in np.unique(dims[:, 1])),
+            euler=bool(np.any(authored & (dims[:, 1] > 1))),
+            balls=bool(np.any(is_ball)),
+            rods=bool(np.any(types == int(JointType.ROD))),
+        )
+
+
+@dataclass(frozen=True)
+class JointFunctions:
+    """Device functions of joints, compiled for the kinds of joints that a scene has."""
+
+    linear_count: wp.Function
+    angular_count: wp.Function
+    linear_axis: wp.Function
+    linear_misfit: wp.Function
+    linear_lock: wp.Function
+    euler_axes: wp.Function
+    euler_middle: wp.Function
+    angular_misfit: wp.Function
+    angular_lock: wp.Function
+    angular_axis: wp.Function
+    rod_turn: wp.Function
+    angle: wp.Function
+
+
+@functools.cache
+def make_joint(kinds: JointKinds) -> JointFunctions:
+    """Device functions for the kinds of joints that a scene has, and for no others."""
+    linear, angular = kinds.linear, kinds.angular
+
+    @wp.func
+    def linear_count(joints: JointModel, joint: int) -> int:
+        """Free linear axes of a joint."""
+        count = int(wp.static(linear[0] if linear else 0))
+        if wp.static(len(linear) > 1):
+            count = joints.dof_dim[joint, 0]
+        return count
+
+    @wp.func
+    def angular_count(joints: JointModel, joint: int) -> int:
+        """Free angular axes of a joint."""
+        count = int(wp.static(angular[0] if angular else 0))
+        if wp.static(len(angular) > 1):
+            count = joints.dof_dim[joint, 1]
+        return count
+
+    @wp.func
+    def linear_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat) -> wp.vec3:
+        """Free linear axis, world frame; ``q_p`` is the rotation of the parent anchor."""
+        return wp.quat_rotate(q_p, joints.axis[joints.dof_start[joint] + dof])
+
+    @wp.func
+    def linear_misfit(joints: JointModel, joint: int, q_p: wp.quat, offset: wp.vec3) -> wp.vec3:
+        """Part [m] of the offset between the anchors that the joint locks."""
+        free = linear_count(joints, joint)
+        if wp.static(0 in linear):
+            if free == 0:
+                return offset
+        if wp.static(1 in linear):
+            if free == 1:
+                axis = linear_axis(joints, joint, 0, q_p)
+                return offset - wp.dot(axis, offset) * axis
+        if wp.static(2 in linear):
+            if free == 2:
+                normal = wp.normalize(
+                    wp.cross(linear_axis(joints, joint, 0, q_p), linear_axis(joints, joint, 1, q_p))
+                )
+                return wp.dot(normal, offset) * normal
+        return wp.vec3(0.0)
+
+    @wp.func
+    def linear_lock(joints: JointModel, joint: int, q_p: wp.quat) -> wp.mat33:
+        """Projection of a shift to what the joint locks."""
+        return wp.matrix_from_cols(
+            linear_misfit(joints, joint, q_p, wp.vec3(1.0, 0.0, 0.0)),
+            linear_misfit(joints, joint, q_p, wp.vec3(0.0, 1.0, 0.0)),
+            linear_misfit(joints, joint, q_p, wp.vec3(0.0, 0.0, 1.0)),
+        )
+
+    @wp.func
+    def euler_axes(joints: JointModel, joint: int):
+        """The three axes of a joint with two or three angular axes, in the parent anchor frame.
+
+        With two, the locked rotation is the middle one, as in Newton.
+        """
+        first = joints.dof_start[joint] + linear_count(joints, joint)
+        a0 = joints.axis[first]
+        a1 = joints.axis[first + 1]
+        if angular_count(joints, joint) == 2:
+            return a0, wp.cross(a0, a1), a1
+        return a0, a1, joints.axis[first + 2]
+
+    @wp.func
+    def euler_middle(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat):
+        """Middle Euler angle [rad] of a joint with two or three angular axes, and its world axis."""
+        a0, a1, a2 = euler_axes(joints, joint)
+        first = wp.quat_rotate(q_p, a0)
+        last = wp.quat_rotate(q_c, a2)
+        # The middle axis is square to both; the angle is how far the last leaves the plane across a0.
+        middle = wp.cross(last, first)
+        if wp.dot(wp.cross(a2, a0), a1) < 0.0:
+            middle = -middle
+        if wp.length_sq(middle) < 1.0e-8:
+            middle = wp.quat_rotate(q_p, a1)
+        middle = wp.normalize(middle)
+        sine = wp.dot(first, last)
+        if wp.dot(wp.cross(a0, a1), a2) < 0.0:
+            sine = -sine
+        return wp.asin(wp.clamp(sine, -1.0, 1.0)), middle
+
+    @wp.func
+    def angular_misfit(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+        """Turn [rad] of the child against the parent that the joint locks, world frame."""
+        free = angular_count(joints, joint)
+        if wp.static(0 in angular):
+            if free == 0:
+                return rotation_vector(q_c * wp.quat_inverse(q_p))
+        if wp.static(1 in angular):
+            if free == 1:
+                axis = joints.axis[joints.dof_start[joint] + linear_count(joints, joint)]
+                return wp.cross(wp.quat_rotate(q_p, axis), wp.quat_rotate(q_c, axis))
+        if wp.static(2 in angular):
+            if free == 2:
+                angle, middle = euler_middle(joints, joint, q_p, q_c)
+                return angle * middle
+        return wp.vec3(0.0)
+
+    @wp.func
+    def angular_lock(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.mat33:
+        """Projection of a turn to what the joint locks."""
+        free = angular_count(joints, joint)
+        if wp.static(0 in angular):
+            if free == 0:
+                return wp.identity(n=3, dtype=float)
+        if wp.static(1 in angular):
+            if free == 1:
+                axis = wp.quat_rotate(
+                    q_p, joints.axis[joints.dof_start[joint] + linear_count(joints, joint)]
+                )
+                return wp.identity(n=3, dtype=float) - wp.outer(axis, axis)
+        if wp.static(2 in angular):
+            if free == 2:
+                _, middle = euler_middle(joints, joint, q_p, q_c)
+                return wp.outer(middle, middle)
+        return wp.mat33(0.0)
+
+    @wp.func
+    def angular_axis(
+        joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
+    ) -> wp.vec3:
+        """Free angular axis ``dof`` of the joint, counted from its first angular one, world frame."""
+        if wp.static(kinds.balls):
+            kind = joints.type[joint]
+            if kind == BALL or kind == ROD:
+                unit = wp.vec3(0.0)
+                unit[dof] = 1.0
+                return wp.quat_rotate(q_p, unit)
+        axis = joints.axis[joints.dof_start[joint] + linear_count(joints, joint) + dof]
+        if wp.static(kinds.euler):
+            if dof > 0:
+                if dof == angular_count(joints, joint) - 1:
+                    return wp.quat_rotate(q_c, axis)
+                _, middle = euler_middle(joints, joint, q_p, q_c)
+                return middle
+        return wp.quat_rotate(q_p, axis)
+
+    @wp.func
+    def rod_turn(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+        """Bends and twist of a rod beyond those at rest [rad]."""
+        start = joints.coord_start[joint] + 3
+        rest = wp.quat(
+            joints.rest_q[start],
+            joints.rest_q[start + 1],
+            joints.rest_q[start + 2],
+            joints.rest_q[start + 3],
+        )
+        out = bend_and_twist(wp.quat_inverse(q_p) * q_c) - bend_and_twist(rest)
+        out[2] = wrapped(out[2])
+        return out
+
+    @wp.func
+    def angle(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> float:
+        """Coordinate of angular axis ``dof`` of a joint that is no ball, in (-pi, pi] [rad]."""
+        if wp.static(kinds.rods):
+            if joints.type[joint] == ROD:
+                turn = rod_turn(joints, joint, q_p, q_c)
+                return turn[dof]
+        if wp.static(kinds.euler):
+            free = angular_count(joints, joint)
+            if free > 1:
+                tilt, middle = euler_middle(joints, joint, q_p, q_c)
+                a0, a1, a2 = euler_axes(joints, joint)
+                if dof == 0:
+                    return turn_about(wp.quat_rotate(q_p, a0), wp.quat_rotate(q_p, a1), middle)
+                if dof == free - 1:
+                    return turn_about(wp.quat_rotate(q_c, a2), middle, wp.quat_rotate(q_c, a1))
+                return tilt
+        axis = joints.axis[joints.dof_start[joint] + linear_count(joints, joint)]
+        q = wp.quat_inverse(q_p) * q_c
+        half = wp.atan2(wp.dot(wp.vec3(q[0], q[1], q[2]), axis), q[3])
+        return wrapped(2.0 * half)
+
+    return JointFunctions(
+        linear_count,
+        angular_count,
+        linear_axis,
+        linear_misfit,
+        linear_lock,
+        euler_axes,
+        euler_middle,
+        angular_misfit,
+        angular_lock,
+        angular_axis,
+        rod_turn,
+        angle,
+    )
