@@ -317,6 +317,9 @@ class LoopWork:
     """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""
     misfit: wp.array[wp.spatial_vector]
     """How far each joint is open at the start of the step, as (shift [m], turn [rad])."""
+    kept_force: wp.array[wp.vec3]
+    """Multipliers of the joints while the recovery closes them."""
+    kept_torque: wp.array[wp.vec3]
     reach: wp.array[float]
     """How far the joint's bodies could move its anchors in the step [m]."""
     turn_reach: wp.array[float]

@@ -3,13 +3,12 @@
 """Which effects a scene calls for. Kernels hold code for those and no others."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import newton
 import numpy as np
 
 from .rows.joint import PUSHED_AT_COM, JointKinds
-
 
 _FREE = int(newton.JointType.FREE)
 
@@ -26,7 +25,7 @@ class Effects:
     """A body whose principal moments of inertia differ."""
     joint_force: bool
     """A joint whose generalized force is a wrench on its body: FREE, DISTANCE or ROD."""
-    kinds: JointKinds = JointKinds()
+    kinds: JointKinds = field(default_factory=JointKinds)
     """The kinds of joints that hold something."""
     loops: bool = False
     """Joints outside of trees: they close a loop, or each body is a block of its own."""

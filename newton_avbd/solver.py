@@ -357,10 +357,10 @@ class SolverAVBD(SolverBase):
 
         Arrays of the model are read live, so changing their values needs no call, except where it
         calls for an effect that the scene did without: friction, unequal moments of inertia,
-        drives, limits, or other bodies that move. The call copies model arrays to the host. While a graph is being
-        captured it compiles in these effects instead, and global bodies that start or stop to move
-        need another call outside the capture. Capture again after a call that changed which global
-        bodies move.
+        drives, limits, or other bodies that move. The call copies model arrays to the host. While a
+        graph is being captured it compiles in these effects instead, and global bodies that start
+        or stop to move need another call outside the capture. Capture again after a call that
+        changed which global bodies move.
 
         Args:
             flags: What changed; unknown bits are ignored.
@@ -640,6 +640,8 @@ class SolverAVBD(SolverBase):
                 np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
             )
             self._loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
+            self._loops.kept_force = wp.zeros(joints.size, dtype=wp.vec3)
+            self._loops.kept_torque = wp.zeros(joints.size, dtype=wp.vec3)
             self._loops.reach = wp.zeros(joints.size, dtype=float)
             self._loops.turn_reach = wp.zeros(joints.size, dtype=float)
             self._loops.k_l = wp.zeros(joints.size, dtype=float)

@@ -160,8 +160,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
     ) -> bool:
         """Misfit, coordinates and penalties of a joint at the start of the step.
 
-        Expects increments of zero and rotations at the start of the step. Returns whether the joint is
-        open by more than rounding.
+        Expects increments of zero and rotations at the start of the step. Returns whether the joint
+        is open by more than rounding.
         """
         joint = loops.joints[i]
         static_slot = work.inv_mass.shape[0] - 1
@@ -307,7 +307,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if joints.type[joint] == DISTANCE:
             first = joints.dof_start[joint]
             pull = distance_force(i, wp.length(offset), recovery, joints, loops, history)
-            if has_dual:
+            if has_dual and recovery == 0.0:
                 history.limit_force[first] = pull
             return force + pull * wp.normalize(offset), torque, arm_c, arm_p
         linear = linear_count(joints, joint)
@@ -317,7 +317,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
             push, _, limit_force = axis_force(
                 i, dof, q, turn_away, h, joints, control, loops, history
             )
-            if has_dual:
+            if has_dual and recovery == 0.0:
                 history.limit_force[index] = limit_force
             axis = axis_of(joints, joint, dof, q_p, q_c)
             if dof < linear:

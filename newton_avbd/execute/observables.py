@@ -82,7 +82,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         # Out:
         body_parent_f: wp.array[wp.spatial_vector],
     ):
-        """What holds a subtree is what its bodies lack: their change of momentum less other forces."""
+        """What holds a subtree is what its bodies lack: momentum that no other force gave."""
         world = wp.tid()
         first = worlds.body_start[world]
         end = worlds.body_start[world + 1]

@@ -135,9 +135,10 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         work: BodyWork,
         tree: TreeWork,
     ) -> bool:
-        """Misfit of the body's joint at the start of the step; returns whether it is beyond rounding.
+        """Misfit of the body's joint at the start of the step.
 
-        Expects increments of zero, the guess of them in ``tree.update``, and rotations at the start.
+        Expects increments of zero, the guess of them in ``tree.update``, and rotations at the
+        start. Returns whether the misfit is beyond rounding.
         """
         joint = tree.joint[body]
         parent = tree.parent[body]
@@ -206,8 +207,8 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
     ) -> bool:
         """Coordinates of the body's joint at the start of the step.
 
-        Expects increments of zero and rotations at the start of the step. Returns whether one of them
-        is beyond its limits by more than rounding.
+        Expects increments of zero and rotations at the start of the step. Returns whether one of
+        them is beyond its limits by more than rounding.
         """
         joint = tree.joint[body]
         is_beyond = bool(False)

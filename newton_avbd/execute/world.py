@@ -41,8 +41,8 @@ SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
 SETTLED = wp.constant(5.0e-6)
 """Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
-JOINT_PASSES = wp.constant(3)
-"""Most sweeps that close open joints: one leaves the square of how far they were open."""
+JOINT_PASSES = wp.constant(8)
+"""Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
@@ -571,9 +571,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     )
             first = end
         if wp.static(effects.loops):
-            if recovery == 0.0:
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    loop_wrench(i, 0.0, h, model, joints, control, work, tree, loops, history, True)
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                loop_wrench(
+                    i, recovery, h, model, joints, control, work, tree, loops, history, True
+                )
         if wp.static(effects.ramp):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 sweep_duals_ramped(worlds.bodies[i], work, rows)
@@ -826,6 +827,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 passes = 1
             if is_open or update > unsettled * unsettled:
                 passes = JOINT_PASSES
+            if wp.static(effects.loops):
+                # what closes them now is no force of the motion
+                for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                    loops.kept_force[i] = history.loop_force[i]
+                    loops.kept_torque[i] = history.loop_torque[i]
             while passes > 0:
                 update = sweep_world(
                     world,
@@ -847,6 +853,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 passes -= 1
                 if update <= enough * enough:
                     passes = 0
+
+            if wp.static(effects.loops):
+                for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                    history.loop_force[i] = loops.kept_force[i]
+                    history.loop_torque[i] = loops.kept_torque[i]
 
         # Poses.
         for i in range(body_start, body_end):

@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What acts along a joint's free axes: drives, limits and generalized forces.
 
-A drive pulls a coordinate q with ke (target_q - q) + kd (target_qd - dq/h), implicitly: its curvature
-ke + kd/h stands beside the inertia that the coordinate meets, so no gain is too stiff.
+A drive pulls a coordinate q with ke (target_q - q) + kd (target_qd - dq/h), implicitly: its
+curvature ke + kd/h stands beside the inertia that the coordinate meets, so no gain is too stiff.
 
-A limit is hard: it holds the coordinate where it stops, and lets go as soon as it would have to pull
-(a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). With compliance it
-is a spring and damper instead, beyond the limit.
+A limit is hard: it holds the coordinate where it stops, and lets go as soon as it would have to
+pull (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). With
+compliance it is a spring and damper instead, beyond the limit.
 """
 
 import newton
@@ -43,8 +43,8 @@ def drive(
         h: Time step [s].
     """
     mode = joints.target_mode[dof]
-    ke = float(0.0)
-    kd = float(0.0)
+    ke = 0.0
+    kd = 0.0
     if mode == POSITION_MODE or mode == POSITION_VELOCITY_MODE:
         ke = joints.target_ke[dof]
         kd = joints.target_kd[dof]

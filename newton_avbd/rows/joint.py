@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """What each type of joint locks and leaves free: the only file that knows joint types.
 
-A joint compares two anchor frames, one on its parent and one on its child. It locks directions, in
-which the frames must not part (the misfit), and leaves axes free, each a degree of freedom. Newton's
-types differ only in how many linear and angular axes they leave free, as ``KINDS`` lists:
+A joint compares two anchor frames, one on its parent and one on its child. It locks directions,
+in which the frames must not part (the misfit), and leaves axes free, each a degree of freedom.
+Newton's types differ only in how many linear and angular axes they leave free:
 
     angular axes free    locked                     axes, in world frame
     0 (weld)             all of the rotation        none
@@ -14,8 +14,8 @@ types differ only in how many linear and angular axes they leave free, as ``KIND
     3 (ball)             nothing                    axes of the parent frame
     3 (rod)              nothing                    axes of the parent frame
 
-A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the distance
-of the anchors.
+A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the
+distance of the anchors. A new type is a line in ``KINDS`` and a case in these functions.
 """
 
 import functools
@@ -259,11 +259,12 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func
     def euler_middle(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat):
-        """Middle Euler angle [rad] of a joint with two or three angular axes, and its world axis."""
+        """Middle Euler angle [rad] of a joint with two or three angular axes, and its axis."""
         a0, a1, a2 = euler_axes(joints, joint)
         first = wp.quat_rotate(q_p, a0)
         last = wp.quat_rotate(q_c, a2)
-        # The middle axis is square to both; the angle is how far the last leaves the plane across a0.
+        # The middle axis is square to both; the angle is how far the last leaves the plane
+        # across the first.
         middle = wp.cross(last, first)
         if wp.dot(wp.cross(a2, a0), a1) < 0.0:
             middle = -middle
@@ -315,7 +316,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
     def angular_axis(
         joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
     ) -> wp.vec3:
-        """Free angular axis ``dof`` of the joint, counted from its first angular one, world frame."""
+        """World frame's axis of angular coordinate ``dof``, counted from the first angular one."""
         if wp.static(kinds.balls):
             kind = joints.type[joint]
             if kind == BALL or kind == ROD:
