@@ -279,6 +279,8 @@ class TreeWork:
     start_coordinate: wp.array[float]
     rotation: wp.array[wp.quat]
     """Orientation after the increment."""
+    apart: wp.array[wp.vec3]
+    """From the COM of the parent to that of the body at the start of the step [m]."""
     misfit: wp.array[wp.spatial_vector]
     """How far the joint is open at the start of the step, as (shift [m], turn [rad])."""
     rounding: wp.array[float]
@@ -315,6 +317,8 @@ class LoopWork:
     body_start: wp.array[wp.int32]
     items: wp.array[wp.int32]
     """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""
+    apart: wp.array[wp.vec3]
+    """From the COM of the parent to that of the child at the start of the step [m]."""
     misfit: wp.array[wp.spatial_vector]
     """How far each joint is open at the start of the step, as (shift [m], turn [rad])."""
     kept_force: wp.array[wp.vec3]
@@ -372,6 +376,10 @@ class History:
     """Buffer and generation that a world's records came from, shape (world_count, 2)."""
     joint_force: wp.array[wp.vec3]
     """Force of the tree's joint on the body at the end of the last step [N], world frame."""
+    placed: wp.array[wp.vec3]
+    """Position that the last step gave a body with joints [m]."""
+    lost: wp.array[wp.vec3]
+    """What rounding took from that position [m]."""
     loop_force: wp.array[wp.vec3]
     """Multipliers of the joints outside of trees: force on the child [N], world frame."""
     loop_torque: wp.array[wp.vec3]

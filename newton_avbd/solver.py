@@ -478,6 +478,8 @@ class SolverAVBD(SolverBase):
             self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
+            self._history.placed = wp.zeros(slots, dtype=wp.vec3)
+            self._history.lost = wp.zeros(slots, dtype=wp.vec3)
             self._rest_angle = wp.array(self._initial_angles(), dtype=float)
             self._history.joint_angle = wp.clone(self._rest_angle)
             self._history.limit_force = wp.zeros(model.joint_dof_count, dtype=float)
@@ -602,6 +604,7 @@ class SolverAVBD(SolverBase):
             self._tree.coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
             self._tree.start_coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
             self._tree.rotation = wp.array(rotation, dtype=wp.quat)
+            self._tree.apart = wp.zeros(slots, dtype=wp.vec3)
             self._tree.misfit = wp.zeros(slots, dtype=wp.spatial_vector)
             self._tree.rounding = wp.zeros(slots, dtype=float)
             self._tree.span = wp.zeros(slots, dtype=wp.vec3)
@@ -639,6 +642,7 @@ class SolverAVBD(SolverBase):
             self._loops.items = wp.array(
                 np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
             )
+            self._loops.apart = wp.zeros(joints.size, dtype=wp.vec3)
             self._loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
             self._loops.kept_force = wp.zeros(joints.size, dtype=wp.vec3)
             self._loops.kept_torque = wp.zeros(joints.size, dtype=wp.vec3)

@@ -111,19 +111,19 @@ def renormalised(q: wp.quat) -> wp.quat:
 
 
 @wp.func
-def placed(pose: wp.transform, com: wp.vec3, dx: wp.vec3, rotation: wp.quat) -> wp.transform:
-    """Pose of the body origin after its COM has moved by dx [m] and the body has been turned."""
-    r0 = wp.transform_get_rotation(pose)
-    r1 = renormalised(rotation)
-    x = wp.transform_get_translation(pose) + dx
-    if wp.length_sq(com) > 0.0:
-        x += wp.quat_rotate(r0, com) - wp.quat_rotate(r1, com)
-    return wp.transform(x, r1)
+def turned(pose: wp.transform, increment: wp.spatial_vector) -> wp.quat:
+    """Orientation after the increment (dx, dtheta)."""
+    turn = exp_quat(wp.spatial_bottom(increment))
+    return renormalised(turn * wp.transform_get_rotation(pose))
 
 
 @wp.func
-def moved_pose(pose: wp.transform, com: wp.vec3, increment: wp.spatial_vector) -> wp.transform:
-    """Pose of the body origin after the increment (dx, dtheta) of its COM."""
-    turn = exp_quat(wp.spatial_bottom(increment))
-    rotation = turn * wp.transform_get_rotation(pose)
-    return placed(pose, com, wp.spatial_top(increment), rotation)
+def origin_shift(
+    pose: wp.transform, com: wp.vec3, increment: wp.spatial_vector, rotation: wp.quat
+) -> wp.vec3:
+    """How far the increment of its COM moves the origin of a body [m]; ``rotation`` is after it."""
+    shift = wp.spatial_top(increment)
+    if wp.length_sq(com) > 0.0:
+        shift += wp.quat_rotate(wp.transform_get_rotation(pose), com)
+        shift -= wp.quat_rotate(rotation, com)
+    return shift

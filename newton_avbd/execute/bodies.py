@@ -7,7 +7,13 @@ import functools
 import warp as wp
 
 from ..algebra.so3 import exp_quat, world_inertia
-from ..blocks.body import free_turn, is_mobile, placed, target_translation
+from ..blocks.body import (
+    free_turn,
+    is_mobile,
+    origin_shift,
+    renormalised,
+    target_translation,
+)
 from ..data import BodyModel, BodyWork, ControlInput, History, RowWork, WorldWork
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
@@ -243,7 +249,10 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             dtheta = target_turn(model, body, rotation, velocity, wrench, h)
             spin = dtheta / h
             rotation = exp_quat(dtheta) * rotation
-        body_q_out[body] = placed(pose, model.com[body], dx, rotation)
+        rotation = renormalised(rotation)
+        increment = wp.spatial_vector(dx, wp.vec3(0.0))
+        shift = origin_shift(pose, model.com[body], increment, rotation)
+        body_q_out[body] = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
         body_qd_out[body] = wp.spatial_vector(dx / h, spin)
 
     return integrate

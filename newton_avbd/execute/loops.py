@@ -31,7 +31,14 @@ from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.joint import BALL, DISTANCE, ROD
-from .trees import ROUNDING, anchor_arm, anchor_offset, anchor_rotation, carried_misfit
+from .trees import (
+    ROUNDING,
+    anchor_arm,
+    anchor_offset,
+    anchor_rotation,
+    carried_misfit,
+    start_span,
+)
 
 
 @wp.func
@@ -55,21 +62,23 @@ def has_loops(loops: LoopWork, body: int) -> bool:
 
 @wp.func
 def loop_geometry(
-    joint: int,
+    i: int,
     model: BodyModel,
     joints: JointModel,
     work: BodyWork,
     tree: TreeWork,
+    loops: LoopWork,
 ):
     """Rotations of a joint's anchors after the increments, arms, and child anchor from parent's."""
     static_slot = work.inv_mass.shape[0] - 1
+    joint = loops.joints[i]
     child = joints.child[joint]
     parent = parent_slot(joints, joint, static_slot)
     frame_p = joints.parent_frame[joint]
     frame_c = joints.child_frame[joint]
     arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
     arm_c = anchor_arm(model, tree, child, frame_c, static_slot)
-    offset = anchor_offset(work, child, parent, arm_c, arm_p)
+    offset = anchor_offset(loops.apart[i], work, child, parent, arm_c, arm_p)
     q_p = anchor_rotation(tree, parent, frame_p)
     q_c = anchor_rotation(tree, child, frame_c)
     return q_p, q_c, arm_p, arm_c, offset
@@ -151,6 +160,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     def begin_loop(
         i: int,
         h: float,
+        body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
         work: BodyWork,
@@ -167,7 +177,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
         static_slot = work.inv_mass.shape[0] - 1
         child = joints.child[joint]
         parent = parent_slot(joints, joint, static_slot)
-        q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
+        loops.apart[i] = start_span(
+            child, parent, joints.parent_frame[joint], static_slot, body_q, model, history
+        )
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
         shift = linear_misfit(joints, joint, q_p, offset)
         turn = angular_misfit(joints, joint, q_p, q_c)
         if work.inv_mass[parent] == 0.0:
@@ -283,7 +296,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         With ``has_dual`` they become the joint's multipliers.
         """
         joint = loops.joints[i]
-        q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
         if loops.k_l[i] == 0.0:
             return wp.vec3(0.0), wp.vec3(0.0), arm_c, arm_p
         shift = linear_misfit(joints, joint, q_p, offset)
@@ -342,7 +355,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         """What a joint adds to the block of one of its bodies: H_ll, H_al and H_aa."""
         i = item / 2
         joint = loops.joints[i]
-        q_p, q_c, arm_p, arm_c, offset = loop_geometry(joint, model, joints, work, tree)
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
         shift = linear_misfit(joints, joint, q_p, offset)
         arm = arm_c
         sign = float(1.0)

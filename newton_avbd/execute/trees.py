@@ -38,10 +38,13 @@ FAR = wp.constant(3.0e-2)
 def anchor_arm(
     model: BodyModel, tree: TreeWork, slot: int, frame: wp.transform, static_slot: int
 ) -> wp.vec3:
-    """From the COM of a body, moved by its increment, to an anchor on it [m], world axes."""
+    """From the COM of a body, moved by its increment, to an anchor on it [m], world axes.
+
+    The static world is taken to lie at its anchor.
+    """
     point = wp.transform_get_translation(frame)
     if slot == static_slot:
-        return point
+        return wp.vec3(0.0)
     return wp.quat_rotate(tree.rotation[slot], point - model.com[slot])
 
 
@@ -60,11 +63,39 @@ def joint_shift(work: BodyWork, slot: int) -> wp.vec3:
 
 
 @wp.func
-def anchor_offset(
-    work: BodyWork, body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3
+def start_span(
+    body: int,
+    parent: int,
+    frame_p: wp.transform,
+    static_slot: int,
+    body_q: wp.array[wp.transform],
+    model: BodyModel,
+    history: History,
 ) -> wp.vec3:
-    """From the parent anchor to the child anchor after the increments [m]."""
-    apart = work.com[body] - work.com[parent]
+    """From the COM of the parent to that of the body at the start of the step [m].
+
+    Far from the origin positions of bodies are coarse, and their difference is exact: so it is
+    taken first, with what the poses' rounding has lost.
+    """
+    pose = body_q[body]
+    x = wp.transform_get_translation(pose)
+    arm = wp.quat_rotate(wp.transform_get_rotation(pose), model.com[body])
+    if parent == static_slot:
+        return (x - wp.transform_get_translation(frame_p)) + (arm + history.lost[body])
+    pose_p = body_q[parent]
+    arm -= wp.quat_rotate(wp.transform_get_rotation(pose_p), model.com[parent])
+    lost = history.lost[body] - history.lost[parent]
+    return (x - wp.transform_get_translation(pose_p)) + (arm + lost)
+
+
+@wp.func
+def anchor_offset(
+    apart: wp.vec3, work: BodyWork, body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3
+) -> wp.vec3:
+    """From the parent anchor to the child anchor after the increments [m].
+
+    ``apart`` is what :func:`start_span` found.
+    """
     moved = joint_shift(work, body) - joint_shift(work, parent)
     return (apart + (arm_c - arm_p)) + moved
 
@@ -130,10 +161,12 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
     def measure_misfit(
         body: int,
         static_slot: int,
+        body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
         work: BodyWork,
         tree: TreeWork,
+        history: History,
     ) -> bool:
         """Misfit of the body's joint at the start of the step.
 
@@ -148,7 +181,8 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         q_c = anchor_rotation(tree, body, frame_c)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-        apart = work.com[body] - work.com[parent]
+        apart = start_span(body, parent, frame_p, static_slot, body_q, model, history)
+        tree.apart[body] = apart
         linear = linear_misfit(joints, joint, q_p, apart + (arm_c - arm_p))
         angular = angular_misfit(joints, joint, q_p, q_c)
         misfit = carried_misfit(parent, arm_p, linear, angular, work, tree)
@@ -187,7 +221,7 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         if dof < linear:
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-            offset = anchor_offset(work, body, parent, arm_c, arm_p)
+            offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
             return wp.dot(linear_axis(joints, joint, dof, q_p), offset)
         if joints.type[joint] == BALL:
             return 0.0
@@ -306,7 +340,7 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         q_c = anchor_rotation(tree, body, frame_c)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-        offset = anchor_offset(work, body, parent, arm_c, arm_p)
+        offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
         misfit = linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - misfit
         tilt = angular_misfit(joints, joint, q_p, q_c)

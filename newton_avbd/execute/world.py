@@ -7,7 +7,7 @@ import functools
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..blocks.body import moved_pose, placed
+from ..blocks.body import origin_shift, renormalised, turned
 from ..data import (
     BodyModel,
     BodyWork,
@@ -599,6 +599,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
+            # a pose that the user has changed has lost nothing
+            moved = wp.transform_get_translation(body_q[body]) - history.placed[body]
+            if wp.length_sq(moved) > 0.0:
+                history.lost[body] = wp.vec3(0.0)
             # the guess is put aside: joints are measured at the start first
             tree.update[body] = work.increment[body]
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
@@ -607,14 +611,14 @@ def make_solve(effects: Effects) -> wp.Kernel:
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
             tree.rounding[body] = ROUNDING * radius
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                if measure_misfit(body, static_slot, model, joints, work, tree):
+                if measure_misfit(body, static_slot, body_q, model, joints, work, tree, history):
                     is_open = True
                 if wp.static(effects.coordinates):
                     if measure_start(body, static_slot, model, joints, work, tree, history):
                         is_open = True
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if begin_loop(i, h, model, joints, work, tree, loops, history):
+                if begin_loop(i, h, body_q, model, joints, work, tree, loops, history):
                     is_open = True
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
@@ -864,17 +868,25 @@ def make_solve(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[i]
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
-                moved = pose
-                is_placed = bool(False)
+                increment = work.increment[body]
+                rotation = wp.quat_identity()
+                is_turned = bool(False)
                 if wp.static(effects.joints):
-                    is_placed = is_tree(i, worlds.block_end[i], body, tree)
-                    if is_placed:
-                        dx = wp.spatial_top(work.increment[body])
-                        moved = placed(pose, model.com[body], dx, tree.rotation[body])
-                if not is_placed:
-                    moved = moved_pose(pose, model.com[body], work.increment[body])
+                    is_turned = is_tree(i, worlds.block_end[i], body, tree)
+                    rotation = renormalised(tree.rotation[body])
+                if not is_turned:
+                    rotation = turned(pose, increment)
+                shift = origin_shift(pose, model.com[body], increment, rotation)
+                if wp.static(effects.joints):
+                    shift += history.lost[body]
+                before = wp.transform_get_translation(pose)
+                after = before + shift
+                moved = wp.transform(after, rotation)
                 if wp.isfinite(pose_sum(moved)):
                     pose = moved
+                    if wp.static(effects.joints):
+                        history.placed[body] = after
+                        history.lost[body] = shift - (after - before)
                 else:
                     report_held(worlds, world)
             body_q_out[body] = pose
