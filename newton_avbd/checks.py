@@ -10,18 +10,19 @@ import numpy as np
 from .rows.joint import KINDS
 
 
-def check_model(model: newton.Model) -> None:
+def check_model(model: newton.Model, *, ramp: bool = False) -> None:
     """Refuses a model that holds what the solver does not support or cannot make sense of.
 
     Args:
         model: The model, on any device; its arrays are copied to the host.
+        ramp: Whether it is to be solved by the ramped formulation.
 
     Raises:
         NotImplementedError: If a joint is of a type that the solver does not know.
         ValueError: If a mass, inertia, center of mass, joint frame, axis, limit, gain, friction
             coefficient or gravity is not finite, or a mass, gain or coefficient is negative.
     """
-    _check_joints(model)
+    _check_joints(model, ramp)
     _check_bodies(model)
     if model.shape_count:
         for name in ("shape_material_mu", "shape_material_ke", "shape_material_kd"):
@@ -36,14 +37,15 @@ def check_model(model: newton.Model) -> None:
         )
 
 
-def _check_joints(model: newton.Model) -> None:
+def _check_joints(model: newton.Model, ramp: bool) -> None:
     if model.joint_count == 0:
         return
     for joint, kind in enumerate(model.joint_type.numpy()):
-        if kind not in KINDS:
+        if kind not in KINDS or (ramp and kind != newton.JointType.FREE):
+            where = " with formulation='ramp'" if ramp else ""
             raise NotImplementedError(
-                f"SolverAVBD does not support joints of type {newton.JointType(int(kind)).name}: "
-                f"joint {joint} '{_label(model.joint_label, joint)}'."
+                f"SolverAVBD does not support joint {joint} '{_label(model.joint_label, joint)}' "
+                f"of type {newton.JointType(int(kind)).name}{where}."
             )
     for name in ("joint_X_p", "joint_X_c"):
         _check_numbers(model, name, model.joint_label)
@@ -51,6 +53,14 @@ def _check_joints(model: newton.Model) -> None:
     labels = [_label(model.joint_label, joint) for joint in owner]
     for name in ("joint_axis", "joint_limit_lower", "joint_limit_upper"):
         _check_numbers(model, name, labels)
+    if labels:
+        lengths = np.linalg.norm(model.joint_axis.numpy(), axis=1)
+        wrong = np.flatnonzero(np.abs(lengths - 1.0) > 1.0e-3)
+        if wrong.size:
+            raise ValueError(
+                f"model.joint_axis[{wrong[0]}] ('{labels[wrong[0]]}') is not a unit vector: "
+                f"{model.joint_axis.numpy()[wrong[0]]}."
+            )
     for name in ("joint_target_ke", "joint_target_kd", "joint_limit_ke", "joint_limit_kd"):
         _check_numbers(model, name, labels, minimum=0.0)
 

@@ -27,6 +27,8 @@ class Effects:
     """A joint whose generalized force is a wrench on its body: FREE, DISTANCE or ROD."""
     kinds: JointKinds = field(default_factory=JointKinds)
     """The kinds of joints that hold something."""
+    reaction: bool = False
+    """Such a joint below a body that moves, on which its force reacts."""
     loops: bool = False
     """Joints outside of trees: they close a loop, or each body is a block of its own."""
     drives: bool = False
@@ -59,6 +61,7 @@ class Effects:
             joint_force=bool(np.any(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))),
             kinds=JointKinds.of_model(model),
             loops=loops,
+            reaction=pushing_joints(model).size > 0,
             drives=_has_drives(model),
             limits=_has_limits(model),
             compliance=compliance,
@@ -68,7 +71,7 @@ class Effects:
     @property
     def joints(self) -> bool:
         """Whether a joint holds anything."""
-        return bool(self.kinds.angular)
+        return bool(self.kinds.angular) or self.reaction
 
     @property
     def rods(self) -> bool:
@@ -85,6 +88,14 @@ class Effects:
         return dataclasses.replace(
             self, contact=False, friction=False, compliance=False, ramp=False
         )
+
+
+def pushing_joints(model: newton.Model) -> np.ndarray:
+    """Joints with a parent body whose generalized force is a wrench on their child."""
+    if model.joint_count == 0:
+        return np.zeros(0, dtype=int)
+    pushing = np.isin(model.joint_type.numpy(), [int(kind) for kind in PUSHED_AT_COM])
+    return np.flatnonzero(pushing & (model.joint_parent.numpy() >= 0))
 
 
 def _axes(model: newton.Model) -> np.ndarray:

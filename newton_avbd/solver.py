@@ -17,8 +17,8 @@ from newton.solvers import SolverBase
 from . import data
 from .algebra.block import BlockFactor
 from .checks import check_model
-from .effects import Effects
-from .execute.bodies import make_integrate, make_predict
+from .effects import Effects, pushing_joints
+from .execute.bodies import make_integrate, make_predict, push_parents
 from .execute.contacts import reset_bodies, sort_contacts
 from .execute.launch import Launcher
 from .execute.observables import (
@@ -50,19 +50,23 @@ class Status:
 
 
 class SolverAVBD(SolverBase):
-    """Rigid bodies in contact by Augmented Vertex Block Descent.
+    """Rigid bodies, joints and contacts by Augmented Vertex Block Descent.
 
-    Backward Euler on pose increments, minimised body by body (each a 6x6 block), with contacts and
-    Coulomb friction held by multipliers and a penalty scaled by the masses in contact. A step is a
-    pure function of ``state_in``, ``control``, ``contacts`` and the multipliers of the last step.
+    Backward Euler on pose increments, minimised block by block. A free body is a 6x6 block; the
+    bodies that joints link into a tree, an articulation, are one block, solved exactly in time
+    proportional to their number, so that accuracy does not depend on the length of a chain or on
+    mass ratios along it. Contacts with Coulomb friction, and joints that close loops, are held by
+    multipliers and a penalty scaled by the masses they couple. A step is a pure function of
+    ``state_in``, ``control``, ``contacts`` and what is remembered of the last step.
 
-    Contacts are rigid, as in :class:`newton.solvers.SolverXPBD` and ``SolverMuJoCo``; with
-    ``compliant_contacts`` they give way by the stiffness and damping that the shapes author.
-    Supported: free bodies (FREE joints to the world, or none), kinematic bodies, all shapes that
-    Newton's collision pipeline handles, any number of worlds.
+    Contacts and joints are rigid, as in :class:`newton.solvers.SolverXPBD` and ``SolverMuJoCo``;
+    with ``compliant_contacts`` contacts and joint limits give way by the stiffness and damping
+    that the model authors. Supported: all types of joints, drives, limits, kinematic bodies, all
+    shapes that Newton's collision pipeline handles, any number of worlds.
 
     Sources: Giles, Diaz, Yuksel, "Augmented Vertex Block Descent", 2025; "Rigid Body Dynamics with
-    VBD, Section I: Free Bodies"; ``docs/`` says where this solver departs from them, and why.
+    VBD, Section I: Free Bodies"; Featherstone, "Rigid Body Dynamics Algorithms", 2008; ``docs/``
+    says where this solver departs from them, and why.
     """
 
     supports_collision_pipeline = True
@@ -102,7 +106,8 @@ class SolverAVBD(SolverBase):
             tolerance: A world's sweeps end early when one moves no body by more than this [m], a
                 turn counted by its radius of gyration; with 0 only where nothing moves any more.
             compliant_contacts: Contacts give way by the shapes' ``ke`` [N/m] and ``kd`` [N s/m]
-                (their means over the two shapes) instead of being rigid.
+                (their means over the two shapes) instead of being rigid, and joint limits by their
+                ``limit_ke`` and ``limit_kd``.
             formulation: ``"augmented"`` (multipliers), or ``"ramp"``: the seed document's growing
                 penalty up to the shapes' ``ke``, for comparison.
             blocks: What is solved at once: ``"articulation"``, the tree that joints make of bodies,
@@ -115,7 +120,7 @@ class SolverAVBD(SolverBase):
             collision_frequency_type: ``NONE`` or ``PRE_INIT``, by slot.
 
         Raises:
-            NotImplementedError: If the model has joints other than FREE joints to the world.
+            NotImplementedError: If the ramped formulation is asked for and the model has joints.
             ValueError: If a setting or a number in the model makes no sense.
         """
         if iterations < 1:
@@ -131,7 +136,7 @@ class SolverAVBD(SolverBase):
                 "formulation='ramp' is limited by the shapes' stiffness already; leave "
                 "compliant_contacts out."
             )
-        check_model(model)
+        check_model(model, ramp=formulation == "ramp")
         super().__init__(
             model,
             collision_pipeline=collision_pipeline,
@@ -181,8 +186,10 @@ class SolverAVBD(SolverBase):
 
         Args:
             state_in: State to start from; ``body_q``, ``body_qd`` and ``body_f`` are read.
-            state_out: State to write ``body_q`` and ``body_qd`` to; may be ``state_in``.
-            control: ``joint_f`` of FREE joints is read; None for the model's own.
+            state_out: State to write ``body_q`` and ``body_qd`` to, and the joint coordinates with
+                ``update_joint_state``; may be ``state_in``.
+            control: ``joint_f``, ``joint_target_q`` and ``joint_target_qd``; None for the model's
+                own.
             contacts: Contacts of this or an earlier collision pass, or None for no contacts
                 (or where the solver owns a pipeline).
             dt: Time step [s].
@@ -273,6 +280,12 @@ class SolverAVBD(SolverBase):
                 self._work,
             ],
         )
+        if effects.reaction:
+            self._launch(
+                push_parents,
+                1,
+                [self._bodies, self._joints, control, dt, self._pushing, self._work],
+            )
         if contacts is not None:
             self._launch(
                 sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows]
@@ -389,7 +402,7 @@ class SolverAVBD(SolverBase):
             )
             self._effects_apart = self.effects.without_contact()
         else:
-            check_model(self.model)
+            check_model(self.model, ramp=self._ramp)
             self._group_worlds()
 
     def set_collision_frequency(
@@ -455,6 +468,7 @@ class SolverAVBD(SolverBase):
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
             self._free_dof = wp.array(free_dof, dtype=wp.int32)
+            self._pushing = wp.array(pushing_joints(model), dtype=wp.int32)
             self._work = data.BodyWork()
             self._work.com = wp.zeros(slots, dtype=wp.vec3)
             self._work.inv_mass = wp.zeros(slots, dtype=float)

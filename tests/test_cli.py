@@ -123,7 +123,6 @@ def test_compare_opens_an_example_with_both_solvers(capsys):
         (["run", "fall", "--device", "cuda:99"], "there are: cpu"),
         (["run", "fall", "--solver", "kamino", "--iterations", "3"], "no iterations"),
         (["run", "fall", "--viewer", "usd", "--png", "a.png"], "--png goes with"),
-        (["run", "newton_cradle"], "REVOLUTE"),
         (["run", "missing.urdf"], "missing.urdf: no such file"),
         (["compare", "fall", "--frames", "1", "--png", "/no/folder/a.png"], "/no/folder/a.png"),
     ],

@@ -14,6 +14,7 @@ import warp as wp
 
 import newton_avbd.execute
 from newton_avbd import Effects
+from newton_avbd.rows.joint import JointKinds
 
 HOPPER = 90
 """Compute capability that is compiled for: sm_90, a current data-center GPU."""
@@ -23,13 +24,28 @@ CALLED_FOR = ("contact", "friction", "gyroscopic", "joint_force")
 
 EVERYTHING = Effects(**dict.fromkeys(CALLED_FOR, True))
 
+ALL_KINDS = JointKinds(linear=(0, 1, 2, 3), angular=(0, 1, 2, 3), euler=True, balls=True, rods=True)
+
+JOINTED = dataclasses.replace(EVERYTHING, kinds=ALL_KINDS)
+
 VARIANTS = {
     "everything": EVERYTHING,
     "bare contact": Effects(contact=True, friction=False, gyroscopic=False, joint_force=False),
+    "hinges": Effects(
+        contact=False,
+        friction=False,
+        gyroscopic=False,
+        joint_force=False,
+        kinds=JointKinds(linear=(0,), angular=(1,)),
+    ),
+    "joints": JOINTED,
+    "articulations": dataclasses.replace(JOINTED, drives=True, limits=True, loops=True),
+    "compliant articulations": dataclasses.replace(
+        JOINTED, drives=True, limits=True, loops=True, compliance=True
+    ),
 } | {
-    field.name: dataclasses.replace(EVERYTHING, **{field.name: True})
-    for field in dataclasses.fields(Effects)
-    if field.name not in CALLED_FOR
+    name: dataclasses.replace(EVERYTHING, **{name: True})
+    for name in ("compliance", "ramp", "matching", "moving_surfaces", "contact_materials")
 }
 
 MODULES = [

@@ -16,34 +16,63 @@ from newton_avbd import SolverAVBD
 DT = 1.0 / 240.0
 
 
-@pytest.mark.parametrize(
-    "kind", ["prismatic", "revolute", "ball", "fixed", "distance", "d6", "rod"]
-)
-def test_a_joint_is_refused_by_name_and_type(kind: str) -> None:
-    """Until joints are supported: which one, what it is, and who can simulate it."""
+def jointed() -> newton.ModelBuilder:
+    """A body on a hinge, its joint named."""
     builder = newton.ModelBuilder()
-    parent = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
-    child = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
-    root = builder.add_joint_free(parent=-1, child=parent)
-    joint = getattr(builder, f"add_joint_{kind}")(parent=parent, child=child, label="elbow")
-    builder.add_articulation([root, joint])
-    message = rf"joint 1 '.*elbow' is of type {kind.upper()}.*SolverXPBD"
+    body = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    joint = builder.add_joint_revolute(-1, body, target_ke=1.0, label="elbow")
+    builder.add_articulation([joint])
+    return builder
+
+
+def test_the_ramp_refuses_joints_by_name_and_type() -> None:
+    """The document of the ramped penalty treats free bodies."""
+    model = jointed().finalize(device="cpu")
+    message = r"joint 0 '.*elbow' of type REVOLUTE"
     with pytest.raises(NotImplementedError, match=message):
-        SolverAVBD(builder.finalize(device="cpu"))
+        SolverAVBD(model, formulation="ramp")
 
 
-def test_a_free_joint_below_a_body_is_refused_by_name() -> None:
-    """Its coordinates and forces would be relative to the parent."""
-    builder = newton.ModelBuilder()
-    parent = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
-    child = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
-    joints = [
-        builder.add_joint_free(parent=-1, child=parent),
-        builder.add_joint_free(parent=parent, child=child, label="tether"),
-    ]
-    builder.add_articulation(joints)
-    with pytest.raises(NotImplementedError, match=r"joint 1 '.*tether' hangs on body 0"):
-        SolverAVBD(builder.finalize(device="cpu"))
+@pytest.mark.parametrize(
+    ("array", "value", "problem"),
+    [
+        ("joint_X_p", np.nan, "is not finite"),
+        ("joint_X_c", np.inf, "is not finite"),
+        ("joint_axis", np.nan, "is not finite"),
+        ("joint_limit_lower", np.nan, "is not finite"),
+        ("joint_target_ke", -1.0, "is negative"),
+        ("joint_target_kd", np.nan, "is not finite"),
+    ],
+)
+def test_a_number_of_a_joint_that_makes_no_sense_is_named(
+    array: str, value: float, problem: str
+) -> None:
+    """Which array, which joint and what is wrong with it."""
+    model = jointed().finalize(device="cpu")
+    spoil(array, value)(model)
+    with pytest.raises(ValueError, match=rf"model.{array}\[0\] \('.*elbow'\) {problem}"):
+        SolverAVBD(model)
+
+
+def test_an_axis_of_no_length_is_named() -> None:
+    """A hinge needs a direction."""
+    model = jointed().finalize(device="cpu")
+    model.joint_axis.zero_()
+    with pytest.raises(ValueError, match=r"joint_axis\[0\] \('.*elbow'\) is not a unit vector"):
+        SolverAVBD(model)
+
+
+def test_blocks_are_one_of_two() -> None:
+    """An articulation or a body."""
+    with pytest.raises(ValueError, match="blocks must be 'articulation' or 'body', got 'island'"):
+        SolverAVBD(jointed().finalize(device="cpu"), blocks="island")
+
+
+@pytest.mark.parametrize("tolerance", [-1.0, np.nan, np.inf])
+def test_a_tolerance_is_a_length(tolerance: float) -> None:
+    """Not negative and finite."""
+    with pytest.raises(ValueError, match="tolerance must be a length of at least 0 m"):
+        SolverAVBD(jointed().finalize(device="cpu"), tolerance=tolerance)
 
 
 def spoil(name: str, value: float) -> Callable[[newton.Model], None]:

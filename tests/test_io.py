@@ -152,7 +152,6 @@ def test_example_that_needs_several_steps_to_be_judged_says_so():
 @pytest.mark.parametrize(
     ("name", "reason"),
     [
-        ("newton_cradle", "newton_cradle cannot run with avbd: .*REVOLUTE"),
         ("basic_viewer", "no rigid-body solver"),
         ("cloth_bending", "no rigid bodies"),
     ],

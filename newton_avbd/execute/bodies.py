@@ -14,7 +14,15 @@ from ..blocks.body import (
     renormalised,
     target_translation,
 )
-from ..data import BodyModel, BodyWork, ControlInput, History, RowWork, WorldWork
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    JointModel,
+    RowWork,
+    WorldWork,
+)
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
 
@@ -168,7 +176,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
             dtheta = h * w
             work.spin_gain[body] = wp.quat_rotate(rotation * turn, spin) - w
             work.inertia[body] = world_inertia(rotation, model.inertia[body])
-            if wp.static(effects.contact or effects.loops):
+            if wp.static(effects.contact or effects.loops or effects.reaction):
                 work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
         else:
             dtheta = target_turn(model, body, rotation, velocity, wrench, h)
@@ -256,3 +264,34 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         body_qd_out[body] = wp.spatial_vector(dx / h, spin)
 
     return integrate
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def push_parents(
+    # Model:
+    model: BodyModel,
+    joints: JointModel,
+    control: ControlInput,
+    h: float,
+    # In:
+    pushed: wp.array[wp.int32],
+    # Work out:
+    work: BodyWork,
+):
+    """Reaction on the parents of joints whose generalized force is a wrench on the child.
+
+    ``pushed`` lists these joints; one thread, so that the order of sums is always the same.
+    """
+    for i in range(pushed.shape[0]):
+        joint = pushed[i]
+        child = joints.child[joint]
+        parent = joints.parent[joint]
+        if work.inv_mass[parent] > 0.0 and joints.enabled[joint]:
+            dof = joints.dof_start[joint]
+            f = control.joint_f
+            force = wp.vec3(f[dof], f[dof + 1], f[dof + 2])
+            torque = wp.vec3(f[dof + 3], f[dof + 4], f[dof + 5])
+            torque += wp.cross(work.com[child] - work.com[parent], force)
+            push = model.inv_mass[parent] * force
+            spin = work.inv_inertia[parent] * torque
+            work.target[parent] = work.target[parent] - (h * h) * wp.spatial_vector(push, spin)
