@@ -9,6 +9,7 @@ import newton
 import numpy as np
 
 from .rows.joint import PUSHED_AT_COM, JointKinds
+from .topology import Topology
 
 _FREE = int(newton.JointType.FREE)
 
@@ -29,6 +30,8 @@ class Effects:
     """The kinds of joints that hold something."""
     reaction: bool = False
     """Such a joint below a body that moves, on which its force reacts."""
+    flipped: bool = False
+    """A tree that goes from the child of a joint to its parent: the child is kinematic, or held."""
     loops: bool = False
     """Joints outside of trees: they close a loop, or each body is a block of its own."""
     drives: bool = False
@@ -48,7 +51,7 @@ class Effects:
 
     @classmethod
     def of_model(
-        cls, model: newton.Model, *, compliance: bool, ramp: bool, loops: bool
+        cls, model: newton.Model, topology: Topology, *, compliance: bool, ramp: bool
     ) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
@@ -60,7 +63,8 @@ class Effects:
             gyroscopic=_has_unequal_moments(model),
             joint_force=bool(np.any(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))),
             kinds=JointKinds.of_model(model),
-            loops=loops,
+            loops=topology.loops.size > 0,
+            flipped=topology.has_flips,
             reaction=pushing_joints(model).size > 0,
             drives=_has_drives(model),
             limits=_has_limits(model),

@@ -153,7 +153,7 @@ class SolverAVBD(SolverBase):
         self._blocks = blocks
         self.writes_joint_state = update_joint_state and model.joint_count > 0
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
-        self._groups: np.ndarray | None = None
+        self._topology: Topology | None = None
         self._worlds: data.WorldWork
         self._retired: list[tuple] = []
         self._moving_surfaces = False
@@ -560,21 +560,20 @@ class SolverAVBD(SolverBase):
         groups = _solver_worlds(self.model)
         topology = Topology.of_model(self.model, groups, trees=self._blocks == "articulation")
         self.effects = Effects.of_model(
-            self.model,
-            compliance=self._compliance,
-            ramp=self._ramp,
-            loops=topology.loops.size > 0,
+            self.model, topology, compliance=self._compliance, ramp=self._ramp
         )
         self._effects_apart = self.effects.without_contact()
-        if self._groups is not None and np.array_equal(groups, self._groups):
+        if topology == self._topology:
             return
-        if self._groups is not None:
+        if self._topology is not None:
             self._forget_contacts()
             # graphs that were captured before go on using the old arrays
             self._retired.append((self._worlds, self._history.parity))
             self._retired.append((self._history.filling, self._history.age))
+            self._retired.append((self._tree, self._loops))
+            self._retired.append((self._history.loop_force, self._history.loop_torque))
         self._launch.forget()
-        self._groups = groups
+        self._topology = topology
         self._world_count = int(groups.max(initial=0)) + 1
         starts = np.searchsorted(groups[topology.order], np.arange(self._world_count + 1))
         with wp.ScopedDevice(self.device):
@@ -605,9 +604,7 @@ class SolverAVBD(SolverBase):
         count = self.model.body_count
         slots = count + 1
         parent = np.full(slots, count)
-        linked = topology.joint >= 0
-        joint_parent = self.model.joint_parent.numpy()[topology.joint[linked]]
-        parent[:-1][linked] = np.where(joint_parent < 0, count, joint_parent)
+        parent[:-1] = np.where(topology.parent < 0, count, topology.parent)
         rotation = np.zeros((slots, 4), dtype=np.float32)
         rotation[:, 3] = 1.0
         with wp.ScopedDevice(self.device):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How joints link the bodies of a model: which make trees, and in which order to visit bodies."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import newton
 import numpy as np
@@ -10,7 +10,7 @@ import numpy as np
 from .rows.joint import KINDS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Topology:
     """Blocks of bodies, and the order in which they are solved."""
 
@@ -24,6 +24,19 @@ class Topology:
     """First degree of freedom of each body's joint, counted over the trees; shape (bodies + 1,)."""
     loops: np.ndarray
     """Joints that constrain and are not part of a tree."""
+    parent: np.ndarray
+    """Parent of each body in its tree, -1 for a root."""
+    has_flips: bool
+    """Whether a tree goes from the child of a joint to its parent somewhere."""
+    worlds: np.ndarray
+    """World, as the solver sees it, of each body."""
+
+    def __eq__(self, other: object) -> bool:
+        """Whether everything is equal."""
+        return isinstance(other, Topology) and all(
+            np.array_equal(getattr(self, field.name), getattr(other, field.name))
+            for field in fields(self)
+        )
 
     @property
     def rank(self) -> np.ndarray:
@@ -53,21 +66,37 @@ class Topology:
             return body
 
         parent_of = np.full(count, -1)
+        moves = (model.body_inv_mass.numpy() > 0.0) & (
+            model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
+        )
         kinds = model.joint_type.numpy() if model.joint_count else []
         parents = model.joint_parent.numpy() if model.joint_count else []
         children = model.joint_child.numpy() if model.joint_count else []
+
+        def can_hang(body: int, other: int) -> bool:
+            """Whether a joint to ``other`` can link a body to its parent in a tree."""
+            is_new = other < 0 or find(body) != find(other)
+            return joint[body] < 0 and is_new and bool(moves[body])
+
+        has_flips = False
         for index, kind in enumerate(kinds):
             parent, child = int(parents[index]), int(children[index])
             if kind == newton.JointType.FREE:
                 continue
-            cyclic = parent >= 0 and find(parent) == find(child)
-            if not trees or not KINDS[kind].in_tree or joint[child] >= 0 or cyclic:
+            if not moves[child] and (parent < 0 or not moves[parent]):
+                continue
+            below, above = child, parent
+            is_flipped = parent >= 0 and not can_hang(child, parent)
+            if is_flipped:
+                below, above = parent, child
+            if not trees or not KINDS[kind].in_tree or not can_hang(below, above):
                 loops.append(index)
                 continue
-            joint[child] = index
-            parent_of[child] = parent
-            if parent >= 0:
-                root[find(child)] = find(parent)
+            has_flips |= is_flipped
+            joint[below] = index
+            parent_of[below] = above
+            if above >= 0:
+                root[find(below)] = find(above)
 
         order: list[int] = []
         ends: list[int] = []
@@ -93,6 +122,9 @@ class Topology:
             order=np.array(order, dtype=np.int32),
             block_end=np.array(ends, dtype=np.int32),
             joint=joint.astype(np.int32),
+            parent=parent_of.astype(np.int32),
+            has_flips=has_flips,
+            worlds=worlds,
             axis_start=np.concatenate([[0], np.cumsum(dofs)]).astype(np.int32),
             loops=np.array(loops, dtype=np.int32),
         )

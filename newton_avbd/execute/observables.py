@@ -123,9 +123,14 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[end - 1 - i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 load = tree.load[body]
-                body_parent_f[body] = body_parent_f[body] + load
                 parent = tree.parent[body]
-                tree.load[parent] = tree.load[parent] + handed_down(tree.span[body], load)
+                handed = handed_down(tree.span[body], load)
+                tree.load[parent] = tree.load[parent] + handed
+                child = joints.child[tree.joint[body]]
+                if child == body:
+                    body_parent_f[body] = body_parent_f[body] + load
+                else:
+                    body_parent_f[child] = body_parent_f[child] - handed
         # the sweeps of the next step start from zero
         for i in range(first, end):
             tree.load[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))

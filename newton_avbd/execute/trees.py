@@ -158,6 +158,30 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
     angle = joint_functions.angle
 
     @wp.func
+    def frames_of(joint: int, body: int, joints: JointModel):
+        """1, the anchor frame on the body's parent in the tree, and that on the body.
+
+        -1 where the tree goes from the joint's child to its parent: the joint then moves the body
+        by the opposite of its coordinates.
+        """
+        sign = float(1.0)
+        frame_p = joints.parent_frame[joint]
+        frame_c = joints.child_frame[joint]
+        if wp.static(effects.flipped):
+            if joints.child[joint] != body:
+                sign = -1.0
+                frame_p = joints.child_frame[joint]
+                frame_c = joints.parent_frame[joint]
+        return sign, frame_p, frame_c
+
+    @wp.func
+    def in_joint_order(sign: float, q_p: wp.quat, q_c: wp.quat):
+        """Rotations of the anchors of the joint's parent and child."""
+        if sign < 0.0:
+            return q_c, q_p
+        return q_p, q_c
+
+    @wp.func
     def measure_misfit(
         body: int,
         static_slot: int,
@@ -175,16 +199,17 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         """
         joint = tree.joint[body]
         parent = tree.parent[body]
-        frame_p = joints.parent_frame[joint]
-        frame_c = joints.child_frame[joint]
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
         q_p = anchor_rotation(tree, parent, frame_p)
         q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         apart = start_span(body, parent, frame_p, static_slot, body_q, model, history)
         tree.apart[body] = apart
         linear = linear_misfit(joints, joint, q_p, apart + (arm_c - arm_p))
-        angular = angular_misfit(joints, joint, q_p, q_c)
+        angular = sign * angular_misfit(joints, joint, q_p, q_c)
         misfit = carried_misfit(parent, arm_p, linear, angular, work, tree)
         if work.inv_mass[parent] == 0.0:
             # only what the joint locks
@@ -214,18 +239,19 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         """
         joint = tree.joint[body]
         parent = tree.parent[body]
-        frame_p = joints.parent_frame[joint]
-        frame_c = joints.child_frame[joint]
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
         q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
         linear = linear_count(joints, joint)
         if dof < linear:
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
             offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-            return wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+            return sign * wp.dot(linear_axis(joints, joint, dof, q_p), offset)
         if joints.type[joint] == BALL:
             return 0.0
-        q_c = anchor_rotation(tree, body, frame_c)
         found = angle(joints, joint, dof - linear, q_p, q_c)
         return known + joint_rows.wrapped(found - known)
 
@@ -334,16 +360,17 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
 
         joint = tree.joint[body]
         parent = tree.parent[body]
-        frame_p = joints.parent_frame[joint]
-        frame_c = joints.child_frame[joint]
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
         q_p = anchor_rotation(tree, parent, frame_p)
         q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
         misfit = linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - misfit
-        tilt = angular_misfit(joints, joint, q_p, q_c)
+        tilt = sign * angular_misfit(joints, joint, q_p, q_c)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
         misfit -= wp.spatial_top(kept)
         tilt -= wp.spatial_bottom(kept)
@@ -384,13 +411,13 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                         h,
                     )
                     response[dof] = pull
-                rod_torque = joint_rows.rod_torque(q_p, q_c, response)
+                rod_torque = sign * joint_rows.rod_torque(q_p, q_c, response)
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
-                axis.linear = linear_axis(joints, joint, dof, q_p)
+                axis.linear = sign * linear_axis(joints, joint, dof, q_p)
             else:
-                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c)
+                axis.angular = sign * angular_axis(joints, joint, dof - linear, q_p, q_c)
                 axis.linear = wp.cross(arm_c, axis.angular)
             axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
             axis.torque = h_al * axis.linear + h_aa * axis.angular

@@ -39,6 +39,16 @@ _PARTS = ("model", "state_0", "sim_dt", "frame_dt")
 """Attributes of an example that a simulation is made of."""
 
 
+_CAPTURE_LAUNCH = wp.capture_launch
+
+
+class _Eager:
+    """Stands for a captured graph; as if there were none where an example asks, and launchable."""
+
+    def __bool__(self) -> bool:
+        return False
+
+
 def names() -> list[str]:
     """Names of the installed examples."""
     return sorted(newton.examples.get_examples())
@@ -91,14 +101,16 @@ class ExampleSimulation:
                 self.timer.watch_pipeline(value)
             elif isinstance(value, wp.Graph):
                 # Stepped eagerly, so that solver and collision detection can be timed apart.
-                setattr(self._example, attribute, None)
+                eager = _Eager() if hasattr(self._example, "simulate") else None
+                setattr(self._example, attribute, eager)
 
     @property
     def state(self) -> newton.State:
         return self._example.state_0
 
     def advance(self) -> None:
-        with contextlib.redirect_stdout(sys.stderr):
+        launch = mock.patch.object(wp, "capture_launch", self._launch)
+        with contextlib.redirect_stdout(sys.stderr), launch:
             self._example.step()
             if self._args.test and self._complaint is None:
                 self._complaint = _failure(self._example, "test_post_step")
@@ -111,6 +123,13 @@ class ExampleSimulation:
             return None
         complaint = self._complaint or _failure(self._example, "test_final")
         return "passed" if complaint is None else f"failed: {complaint}"
+
+    def _launch(self, graph: Any, *args: Any, **options: Any) -> None:
+        """What ``wp.capture_launch`` is while the example steps."""
+        if isinstance(graph, _Eager):
+            self._example.simulate()
+        else:
+            _CAPTURE_LAUNCH(graph, *args, **options)
 
     def _set_dt(self, dt: float | None) -> None:
         """Make the example step by ``dt``, as often as fills its frame."""
@@ -143,10 +162,17 @@ def _construct(name: str, request: Request) -> tuple[Any, argparse.Namespace]:
         return viewer(), args
 
     with (
+        # Some examples look at the command line before init does.
+        mock.patch.object(sys, "argv", [name, "--test", *request.arguments]),
         mock.patch.object(newton.examples, "init", init),
         mock.patch.object(newton.examples, "run", lambda *pair: constructed.append(pair)),
     ):
-        runpy.run_module(newton.examples.get_examples()[name], run_name="__main__")
+        try:
+            runpy.run_module(newton.examples.get_examples()[name], run_name="__main__")
+        except SystemExit:
+            # Its own end, or, before it is constructed, that of its parser.
+            if not constructed:
+                raise
     if not constructed:
         raise UserError(f"{name} does not run the way Newton's examples do")
     return constructed[0]

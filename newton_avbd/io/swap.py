@@ -17,8 +17,11 @@ from typing import Any
 from unittest import mock
 
 import newton
+import numpy as np
+import warp as wp
 
 from . import solvers
+from .errors import UserError
 from .simulation import Request
 from .timing import StepTimer
 
@@ -31,6 +34,12 @@ _SWAPPABLE = (
     "SolverXPBD",
 )
 """Newton's solvers of rigid bodies; those of cloth, soft bodies and grains stay."""
+
+_JOINT_SPACE = ("SolverFeatherstone", "SolverMuJoCo")
+"""Solvers that start from ``state.joint_q``, whatever the poses of the bodies."""
+
+_WRITES_JOINTS = (*_JOINT_SPACE, "SolverKamino")
+"""Solvers that write ``state.joint_q`` and ``joint_qd``; their scripts read these after a step."""
 
 _SWEEPING = ("SolverVBD", "SolverXPBD")
 """Solvers whose ``iterations`` mean what they mean to ours: sweeps over bodies or constraints."""
@@ -67,10 +76,18 @@ class StandIn:
             kept = self._understood(wanted, options)
             own = kept.pop("iterations", None)
             iterations = self._request.iterations or own
+            if self._original.__name__ in _WRITES_JOINTS and "update_joint_state" in (
+                inspect.signature(wanted).parameters
+            ):
+                kept["update_joint_state"] = True
+            if self._original.__name__ in _JOINT_SPACE and model.joint_count:
+                newton.eval_fk(model, model.joint_q, model.joint_qd, model)
             solver = solvers.construct(self._request.solver, model, iterations, **kept)
             for name, answer in _ADAPTERS.items():
                 if hasattr(self._original, name) and not hasattr(solver, name):
                     setattr(solver, name, answer)
+            if self._original.__name__ == "SolverKamino":
+                _reset_as_kamino(solver, model)
         self._timer.watch_solver(solver)
         if wanted is not self._original and self._collides(args, options):
             _collide_before_step(solver, model, self._timer)
@@ -121,6 +138,48 @@ def _collide_before_step(solver: Any, model: newton.Model, timer: StepTimer) -> 
         step(state_in, state_out, control, contacts, dt, **options)
 
     solver.step = colliding_step
+
+
+def _reset_as_kamino(solver: Any, model: newton.Model) -> None:
+    """Let ``solver.reset`` take the ``config`` that Kamino's takes, as far as bodies carry it."""
+    reset = solver.reset
+
+    def configured_reset(
+        state: newton.State,
+        world_mask: Any = None,
+        flags: Any = None,
+        *,
+        config: Any = None,
+        **options: Any,
+    ) -> None:
+        if config is None:
+            return reset(state, world_mask, flags, **options)
+        how = {
+            part: type(getattr(config, part)).__name__
+            for part in ("body_poses", "body_velocities", "base_pose", "base_velocity")
+        }
+        kept = {how["body_poses"], how["body_velocities"]}
+        based = how["base_pose"] == "FromBaseQ"
+        if len(kept) > 1 or not kept <= {"ToDefault", "Preserve"} or "FromBaseU" in how.values():
+            raise UserError(f"only Kamino can reset like this: {how}")
+        reset(state, world_mask, 0 if "Preserve" in kept else flags)
+        if based:
+            _place(state, model, config.base_pose.base_q.numpy(), world_mask)
+
+    solver.reset = configured_reset
+
+
+def _place(state: newton.State, model: newton.Model, base_q: np.ndarray, world_mask: Any) -> None:
+    """Carry the bodies of each world along with its first, which goes to ``base_q``."""
+    poses, start = state.body_q.numpy(), model.body_world_start.numpy()
+    mask = np.ones(model.world_count, bool) if world_mask is None else world_mask.numpy()
+    for world in np.flatnonzero(mask[: model.world_count]):
+        move = wp.transform(*base_q[world]) * wp.transform_inverse(
+            wp.transform(*poses[start[world]])
+        )
+        for body in range(start[world], start[world + 1]):
+            poses[body] = move * wp.transform(*poses[body])
+    state.body_q.assign(poses)
 
 
 @contextmanager
