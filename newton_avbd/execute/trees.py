@@ -30,6 +30,8 @@ from .bodies import has_rows
 ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
 
+HOLD = wp.constant(1.0e-20)
+"""Force of a limit that has not been measured yet [N or N m]: it only says which one holds."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 
@@ -271,6 +273,15 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         them is beyond its limits by more than rounding.
         """
         joint = tree.joint[body]
+        parent = tree.parent[body]
+        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
+        q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+        carried = algebra.carried(arm_p, tree.update[parent])
         is_beyond = bool(False)
         for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
@@ -278,6 +289,16 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                 body, dof, history.joint_angle[index], static_slot, model, joints, work, tree
             )
             history.joint_angle[index] = q
+            if is_carried:
+                # a kinematic parent has been put ahead of where the step starts
+                axis = wp.vec3(0.0)
+                motion = wp.spatial_top(carried)
+                if dof < linear_count(joints, joint):
+                    axis = linear_axis(joints, joint, dof, q_p)
+                else:
+                    axis = angular_axis(joints, joint, dof - linear_count(joints, joint), q_p, q_c)
+                    motion = wp.spatial_bottom(carried)
+                q += sign * wp.dot(axis, motion)
             tree.start_coordinate[tree.axis_start[body] + dof] = q
             rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(q)
             if dof >= linear_count(joints, joint):
@@ -530,7 +551,8 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                             history.limit_force[index] = 0.0
                             settled = False
                     elif at + q < lower or at + q > upper:
-                        # not beyond the limit, even before the others know of it
+                        # not beyond the limit, which holds it from the next sweep on
+                        history.limit_force[index] = wp.where(at + q < lower, HOLD, -HOLD)
                         q = wp.clamp(at + q, lower, upper) - at
                         settled = False
                 if wp.static(effects.coordinates):
