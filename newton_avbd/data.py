@@ -283,6 +283,8 @@ class TreeWork:
     """From the COM of the parent to that of the body at the start of the step [m]."""
     misfit: wp.array[wp.spatial_vector]
     """How far the joint is open at the start of the step, as (shift [m], turn [rad])."""
+    is_left: wp.array[wp.bool]
+    """Whether the body is where the last step left it."""
     rounding: wp.array[float]
     """Shift of the body that rounding explains [m]."""
     span: wp.array[wp.vec3]
@@ -334,6 +336,8 @@ class LoopWork:
     """Penalty of turns [N m/rad]."""
     start_coordinate: wp.array[float]
     """Coordinate at the start of the step, by degree of freedom of the model [m or rad]."""
+    coordinate: wp.array[float]
+    """Coordinate at the last dual update [m or rad]."""
 
 
 @wp.struct

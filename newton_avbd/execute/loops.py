@@ -202,6 +202,14 @@ def make_loops(effects: Effects) -> LoopFunctions:
             return False
         loops.k_l[i] = PENALTY / (inv_mass * h * h)
         loops.k_a[i] = PENALTY / (inv_inertia * h * h)
+        # one end kinematic, the other where the last step left it
+        is_carried = parent != static_slot
+        if work.inv_mass[parent] == 0.0:
+            is_carried = is_carried and tree.is_left[child]
+        elif work.inv_mass[child] == 0.0:
+            is_carried = is_carried and tree.is_left[parent]
+        else:
+            is_carried = False
         is_open = bool(False)
         linear = linear_count(joints, joint)
         if joints.type[joint] == DISTANCE:
@@ -219,6 +227,9 @@ def make_loops(effects: Effects) -> LoopFunctions:
                     joints, joint, dof, q_p, q_c, offset, history.joint_angle[index]
                 )
                 history.joint_angle[index] = q
+                if is_carried:
+                    # a kinematic body has been put elsewhere since: what damps feels its motion
+                    q = loops.coordinate[index]
                 loops.start_coordinate[index] = q
         reach = wp.length(arm_c) + wp.length(arm_p)
         allowed = ROUNDING * (wp.length(work.com[child]) + reach)
@@ -324,6 +335,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 history.limit_force[first] = pull
             return force + pull * wp.normalize(offset), torque, arm_c, arm_p
         linear = linear_count(joints, joint)
+        response = wp.vec3(0.0)
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
             q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
@@ -332,11 +344,17 @@ def make_loops(effects: Effects) -> LoopFunctions:
             )
             if has_dual and recovery == 0.0:
                 history.limit_force[index] = limit_force
+                loops.coordinate[index] = q
             axis = axis_of(joints, joint, dof, q_p, q_c)
             if dof < linear:
                 force += push * axis
+            elif joints.type[joint] == ROD:
+                response[dof - linear] = push
             else:
                 torque += push * axis
+        if wp.static(effects.rods):
+            if joints.type[joint] == ROD:
+                torque += joint_rows.rod_torque(q_p, q_c, response)
         return force, torque, arm_c, arm_p
 
     @wp.func
@@ -375,6 +393,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 linear_k += loops.k_l[i] * wp.outer(along, along)
         elif loops.k_l[i] > 0.0:
             linear = linear_count(joints, joint)
+            stiff = wp.vec3(0.0)
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
                 q = loop_coordinate(
@@ -386,8 +405,16 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 axis = axis_of(joints, joint, dof, q_p, q_c)
                 if dof < linear:
                     linear_k += stiffness * wp.outer(axis, axis)
+                elif joints.type[joint] == ROD:
+                    stiff[dof - linear] = stiffness
                 else:
                     angular_k += stiffness * wp.outer(axis, axis)
+            if wp.static(effects.rods):
+                if joints.type[joint] == ROD:
+                    bound = joint_rows.rod_stiffness(q_p, q_c, stiff)
+                    for dof in range(3):
+                        axis = axis_of(joints, joint, linear + dof, q_p, q_c)
+                        angular_k += bound[dof] * wp.outer(axis, axis)
         if doubled:
             linear_k *= 2.0
             angular_k *= 2.0

@@ -274,14 +274,7 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         """
         joint = tree.joint[body]
         parent = tree.parent[body]
-        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
-        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-        carried = algebra.carried(arm_p, tree.update[parent])
+        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
         is_beyond = bool(False)
         for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
@@ -289,22 +282,15 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                 body, dof, history.joint_angle[index], static_slot, model, joints, work, tree
             )
             history.joint_angle[index] = q
-            if is_carried:
-                # a kinematic parent has been put ahead of where the step starts
-                axis = wp.vec3(0.0)
-                motion = wp.spatial_top(carried)
-                if dof < linear_count(joints, joint):
-                    axis = linear_axis(joints, joint, dof, q_p)
-                else:
-                    axis = angular_axis(joints, joint, dof - linear_count(joints, joint), q_p, q_c)
-                    motion = wp.spatial_bottom(carried)
-                q += sign * wp.dot(axis, motion)
-            tree.start_coordinate[tree.axis_start[body] + dof] = q
             rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(q)
             if dof >= linear_count(joints, joint):
                 rounding = 2.0 * ROUNDING * (2.0 + wp.abs(q))
             if q < joints.limit_lower[index] - rounding or q > joints.limit_upper[index] + rounding:
                 is_beyond = True
+            if is_carried:
+                # a kinematic parent has been put elsewhere since: what damps feels its motion
+                q = tree.coordinate[tree.axis_start[body] + dof]
+            tree.start_coordinate[tree.axis_start[body] + dof] = q
         return is_beyond
 
     @wp.func
@@ -418,13 +404,15 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                     target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c)
                 )
         rod_torque = wp.vec3(0.0)
+        rod_stiffness = wp.vec3(0.0)
         if wp.static(effects.rods):
             if joints.type[joint] == ROD:
                 response = wp.vec3(0.0)
+                stiff = wp.vec3(0.0)
                 for dof in range(3):
                     k = tree.axis_start[body] + 3 + dof
                     q = tree.coordinate[k]
-                    pull, _ = axis_rows.rod_response(
+                    pull, stiffness = axis_rows.rod_response(
                         joints,
                         joints.dof_start[joint] + 3 + dof,
                         q,
@@ -432,7 +420,9 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                         h,
                     )
                     response[dof] = pull
+                    stiff[dof] = stiffness
                 rod_torque = sign * joint_rows.rod_torque(q_p, q_c, response)
+                rod_stiffness = joint_rows.rod_stiffness(q_p, q_c, stiff)
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
@@ -480,9 +470,10 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                         pull, stiffness = axis_rows.rod_response(joints, index, q, q - start, h)
                         if dof < linear:
                             axis.push += pull
+                            pivot += stiffness
                         else:
                             axis.push += wp.dot(axis.angular, rod_torque)
-                        pivot += stiffness
+                            pivot += rod_stiffness[dof - linear]
                 if wp.static(effects.limits and effects.compliance):
                     pull, stiffness = axis_rows.soft_limit(joints, index, q, q - start, h)
                     axis.push += pull

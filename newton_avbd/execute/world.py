@@ -601,7 +601,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
             # a pose that the user has changed has lost nothing
             moved = wp.transform_get_translation(body_q[body]) - history.placed[body]
-            if wp.length_sq(moved) > 0.0:
+            tree.is_left[body] = wp.length_sq(moved) == 0.0
+            if not tree.is_left[body]:
                 history.lost[body] = wp.vec3(0.0)
             # the guess is put aside: joints are measured at the start first
             tree.update[body] = work.increment[body]

@@ -91,6 +91,22 @@ def wrapped(angle: float) -> float:
 
 
 @wp.func
+def rod_stiffness(q_p: wp.quat, q_c: wp.quat, stiffness: wp.vec3) -> wp.vec3:
+    """Bound of J^T K J about each axis of the parent frame [N m/rad], J as in :func:`rod_torque`.
+
+    The twist of a bent rod couples the axes: each gets the sum of its row (Gershgorin).
+    """
+    start = tangent(q_p)
+    end = tangent(q_c)
+    along = wp.max(1.0 + wp.dot(start, end), 1.0e-3)
+    growth = 1.0 + wp.length_sq(wp.cross(start, end)) / (along * along)
+    mean = wp.quat_rotate_inv(q_p, start + end) / along
+    row = wp.vec3(wp.abs(mean[0]), wp.abs(mean[1]), wp.abs(mean[2]))
+    bend = growth * growth * wp.vec3(stiffness[0], stiffness[1], 0.0)
+    return bend + (stiffness[2] * (row[0] + row[1] + row[2])) * row
+
+
+@wp.func
 def turn_about(axis: wp.vec3, start: wp.vec3, end: wp.vec3) -> float:
     """Angle about a unit axis [rad] that turns one vector square to it into another."""
     return wp.atan2(wp.dot(axis, wp.cross(start, end)), wp.dot(start, end))
