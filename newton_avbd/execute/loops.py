@@ -121,40 +121,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
-    linear_axis = joint_functions.linear_axis
+    axis_of = joint_functions.axis_of
+    coordinate = joint_functions.coordinate
     linear_misfit = joint_functions.linear_misfit
     linear_lock = joint_functions.linear_lock
-    angular_axis = joint_functions.angular_axis
     angular_misfit = joint_functions.angular_misfit
     angular_lock = joint_functions.angular_lock
-    angle = joint_functions.angle
-
-    @wp.func
-    def axis_of(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
-        """World axis of a degree of freedom, linear or angular."""
-        linear = linear_count(joints, joint)
-        if dof < linear:
-            return linear_axis(joints, joint, dof, q_p)
-        return angular_axis(joints, joint, dof - linear, q_p, q_c)
-
-    @wp.func
-    def loop_coordinate(
-        joints: JointModel,
-        joint: int,
-        dof: int,
-        q_p: wp.quat,
-        q_c: wp.quat,
-        offset: wp.vec3,
-        known: float,
-    ) -> float:
-        """Coordinate of a degree of freedom; of an angle the one nearest to the ``known`` one."""
-        linear = linear_count(joints, joint)
-        if dof < linear:
-            return wp.dot(linear_axis(joints, joint, dof, q_p), offset)
-        if joints.type[joint] == BALL:
-            return 0.0
-        found = angle(joints, joint, dof - linear, q_p, q_c)
-        return known + joint_rows.wrapped(found - known)
 
     @wp.func
     def begin_loop(
@@ -223,9 +195,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         else:
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
-                q = loop_coordinate(
-                    joints, joint, dof, q_p, q_c, offset, history.joint_angle[index]
-                )
+                q = coordinate(joints, joint, dof, q_p, q_c, offset, history.joint_angle[index])
                 history.joint_angle[index] = q
                 if is_carried:
                     # a kinematic body has been put elsewhere since: what damps feels its motion
@@ -324,10 +294,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         turn_away = wp.vec3(0.0)
         if wp.static(effects.drives):
             if joints.type[joint] == BALL:
-                target = joint_rows.ball_target(control, joints.coord_start[joint])
-                turn_away = joint_rows.rotation_vector(
-                    target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c)
-                )
+                turn_away = joint_rows.ball_away(joints, control, joint, q_p, q_c)
         if joints.type[joint] == DISTANCE:
             first = joints.dof_start[joint]
             pull = distance_force(i, wp.length(offset), recovery, joints, loops, history)
@@ -338,7 +305,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         response = wp.vec3(0.0)
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
-            q = loop_coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
+            q = coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
             push, _, limit_force = axis_force(
                 i, dof, q, turn_away, h, joints, control, loops, history
             )
@@ -396,9 +363,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
             stiff = wp.vec3(0.0)
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
-                q = loop_coordinate(
-                    joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index]
-                )
+                q = coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
                 _, stiffness, _ = axis_force(
                     i, dof, q, wp.vec3(0.0), h, joints, control, loops, history
                 )

@@ -153,11 +153,11 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     linear_axis = joint_functions.linear_axis
+    coordinate = joint_functions.coordinate
     linear_misfit = joint_functions.linear_misfit
     angular_axis = joint_functions.angular_axis
     angular_misfit = joint_functions.angular_misfit
     angular_lock = joint_functions.angular_lock
-    angle = joint_functions.angle
 
     @wp.func
     def frames_of(joint: int, body: int, joints: JointModel):
@@ -246,16 +246,12 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         q_c = anchor_rotation(tree, body, frame_c)
         if wp.static(effects.flipped):
             q_p, q_c = in_joint_order(sign, q_p, q_c)
-        linear = linear_count(joints, joint)
-        if dof < linear:
+        offset = wp.vec3(0.0)
+        if dof < linear_count(joints, joint):
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-            offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-            return sign * wp.dot(linear_axis(joints, joint, dof, q_p), offset)
-        if joints.type[joint] == BALL:
-            return 0.0
-        found = angle(joints, joint, dof - linear, q_p, q_c)
-        return known + joint_rows.wrapped(found - known)
+            offset = sign * anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
+        return coordinate(joints, joint, dof, q_p, q_c, offset, known)
 
     @wp.func
     def measure_start(
@@ -399,10 +395,7 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         turn_away = wp.vec3(0.0)
         if wp.static(effects.drives):
             if joints.type[joint] == BALL:
-                target = joint_rows.ball_target(control, joints.coord_start[joint])
-                turn_away = joint_rows.rotation_vector(
-                    target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c)
-                )
+                turn_away = joint_rows.ball_away(joints, control, joint, q_p, q_c)
         rod_torque = wp.vec3(0.0)
         rod_stiffness = wp.vec3(0.0)
         if wp.static(effects.rods):

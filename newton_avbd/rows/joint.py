@@ -149,10 +149,14 @@ def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def ball_target(control: ControlInput, start: int) -> wp.quat:
-    """Target rotation of a ball joint's drive, child anchor against parent anchor."""
+def ball_away(
+    joints: JointModel, control: ControlInput, joint: int, q_p: wp.quat, q_c: wp.quat
+) -> wp.vec3:
+    """Turn that leads a ball joint to its drive's target [rad], parent anchor frame."""
+    start = joints.coord_start[joint]
     q = control.target_q
-    return wp.quat(q[start], q[start + 1], q[start + 2], q[start + 3])
+    target = wp.quat(q[start], q[start + 1], q[start + 2], q[start + 3])
+    return rotation_vector(target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c))
 
 
 @dataclass(frozen=True)
@@ -197,13 +201,11 @@ class JointFunctions:
     linear_axis: wp.Function
     linear_misfit: wp.Function
     linear_lock: wp.Function
-    euler_axes: wp.Function
-    euler_middle: wp.Function
     angular_misfit: wp.Function
     angular_lock: wp.Function
     angular_axis: wp.Function
-    rod_turn: wp.Function
-    angle: wp.Function
+    axis_of: wp.Function
+    coordinate: wp.Function
 
 
 @functools.cache
@@ -384,17 +386,46 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         half = wp.atan2(wp.dot(wp.vec3(q[0], q[1], q[2]), axis), q[3])
         return wrapped(2.0 * half)
 
+    @wp.func
+    def axis_of(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+        """World axis of a degree of freedom, linear or angular."""
+        linear = linear_count(joints, joint)
+        if dof < linear:
+            return linear_axis(joints, joint, dof, q_p)
+        return angular_axis(joints, joint, dof - linear, q_p, q_c)
+
+    @wp.func
+    def coordinate(
+        joints: JointModel,
+        joint: int,
+        dof: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        offset: wp.vec3,
+        known: float,
+    ) -> float:
+        """Coordinate of a degree of freedom [m or rad]; zero for a ball.
+
+        ``offset`` leads from the parent anchor to the child anchor. An angle is the one nearest to
+        the ``known`` one, so that turns are counted.
+        """
+        linear = linear_count(joints, joint)
+        if dof < linear:
+            return wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+        if joints.type[joint] == BALL:
+            return 0.0
+        found = angle(joints, joint, dof - linear, q_p, q_c)
+        return known + wrapped(found - known)
+
     return JointFunctions(
         linear_count,
         angular_count,
         linear_axis,
         linear_misfit,
         linear_lock,
-        euler_axes,
-        euler_middle,
         angular_misfit,
         angular_lock,
         angular_axis,
-        rod_turn,
-        angle,
+        axis_of,
+        coordinate,
     )
