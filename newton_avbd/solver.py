@@ -277,6 +277,7 @@ class SolverAVBD(SolverBase):
                 control,
                 dt,
                 self._history,
+                self._tree,
                 self._work,
             ],
         )

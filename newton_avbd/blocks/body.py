@@ -66,6 +66,15 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
 
 
 @wp.func
+def start_momentum(
+    inertia: wp.mat33, rotation: wp.quat, omega: wp.vec3, torque: wp.vec3, h: float
+) -> wp.vec3:
+    """Angular momentum [N m s] at the start of the step with what the torque adds, body axes."""
+    spin = inertia * wp.quat_rotate_inv(rotation, omega)
+    return spin + h * wp.quat_rotate_inv(rotation, torque)
+
+
+@wp.func
 def free_turn(
     inertia: wp.mat33,
     inv_inertia: wp.mat33,
@@ -89,9 +98,7 @@ def free_turn(
         torque: External torque, world frame [N m].
         h: Time step [s].
     """
-    momentum = inertia * wp.quat_rotate_inv(rotation, omega) + h * wp.quat_rotate_inv(
-        rotation, torque
-    )
+    momentum = start_momentum(inertia, rotation, omega, torque, h)
     w = target_spin(inertia, inv_inertia, momentum, h)
     turn = exp_quat(h * w)
     return w, turn, inv_inertia * wp.quat_rotate_inv(turn, momentum)
@@ -104,10 +111,13 @@ def renormalised(q: wp.quat) -> wp.quat:
     wp.normalize rounds to a mean length above 1, which feeds the angular momentum at each step; a
     correction found in float64 does not.
     """
-    length_sq = wp.float64(0.0)
+    excess = wp.float64(-1.0)
     for i in range(4):
-        length_sq += wp.float64(q[i]) * wp.float64(q[i])
-    return q + q * float(wp.float64(1.0) / wp.sqrt(length_sq) - wp.float64(1.0))
+        excess += wp.float64(q[i]) * wp.float64(q[i])
+    correction = float(wp.float64(-0.5) * excess)
+    if wp.abs(correction) > 1.0e-4:
+        correction = float(wp.float64(1.0) / wp.sqrt(wp.float64(1.0) + excess) - wp.float64(1.0))
+    return q + q * correction
 
 
 @wp.func

@@ -12,6 +12,8 @@ from ..blocks.body import (
     is_mobile,
     origin_shift,
     renormalised,
+    start_momentum,
+    target_spin,
     target_translation,
 )
 from ..data import (
@@ -21,6 +23,7 @@ from ..data import (
     History,
     JointModel,
     RowWork,
+    TreeWork,
     WorldWork,
 )
 from ..effects import Effects
@@ -70,6 +73,27 @@ def free_turn_of(
         wp.spatial_bottom(wrench),
         h,
     )
+
+
+@wp.func
+def mean_spin(
+    model: BodyModel,
+    body: int,
+    rotation: wp.quat,
+    velocity: wp.spatial_vector,
+    wrench: wp.spatial_vector,
+    h: float,
+) -> wp.vec3:
+    """Angular velocity over the step, with the gyroscopic torque, world frame [rad/s]."""
+    momentum = start_momentum(
+        model.inertia[body],
+        rotation,
+        wp.spatial_bottom(velocity),
+        wp.spatial_bottom(wrench),
+        h,
+    )
+    w = target_spin(model.inertia[body], model.inv_inertia[body], momentum, h)
+    return wp.quat_rotate(rotation, w)
 
 
 @wp.func
@@ -149,6 +173,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
         control: ControlInput,
         h: float,
         history: History,
+        tree: TreeWork,
         # Work out:
         work: BodyWork,
     ):
@@ -171,10 +196,17 @@ def make_predict(effects: Effects) -> wp.Kernel:
         dtheta = wp.vec3(0.0)
         work.inv_mass[body] = model.inv_mass[body]
         if wp.static(effects.gyroscopic):
-            w, turn, spin = free_turn_of(model, body, rotation, velocity, wrench, h)
-            w = wp.quat_rotate(rotation, w)
-            dtheta = h * w
-            work.spin_gain[body] = wp.quat_rotate(rotation * turn, spin) - w
+            is_linked = bool(False)
+            if wp.static(effects.joints):
+                is_linked = tree.joint[body] >= 0
+            if is_linked:
+                # its joint decides what spin is left; the target's mean spin is all that counts
+                dtheta = h * mean_spin(model, body, rotation, velocity, wrench, h)
+            else:
+                w, turn, spin = free_turn_of(model, body, rotation, velocity, wrench, h)
+                w = wp.quat_rotate(rotation, w)
+                dtheta = h * w
+                work.spin_gain[body] = wp.quat_rotate(rotation * turn, spin) - w
             work.inertia[body] = world_inertia(rotation, model.inertia[body])
             if wp.static(effects.contact or effects.loops or effects.reaction):
                 work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
@@ -204,11 +236,12 @@ def make_predict(effects: Effects) -> wp.Kernel:
         control: ControlInput,
         h: float,
         history: History,
+        tree: TreeWork,
         # Work out:
         work: BodyWork,
     ):
         mode = flush_denormals()
-        predict_body(wp.tid(), model, body_q, body_qd, body_f, control, h, history, work)
+        predict_body(wp.tid(), model, body_q, body_qd, body_f, control, h, history, tree, work)
         restore_denormals(mode)
 
     return predict
