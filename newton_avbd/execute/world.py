@@ -27,7 +27,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
-from .bodies import has_rows, pose_sum, report_held
+from .bodies import has_rows, pose_sum, report_held, vector_sum
 from .contacts import make_build_rows
 from .denormals import flush_denormals, restore_denormals
 from .islands import begin_island, join_islands, keep_momentum
@@ -88,7 +88,7 @@ def is_world_finite(world: int, worlds: WorldWork, work: BodyWork) -> bool:
 def is_solution_finite(world: int, worlds: WorldWork, work: BodyWork) -> bool:
     """Whether the sweeps ended in finite increments."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        if not wp.isfinite(work.increment[worlds.bodies[i]]):
+        if not wp.isfinite(vector_sum(work.increment[worlds.bodies[i]])):
             return False
     return True
 
@@ -145,7 +145,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                gravity = wp.length(model.gravity[model.world[body]])
+                gravity = wp.length_sq(model.gravity[model.world[body]])
                 scale.gravity = wp.max(scale.gravity, gravity)
             if wp.static(effects.contact):
                 target = work.target[body]
@@ -157,6 +157,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
                     radius = 2.0 * wp.sqrt(wp.trace(work.inertia[body]) / mass)
                     move += radius * wp.length(wp.spatial_bottom(target))
                 farthest = wp.max(farthest, move)
+        scale.gravity = wp.sqrt(scale.gravity)
         # an impact can at most double the speed of the faster body
         scale.reach = 2.0 * farthest
         scale.slop = SLOP_SHARE * scale.gravity * h * h
