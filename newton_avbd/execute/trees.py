@@ -581,7 +581,7 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         """Moves the bodies of a tree to the minimum of their quadratic model.
 
         Returns the square of how far the next iteration would move one of them [m^2]: zero where
-        the rounding of the poses hides it. XX
+        the rounding of the poses hides it.
         """
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]
