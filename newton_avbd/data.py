@@ -110,6 +110,8 @@ class JointModel:
     limit_kd: wp.array[float]
     rest_q: wp.array[float]
     """Joint coordinates at rest, of rods."""
+    mimic_coefficients: wp.array[wp.vec2]
+    """Offset and multiplier by which a mimic joint follows its leader."""
 
 
 @wp.struct
@@ -261,6 +263,65 @@ class TreeAxis:
 
 
 @wp.struct
+class Closure:
+    """A joint that closes a loop within a block, or one that mimics another."""
+
+    loop: int
+    """Index in ``LoopWork.joints``; -1 for a mimic."""
+    joint: int
+    body: int
+    """Mimics: the body that the joint links to its parent."""
+    leader_body: int
+    """Mimics: the body that the leader links to its parent."""
+    row: int
+    """First of its rows."""
+    rows: int
+
+
+@wp.struct
+class ClosureBlock:
+    """The closures of one block, and where their arrays lie."""
+
+    first: int
+    """First of the closures."""
+    end: int
+    row: int
+    """First of the rows."""
+    rows: int
+    entry: int
+    """First of the entries in ``TreeWork.axes``, six for each body."""
+    entries: int
+    met: int
+    """First entry in ``met``, a matrix of rows by entries."""
+    gram: int
+    """First entry in ``gram``, a square matrix of rows."""
+
+
+@wp.struct
+class ClosureWork:
+    """Equations that are solved with a tree; see :mod:`.execute.closures`."""
+
+    block_of: wp.array[wp.int32]
+    """By position of a block's first body in visiting order: its ``ClosureBlock``, -1 without."""
+    blocks: wp.array[ClosureBlock]
+    closures: wp.array[Closure]
+    misfit: wp.array[float]
+    """By row: how far a mimic is off at the start of the step [m or rad]."""
+    direction: wp.array[wp.vec3]
+    """By row: what a joint locks, a unit vector in world frame."""
+    free: wp.array[float]
+    """By row: what a unit of multiplier would move its bodies were they free [m/N or rad/(N m)]."""
+    multiplier: wp.array[float]
+    """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
+    met: wp.array[float]
+    """What a row meets of an entry of ``TreeWork.axes``."""
+    inverse: wp.array[float]
+    """By entry of ``TreeWork.axes``: 1 over its pivot."""
+    gram: wp.array[float]
+    """Lower triangle of the rows' Cholesky factor, with the inverses of its diagonal."""
+
+
+@wp.struct
 class TreeWork:
     """Per body slot: the tree that joints make of the bodies of an articulation.
 
@@ -307,6 +368,7 @@ class TreeWork:
     """Children's share of the reduced wrench; zero between sweeps."""
     load: wp.array[wp.spatial_vector]
     """Children's share of the wrench that holds the tree; zero between sweeps."""
+    closures: ClosureWork
 
 
 @wp.struct
@@ -316,6 +378,10 @@ class LoopWork:
     world_start: wp.array[wp.int32]
     joints: wp.array[wp.int32]
     """The joints, world by world."""
+    is_exact: wp.array[wp.bool]
+    """Whether what the joint locks is solved with the tree, and has no penalty."""
+    is_soft: wp.array[wp.bool]
+    """Whether the joint has rows that converge by a factor, sweep by sweep."""
     body_start: wp.array[wp.int32]
     items: wp.array[wp.int32]
     """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""

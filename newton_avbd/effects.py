@@ -34,6 +34,10 @@ class Effects:
     """A tree that goes from the child of a joint to its parent: the child is kinematic, or held."""
     loops: bool = False
     """Joints outside of trees: they close a loop, or each body is a block of its own."""
+    closures: bool = False
+    """Joints that close loops within a tree and are solved with it, or mimics."""
+    mimics: bool = False
+    """A joint that mimics another."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""
     limits: bool = False
@@ -64,6 +68,8 @@ class Effects:
             joint_force=bool(np.any(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))),
             kinds=JointKinds.of_model(model),
             loops=topology.loops.size > 0,
+            closures=bool(topology.closures),
+            mimics=any(closure.leader >= 0 for closure in topology.closures),
             flipped=topology.has_flips,
             reaction=pushing_joints(model).size > 0,
             drives=_has_drives(model),
@@ -85,7 +91,7 @@ class Effects:
     @property
     def coordinates(self) -> bool:
         """Whether something acts along joint axes that depends on their coordinates."""
-        return self.drives or self.limits or self.rods
+        return self.drives or self.limits or self.rods or self.mimics
 
     def without_contact(self) -> "Effects":
         """The effects of a step in which nothing touches."""

@@ -546,6 +546,7 @@ class SolverAVBD(SolverBase):
             self._joints.limit_ke = model.joint_limit_ke
             self._joints.limit_kd = model.joint_limit_kd
             self._joints.rest_q = model.joint_rest_q
+            self._joints.mimic_coefficients = model.joint_mimic_coeffs
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu
@@ -596,6 +597,7 @@ class SolverAVBD(SolverBase):
 
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
+        self._allocate_closures(topology)
 
     def _allocate_trees(self, topology: Topology) -> None:
         """Buffers for the trees of joints, by body slot."""
@@ -651,6 +653,9 @@ class SolverAVBD(SolverBase):
         with wp.ScopedDevice(self.device):
             self._loops.world_start = wp.array(world_start, dtype=wp.int32)
             self._loops.joints = wp.array(joints, dtype=wp.int32)
+            exact = np.isin(joints, [closure.joint for closure in topology.closures])
+            self._loops.is_exact = wp.array(exact, dtype=wp.bool)
+            self._loops.is_soft = wp.zeros(joints.size, dtype=wp.bool)
             self._loops.body_start = wp.array(np.cumsum([0, *map(len, sides)]), dtype=wp.int32)
             self._loops.items = wp.array(
                 np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
@@ -667,6 +672,52 @@ class SolverAVBD(SolverBase):
             self._loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.loop_force = wp.zeros(joints.size, dtype=wp.vec3)
             self._history.loop_torque = wp.zeros(joints.size, dtype=wp.vec3)
+
+    def _allocate_closures(self, topology: Topology) -> None:
+        """Buffers for the equations that are solved with trees, block by block."""
+        if not self.effects.closures:
+            return
+        work = self._tree.closures
+        joints = list(self._loops.joints.numpy()) if self.effects.loops else []
+        body_of = {int(joint): body for body, joint in enumerate(topology.joint)}
+        rank, first_of = topology.rank, np.full(topology.order.size, -1)
+        blocks: list[data.ClosureBlock] = []
+        closures: list[data.Closure] = []
+        rows = met = gram = 0
+        for item in topology.closures:
+            end = int(topology.block_end[rank[item.body]])
+            first = int(np.searchsorted(topology.block_end, end))
+            if first_of[first] < 0:
+                first_of[first] = len(blocks)
+                block = data.ClosureBlock()
+                block.first, block.row = len(closures), rows
+                block.entry = int(topology.axis_start[topology.order[first]])
+                block.entries = 6 * (end - first)
+                blocks.append(block)
+            closure = data.Closure()
+            closure.loop = joints.index(item.joint) if item.leader < 0 else -1
+            closure.joint, closure.row, closure.rows = item.joint, rows, item.rows
+            if item.leader >= 0:
+                closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]
+            closures.append(closure)
+            rows += item.rows
+            blocks[-1].end, blocks[-1].rows = len(closures), rows - blocks[-1].row
+        for block in blocks:
+            block.met, block.gram = met, gram
+            met += block.rows * block.entries
+            gram += block.rows * block.rows
+        entries = int(topology.axis_start[-1])
+        with wp.ScopedDevice(self.device):
+            work.block_of = wp.array(first_of, dtype=wp.int32)
+            work.blocks = wp.array(blocks, dtype=data.ClosureBlock)
+            work.closures = wp.array(closures, dtype=data.Closure)
+            work.misfit = wp.zeros(rows, dtype=float)
+            work.direction = wp.zeros(rows, dtype=wp.vec3)
+            work.free = wp.zeros(rows, dtype=float)
+            work.multiplier = wp.zeros(rows, dtype=float)
+            work.met = wp.zeros(met, dtype=float)
+            work.inverse = wp.zeros(entries, dtype=float)
+            work.gram = wp.zeros(gram, dtype=float)
 
     def _allocate_contacts(self, capacity: int) -> None:
         """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""

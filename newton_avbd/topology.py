@@ -10,6 +10,24 @@ import numpy as np
 from .rows.joint import KINDS
 
 
+CLOSURE_ROWS = 64
+"""Most equations that are solved with a tree; beyond, its loops are closed sweep by sweep."""
+
+
+@dataclass(frozen=True)
+class ClosureOf:
+    """A joint whose rows are solved with the tree that they are within."""
+
+    joint: int
+    """The joint that closes a loop, or that mimics."""
+    leader: int
+    """The joint that it mimics, -1 for one that closes a loop."""
+    rows: int
+    """Directions that it locks, or coordinates that it ties."""
+    body: int
+    """A body of the block."""
+
+
 @dataclass(frozen=True, eq=False)
 class Topology:
     """Blocks of bodies, and the order in which they are solved."""
@@ -21,9 +39,12 @@ class Topology:
     joint: np.ndarray
     """Joint that links each body to its parent in a tree, -1 without one."""
     axis_start: np.ndarray
-    """First degree of freedom of each body's joint, counted over the trees; shape (bodies + 1,)."""
+    """First axis of each body's joint, counted in visiting order; shape (bodies + 1,), with the
+    number of axes at the end."""
     loops: np.ndarray
     """Joints that constrain and are not part of a tree."""
+    closures: list[ClosureOf]
+    """What is solved with the trees beside their joints, block by block in the order of bodies."""
     parent: np.ndarray
     """Parent of each body in its tree, -1 for a root."""
     has_flips: bool
@@ -98,16 +119,21 @@ class Topology:
             if above >= 0:
                 root[find(below)] = find(above)
 
+        tree_root = np.array([find(body) for body in range(count)], dtype=int)
+        closures, block_root = _closures(model, loops, joint, tree_root, moves)
+
         order: list[int] = []
         ends: list[int] = []
         by_parent: list[list[int]] = [[] for _ in range(count)]
         for body in range(count):
             if parent_of[body] >= 0:
                 by_parent[parent_of[body]].append(body)
-        starts = [body for body in range(count) if parent_of[body] < 0]
-        for start in sorted(starts, key=lambda body: (worlds[body], body)):
+        starts: dict[int, list[int]] = {}
+        for body in np.flatnonzero(parent_of < 0):
+            starts.setdefault(int(block_root[body]), []).append(int(body))
+        for block in sorted(starts.values(), key=lambda roots: (worlds[roots[0]], roots[0])):
             begin = len(order)
-            order.append(start)
+            order.extend(block)
             position = begin
             while position < len(order):
                 order.extend(by_parent[order[position]])
@@ -118,6 +144,13 @@ class Topology:
         if np.any(joint >= 0):
             dims = model.joint_dof_dim.numpy().sum(axis=1)
             dofs[joint >= 0] = dims[joint[joint >= 0]]
+        # a block with closures keeps room for the six axes of a body that a joint lets go
+        dofs[np.isin(block_root, [block_root[closure.body] for closure in closures])] = 6
+        axis_start = np.zeros(count + 1, dtype=np.int32)
+        axis_start[order] = np.cumsum(dofs[order]) - dofs[order]
+        axis_start[-1] = dofs.sum()
+        rank = np.argsort(order) if order else np.zeros(0, dtype=int)
+        closures.sort(key=lambda closure: rank[closure.body])
         return cls(
             order=np.array(order, dtype=np.int32),
             block_end=np.array(ends, dtype=np.int32),
@@ -125,6 +158,66 @@ class Topology:
             parent=parent_of.astype(np.int32),
             has_flips=has_flips,
             worlds=worlds,
-            axis_start=np.concatenate([[0], np.cumsum(dofs)]).astype(np.int32),
+            axis_start=axis_start,
             loops=np.array(loops, dtype=np.int32),
+            closures=closures,
         )
+
+
+def _closures(
+    model: newton.Model,
+    loops: list[int],
+    tree_joint: np.ndarray,
+    tree_root: np.ndarray,
+    moves: np.ndarray,
+) -> tuple[list[ClosureOf], np.ndarray]:
+    """What can be solved with the trees, and the blocks that trees make where it ties them.
+
+    Returns:
+        The closures, and the root of each body's block.
+
+    Raises:
+        NotImplementedError: If a mimic joint or its leader is not part of a tree.
+    """
+    if model.joint_count == 0:
+        return [], tree_root
+    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+    kinds, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
+    leaders = model.joint_mimic_joint.numpy()
+    links: list[tuple[ClosureOf, list[int]]] = []
+    for index in loops:
+        bodies = [int(b) for b in (child[index], parent[index]) if b >= 0 and moves[b]]
+        if KINDS[kinds[index]].in_tree and dims[index] < 6 and np.any(tree_joint >= 0):
+            closure = ClosureOf(joint=index, leader=-1, rows=6 - int(dims[index]), body=bodies[0])
+            links.append((closure, bodies))
+    for index in np.flatnonzero(leaders >= 0):
+        tied = [np.flatnonzero(tree_joint == joint) for joint in (index, leaders[index])]
+        if any(bodies.size == 0 for bodies in tied):
+            raise NotImplementedError(
+                f"Joint {index} ({model.joint_label[index]}) mimics joint {leaders[index]} "
+                f"({model.joint_label[leaders[index]]}), and one of them is not part of a tree: "
+                "let another joint close the loop, and use blocks='articulation'."
+            )
+        bodies = [int(found[0]) for found in tied]
+        closure = ClosureOf(
+            joint=int(index), leader=int(leaders[index]), rows=int(dims[index]), body=bodies[0]
+        )
+        links.append((closure, bodies))
+
+    def merged(links: list[tuple[ClosureOf, list[int]]]) -> np.ndarray:
+        root = tree_root.copy()
+        for _, bodies in links:
+            for body in bodies[1:]:
+                root[root == root[body]] = root[bodies[0]]
+        return root
+
+    root = merged(links)
+    rows = np.zeros(len(root), dtype=int)
+    for closure, bodies in links:
+        rows[root[bodies[0]]] += closure.rows
+    kept = [
+        (closure, bodies)
+        for closure, bodies in links
+        if closure.leader >= 0 or rows[root[bodies[0]]] <= CLOSURE_ROWS
+    ]
+    return [closure for closure, _ in kept], merged(kept)

@@ -51,15 +51,27 @@ def cholesky(a: wp.mat33, diagonal: wp.vec3) -> vec6:
 
 
 @wp.func
-def cholesky_solve(factor: vec6, b: wp.vec3) -> wp.vec3:
-    """Solves L L^T x = b."""
+def solve_lower(factor: vec6, b: wp.vec3) -> wp.vec3:
+    """Solves L y = b."""
     y0 = b[0] * factor[0]
     y1 = (b[1] - factor[1] * y0) * factor[2]
     y2 = (b[2] - factor[3] * y0 - factor[4] * y1) * factor[5]
-    x2 = y2 * factor[5]
-    x1 = (y1 - factor[4] * x2) * factor[2]
-    x0 = (y0 - factor[1] * x1 - factor[3] * x2) * factor[0]
+    return wp.vec3(y0, y1, y2)
+
+
+@wp.func
+def solve_upper(factor: vec6, y: wp.vec3) -> wp.vec3:
+    """Solves L^T x = y."""
+    x2 = y[2] * factor[5]
+    x1 = (y[1] - factor[4] * x2) * factor[2]
+    x0 = (y[0] - factor[1] * x1 - factor[3] * x2) * factor[0]
     return wp.vec3(x0, x1, x2)
+
+
+@wp.func
+def cholesky_solve(factor: vec6, b: wp.vec3) -> wp.vec3:
+    """Solves L L^T x = b."""
+    return solve_upper(factor, solve_lower(factor, b))
 
 
 @wp.func
@@ -76,8 +88,21 @@ def factor_block(h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33) -> BlockFactor:
 
 
 @wp.func
+def half_solve(factor: BlockFactor, force: wp.vec3, torque: wp.vec3) -> wp.spatial_vector:
+    """y of M y = (f, tau), with the block H = M M^T; its dot products are those by H^-1."""
+    reduced = torque - wp.transpose(factor.coupling) * force
+    return wp.spatial_vector(solve_lower(factor.ll, force), solve_lower(factor.schur, reduced))
+
+
+@wp.func
+def other_half(factor: BlockFactor, half: wp.spatial_vector) -> wp.spatial_vector:
+    """Pose increment (dx [m], dtheta [rad]) from what :func:`half_solve` gave: M^T x = y."""
+    dtheta = solve_upper(factor.schur, wp.spatial_bottom(half))
+    dx = solve_upper(factor.ll, wp.spatial_top(half)) - factor.coupling * dtheta
+    return wp.spatial_vector(dx, dtheta)
+
+
+@wp.func
 def solve_block(factor: BlockFactor, force: wp.vec3, torque: wp.vec3) -> wp.spatial_vector:
     """Pose increment (dx [m], dtheta [rad]) that the factored block gives to a force and torque."""
-    dtheta = cholesky_solve(factor.schur, torque - wp.transpose(factor.coupling) * force)
-    dx = cholesky_solve(factor.ll, force) - factor.coupling * dtheta
-    return wp.spatial_vector(dx, dtheta)
+    return other_half(factor, half_solve(factor, force, torque))

@@ -285,9 +285,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
         turn = angular_misfit(joints, joint, q_p, q_c)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
         force = linear_misfit(joints, joint, q_p, history.loop_force[i])
-        force -= loops.k_l[i] * (shift - wp.spatial_top(kept))
         torque = angular_lock(joints, joint, q_p, q_c) * history.loop_torque[i]
-        torque -= loops.k_a[i] * (turn - wp.spatial_bottom(kept))
+        if not loops.is_exact[i]:
+            force -= loops.k_l[i] * (shift - wp.spatial_top(kept))
+            torque -= loops.k_a[i] * (turn - wp.spatial_bottom(kept))
         if has_dual:
             history.loop_force[i] = force
             history.loop_torque[i] = torque
@@ -347,8 +348,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if item % 2 == 1:
             arm = arm_p + (offset - shift)
             sign = -1.0
-        linear_k = loops.k_l[i] * linear_lock(joints, joint, q_p)
-        angular_k = loops.k_a[i] * angular_lock(joints, joint, q_p, q_c)
+        linear_k = wp.mat33(0.0)
+        angular_k = wp.mat33(0.0)
+        is_soft = not loops.is_exact[i]
+        if is_soft:
+            linear_k = loops.k_l[i] * linear_lock(joints, joint, q_p)
+            angular_k = loops.k_a[i] * angular_lock(joints, joint, q_p, q_c)
         if joints.type[joint] == DISTANCE:
             length = wp.length(offset)
             reach = loops.reach[i]
@@ -367,6 +372,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 _, stiffness, _ = axis_force(
                     i, dof, q, wp.vec3(0.0), h, joints, control, loops, history
                 )
+                is_soft = is_soft or stiffness > 0.0
                 axis = axis_of(joints, joint, dof, q_p, q_c)
                 if dof < linear:
                     linear_k += stiffness * wp.outer(axis, axis)
@@ -380,6 +386,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                     for dof in range(3):
                         axis = axis_of(joints, joint, linear + dof, q_p, q_c)
                         angular_k += bound[dof] * wp.outer(axis, axis)
+        loops.is_soft[i] = is_soft
         if doubled:
             linear_k *= 2.0
             angular_k *= 2.0

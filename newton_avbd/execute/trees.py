@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..algebra.block import factor_block, solve_block
+from ..algebra.block import factor_block, half_solve, other_half
 from ..algebra.so3 import exp_quat
 from ..blocks import tree as algebra
 from ..data import (
@@ -132,6 +132,15 @@ def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
     return joints.enabled[joint]
 
 
+@wp.func
+def has_soft_loops(body: int, loops: LoopWork) -> bool:
+    """Whether a joint acts on the body that is not solved with the tree."""
+    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+        if loops.is_soft[loops.items[k] / 2]:
+            return True
+    return False
+
+
 @dataclass(frozen=True)
 class TreeFunctions:
     """Device functions of trees, compiled for the joints of a scene."""
@@ -142,12 +151,15 @@ class TreeFunctions:
     sweep_tree: wp.Function
 
 
-def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
+def make_trees(
+    effects: Effects, gather: wp.Function, close_tree: wp.Function | None
+) -> TreeFunctions:
     """Device functions: how joints stand, and one Newton iteration on a tree.
 
     Args:
         effects: What the kernel is compiled with.
         gather: Device function that sums the inertial and contact wrench of a body.
+        close_tree: Device function that solves the closures of a block.
     """
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
@@ -356,9 +368,9 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
         tree.push[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if not is_linked(joints, tree, body):
-            tree.update[body] = solve_block(
-                factor_block(h_ll, h_al, h_aa), wp.spatial_top(push), wp.spatial_bottom(push)
-            )
+            factor = factor_block(h_ll, h_al, h_aa)
+            work.factor[body] = factor
+            tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
             return
 
         joint = tree.joint[body]
@@ -543,6 +555,8 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                     tree.coordinate[k] = tree.coordinate[k] + q
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]
+        else:
+            tree.update[body] = other_half(work.factor[body], tree.update[body])
         update = tree.update[body]
         increment = work.increment[body]
         work.increment[body] = wp.spatial_vector(
@@ -601,6 +615,8 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                     loops,
                     history,
                 )
+        if wp.static(effects.closures):
+            close_tree(first, end, recovery, h, model, joints, worlds, work, tree, loops, history)
         # Newton's method leaves about the square of an angle, but the first iteration starts from
         # the joint forces of the last step, and contacts converge by a factor.
         largest = float(0.0)
@@ -617,8 +633,8 @@ def make_trees(effects: Effects, gather: wp.Function) -> TreeFunctions:
                     if has_rows(rows, body):
                         is_newton = False
                 if wp.static(effects.loops):
-                    # rows of loops converge by a factor, too
-                    is_newton = False
+                    if has_soft_loops(body, loops):
+                        is_newton = False
         farthest = wp.where(settled, 0.0, wp.inf)
         left = wp.where(is_newton, wp.min(largest, 1.0), 1.0)
         for i in range(first, end):

@@ -28,6 +28,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from .bodies import has_rows, pose_sum, report_held, vector_sum
+from .closures import make_closures
 from .contacts import make_build_rows
 from .denormals import flush_denormals, restore_denormals
 from .islands import begin_island, join_islands, keep_momentum
@@ -385,7 +386,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     sweep_body = make_sweep(effects, gather)
-    trees = make_trees(effects, gather)
+    closures = make_closures(effects)
+    begin_closures = closures.begin_closures
+    trees = make_trees(effects, gather, closures.close_tree)
     measure_misfit = trees.measure_misfit
     measure_start = trees.measure_start
     measure_moved = trees.measure_moved
@@ -621,6 +624,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 if begin_loop(i, h, body_q, model, joints, work, tree, loops, history):
+                    is_open = True
+        if wp.static(effects.mimics):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                if begin_closures(i, joints, tree):
                     is_open = True
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]

@@ -1,0 +1,410 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Equations between the bodies of a tree, solved with it: joints that close loops, and mimics.
+
+The tree alone would move by delta_0, the minimum of its quadratic model. Rows J delta = -r, with
+the multipliers mu that hold them, add
+
+    delta = delta_0 - T^-1 J^T mu,   (J T^-1 J^T) mu = J delta_0 + r,
+
+where T is the tree's matrix, factored by elimination from the leaves to the root. A row goes down
+the same way, from the bodies that it names to the root, and meets the axes that were eliminated:
+with y_a what it meets of axis a and D_a the axis' pivot,
+
+    J T^-1 J^T = sum_a y_a y_a^T / D_a,   J delta_0 = sum_a y_a p_a / D_a + ...,
+
+and the multipliers push an axis by -y_a mu (Featherstone, "Rigid Body Dynamics Algorithms",
+chapter 8: loop closure on top of the articulated-body recursion). A row that the others imply
+already, as most are in a planar mechanism, or that nothing can move, is left out by the Cholesky
+factorisation.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..algebra.block import half_solve
+from ..blocks.tree import handed_down
+from ..data import (
+    BodyModel,
+    BodyWork,
+    Closure,
+    ClosureBlock,
+    ClosureWork,
+    History,
+    JointModel,
+    LoopWork,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import joint as joint_rows
+from ..rows.contact import PENALTY
+from .loops import loop_geometry, parent_slot
+from .trees import ROUNDING, is_linked
+
+IMPLIED = wp.constant(1.0e-5)
+"""Pivot from which a row says nothing new, as a share of what it had before elimination."""
+IMMOVABLE = wp.constant(1.0e-9)
+"""What moves a row so little, as a share of what would move its bodies were they free, is rounding.
+"""
+
+
+@wp.func
+def mimic_misfit(
+    closure: Closure,
+    dof: int,
+    coordinate: wp.array[float],
+    joints: JointModel,
+    tree: TreeWork,
+) -> float:
+    """q - (offset + multiplier q_leader) of a mimic joint [m or rad]."""
+    coefficients = joints.mimic_coefficients[closure.joint]
+    leader = coordinate[tree.axis_start[closure.leader_body] + dof]
+    follower = coordinate[tree.axis_start[closure.body] + dof]
+    return follower - (coefficients[0] + coefficients[1] * leader)
+
+
+@wp.func
+def is_mimicking(closure: Closure, joints: JointModel, tree: TreeWork) -> bool:
+    """Whether a mimic joint and its leader are enabled."""
+    return is_linked(joints, tree, closure.body) and is_linked(joints, tree, closure.leader_body)
+
+
+@wp.func
+def locked_direction(lock: wp.mat33, count: int, i: int) -> wp.vec3:
+    """One of ``count`` orthonormal directions that span what a projection keeps."""
+    direction = wp.vec3(0.0)
+    if count == 3:
+        direction[i] = 1.0
+        return direction
+    # one kept direction, or the one that is not kept, is a column of a projection
+    kept = lock
+    if count == 2:
+        kept = wp.identity(n=3, dtype=float) - lock
+    longest = int(0)
+    for k in range(1, 3):
+        if kept[k, k] > kept[longest, longest]:
+            longest = k
+    normal = wp.normalize(wp.vec3(kept[0, longest], kept[1, longest], kept[2, longest]))
+    if count == 1:
+        return normal
+    # the unit vector that is farthest from the normal
+    least = int(0)
+    for k in range(1, 3):
+        if wp.abs(normal[k]) < wp.abs(normal[least]):
+            least = k
+    direction[least] = 1.0
+    direction = wp.normalize(wp.cross(normal, direction))
+    if i == 1:
+        direction = wp.cross(normal, direction)
+    return direction
+
+
+@dataclass(frozen=True)
+class ClosureFunctions:
+    """Device functions of closures, compiled for the joints of a scene."""
+
+    begin_closures: wp.Function
+    close_tree: wp.Function
+
+
+def make_closures(effects: Effects) -> ClosureFunctions:
+    """Device functions: how mimics stand at the start of the step, and the solve of all rows."""
+    joint_functions = joint_rows.make_joint(effects.kinds)
+    linear_count = joint_functions.linear_count
+    angular_count = joint_functions.angular_count
+    linear_misfit = joint_functions.linear_misfit
+    linear_lock = joint_functions.linear_lock
+    angular_misfit = joint_functions.angular_misfit
+    angular_lock = joint_functions.angular_lock
+
+    @wp.func
+    def begin_closures(first: int, joints: JointModel, tree: TreeWork) -> bool:
+        """Misfit of the mimics of a block, which starts at ``first``, at the start of the step.
+
+        Returns whether one is beyond rounding.
+        """
+        closures = tree.closures
+        number = closures.block_of[first]
+        if number < 0:
+            return False
+        is_open = bool(False)
+        block = closures.blocks[number]
+        for c in range(block.first, block.end):
+            closure = closures.closures[c]
+            if closure.loop < 0 and is_mimicking(closure, joints, tree):
+                for dof in range(closure.rows):
+                    misfit = mimic_misfit(closure, dof, tree.start_coordinate, joints, tree)
+                    closures.misfit[closure.row + dof] = misfit
+                    reach = tree.start_coordinate[tree.axis_start[closure.body] + dof]
+                    rounding = tree.rounding[closure.body] + 2.0 * ROUNDING * (2.0 + wp.abs(reach))
+                    if wp.abs(misfit) > rounding:
+                        is_open = True
+        return is_open
+
+    @wp.func
+    def go_down(
+        y: int,
+        slot: int,
+        wrench: wp.spatial_vector,
+        other_slot: int,
+        other_wrench: wp.spatial_vector,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+    ) -> float:
+        """Takes a row down to the root from the two bodies that it names; returns J delta_0.
+
+        What it meets is added to ``closures.met[y + k]``, with k an entry of ``tree.axes``, where a
+        mimic's coefficients lie already.
+        """
+        closures = tree.closures
+        moved = float(0.0)
+        a = slot
+        b = other_slot
+        w = wrench
+        w_b = other_wrench
+        if work.inv_mass[a] == 0.0:
+            a = -1
+        if work.inv_mass[b] == 0.0:
+            b = -1
+        while a >= 0 or b >= 0:
+            if a == b:
+                w += w_b
+                b = -1
+            if b >= 0:
+                is_deeper = bool(True)
+                if a >= 0:
+                    is_deeper = worlds.rank[b] > worlds.rank[a]
+                if is_deeper:
+                    swapped = a
+                    a = b
+                    b = swapped
+                    swapped_w = w
+                    w = w_b
+                    w_b = swapped_w
+            start = y + tree.axis_start[a]
+            if not is_linked(joints, tree, a):
+                half = half_solve(work.factor[a], wp.spatial_top(w), wp.spatial_bottom(w))
+                for i in range(6):
+                    closures.met[start + i] = half[i]
+                moved += wp.dot(half, tree.update[a])
+                a = -1
+            else:
+                joint = tree.joint[a]
+                moved += wp.dot(w, tree.closing[a])
+                for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+                    axis = tree.axes[tree.axis_start[a] + dof]
+                    met = closures.met[start + dof]
+                    met += wp.dot(axis.linear, wp.spatial_top(w))
+                    met += wp.dot(axis.angular, wp.spatial_bottom(w))
+                    closures.met[start + dof] = met
+                    moved += met * (axis.inv_pivot * axis.push + axis.step)
+                    w -= (met * axis.inv_pivot) * wp.spatial_vector(axis.force, axis.torque)
+                w = handed_down(tree.span[a], w)
+                a = tree.parent[a]
+                if work.inv_mass[a] == 0.0:
+                    a = -1
+        return moved
+
+    @wp.func
+    def loop_rows(
+        block: ClosureBlock,
+        closure: Closure,
+        recovery: float,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+    ):
+        """The rows of a joint that closes a loop: what it locks, linear rows first."""
+        closures = tree.closures
+        i = closure.loop
+        if loops.k_l[i] == 0.0:
+            return
+        joint = loops.joints[i]
+        static_slot = work.inv_mass.shape[0] - 1
+        child = joints.child[joint]
+        parent = parent_slot(joints, joint, static_slot)
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
+        shift = linear_misfit(joints, joint, q_p, offset)
+        arm_p += offset - shift
+        turn = angular_misfit(joints, joint, q_p, q_c)
+        if recovery == 0.0:
+            shift -= wp.spatial_top(loops.misfit[i])
+            turn -= wp.spatial_bottom(loops.misfit[i])
+        linear = 3 - linear_count(joints, joint)
+        lock_l = linear_lock(joints, joint, q_p)
+        lock_a = angular_lock(joints, joint, q_p, q_c)
+        for k in range(closure.rows):
+            row = closure.row + k
+            y = block.met + (row - block.row) * block.entries - block.entry
+            push_c = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            push_p = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            left = float(0.0)
+            n = wp.vec3(0.0)
+            if k < linear:
+                n = locked_direction(lock_l, linear, k)
+                push_c = wp.spatial_vector(n, wp.cross(arm_c, n))
+                push_p = -wp.spatial_vector(n, wp.cross(arm_p, n))
+                left = wp.dot(n, shift)
+                closures.free[row] = PENALTY / loops.k_l[i]
+            else:
+                n = locked_direction(lock_a, closure.rows - linear, k - linear)
+                push_c = wp.spatial_vector(wp.vec3(0.0), n)
+                push_p = -push_c
+                left = wp.dot(n, turn)
+                closures.free[row] = PENALTY / loops.k_a[i]
+            closures.direction[row] = n
+            moved = go_down(y, child, push_c, parent, push_p, joints, worlds, work, tree)
+            closures.multiplier[row] = moved + left
+
+    @wp.func
+    def mimic_rows(
+        block: ClosureBlock,
+        closure: Closure,
+        recovery: float,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+    ):
+        """The rows of a mimic joint, one for each of its coordinates."""
+        closures = tree.closures
+        if not is_mimicking(closure, joints, tree):
+            return
+        none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        multiplier = joints.mimic_coefficients[closure.joint][1]
+        for dof in range(closure.rows):
+            row = closure.row + dof
+            y = block.met + (row - block.row) * block.entries - block.entry
+            closures.met[y + tree.axis_start[closure.body] + dof] = 1.0
+            closures.met[y + tree.axis_start[closure.leader_body] + dof] = -multiplier
+            left = mimic_misfit(closure, dof, tree.coordinate, joints, tree)
+            if recovery == 0.0:
+                left -= closures.misfit[row]
+            moved = go_down(
+                y, closure.body, none, closure.leader_body, none, joints, worlds, work, tree
+            )
+            closures.free[row] = 0.0
+            closures.multiplier[row] = moved + left
+
+    @wp.func
+    def solve_rows(block: ClosureBlock, closures: ClosureWork):
+        """Multipliers of a block's rows: Cholesky factorisation of J T^-1 J^T, and substitution.
+
+        The factor keeps the inverses of its diagonal; a zero leaves the row out.
+        """
+        n = block.rows
+        for i in range(n):
+            y_i = block.met + i * block.entries
+            for j in range(i + 1):
+                y_j = block.met + j * block.entries
+                total = float(0.0)
+                for k in range(block.entries):
+                    total += closures.met[y_i + k] * closures.met[y_j + k] * closures.inverse[
+                        block.entry + k
+                    ]
+                for k in range(j):
+                    total -= (
+                        closures.gram[block.gram + i * n + k]
+                        * closures.gram[block.gram + j * n + k]
+                    )
+                if j < i:
+                    total *= closures.gram[block.gram + j * n + j]
+                else:
+                    whole = float(0.0)
+                    for k in range(block.entries):
+                        met = closures.met[y_i + k]
+                        whole += met * met * closures.inverse[block.entry + k]
+                    least = wp.max(IMPLIED * whole, IMMOVABLE * closures.free[block.row + i])
+                    total = wp.where(total > least, 1.0 / wp.sqrt(wp.max(total, 1.0e-30)), 0.0)
+                closures.gram[block.gram + i * n + j] = total
+        for i in range(n):
+            x = closures.multiplier[block.row + i]
+            for k in range(i):
+                x -= closures.gram[block.gram + i * n + k] * closures.multiplier[block.row + k]
+            closures.multiplier[block.row + i] = x * closures.gram[block.gram + i * n + i]
+        for m in range(n):
+            i = n - 1 - m
+            x = closures.multiplier[block.row + i]
+            for k in range(i + 1, n):
+                x -= closures.gram[block.gram + k * n + i] * closures.multiplier[block.row + k]
+            closures.multiplier[block.row + i] = x * closures.gram[block.gram + i * n + i]
+
+    @wp.func
+    def close_tree(
+        first: int,
+        end: int,
+        recovery: float,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ):
+        """Between elimination and substitution: what the rows push the axes of a block by."""
+        closures = tree.closures
+        number = closures.block_of[first]
+        if number < 0:
+            return
+        block = closures.blocks[number]
+        for k in range(block.rows * block.entries):
+            closures.met[block.met + k] = 0.0
+        for row in range(block.row, block.row + block.rows):
+            closures.multiplier[row] = 0.0
+        for c in range(block.first, block.end):
+            closure = closures.closures[c]
+            if closure.loop >= 0:
+                if wp.static(effects.loops):
+                    loop_rows(
+                        block, closure, recovery, h, model, joints, worlds, work, tree, loops
+                    )
+            elif wp.static(effects.mimics):
+                mimic_rows(block, closure, recovery, joints, worlds, work, tree)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            is_held = is_linked(joints, tree, body)
+            for k in range(tree.axis_start[body], tree.axis_start[body] + 6):
+                closures.inverse[k] = wp.where(is_held, tree.axes[k].inv_pivot, 1.0)
+        solve_rows(block, closures)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            start = tree.axis_start[body]
+            pushed = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            for row in range(block.rows):
+                y = block.met + row * block.entries - block.entry + start
+                for dof in range(6):
+                    pushed[dof] += closures.met[y + dof] * closures.multiplier[block.row + row]
+            if is_linked(joints, tree, body):
+                for dof in range(6):
+                    tree.axes[start + dof].push = tree.axes[start + dof].push - pushed[dof]
+            else:
+                tree.update[body] = tree.update[body] - pushed
+        if wp.static(effects.loops):
+            for c in range(block.first, block.end):
+                closure = closures.closures[c]
+                if closure.loop >= 0:
+                    linear = 3 - linear_count(joints, loops.joints[closure.loop])
+                    force = wp.vec3(0.0)
+                    torque = wp.vec3(0.0)
+                    for k in range(closure.rows):
+                        row = closure.row + k
+                        push = closures.multiplier[row] * closures.direction[row]
+                        if k < linear:
+                            force += push
+                        else:
+                            torque += push
+                    i = closure.loop
+                    history.loop_force[i] = history.loop_force[i] - force
+                    history.loop_torque[i] = history.loop_torque[i] - torque
+
+    return ClosureFunctions(begin_closures, close_tree)
