@@ -288,13 +288,12 @@ class ClosureBlock:
     row: int
     """First of the rows."""
     rows: int
-    entry: int
-    """First of the entries in ``TreeWork.axes``, six for each body."""
-    entries: int
+    axis: int
+    """First of the places in ``inverse``."""
     met: int
-    """First entry in ``met``, a matrix of rows by entries."""
+    """First place in ``met``, a matrix of rows by axes."""
     gram: int
-    """First entry in ``gram``, a square matrix of rows."""
+    """First place in ``gram``, a square matrix of rows."""
 
 
 @wp.struct
@@ -309,14 +308,16 @@ class ClosureWork:
     """By row: how far a mimic is off at the start of the step [m or rad]."""
     direction: wp.array[wp.vec3]
     """By row: what a joint locks, a unit vector in world frame."""
-    free: wp.array[float]
-    """By row: what a unit of multiplier would move its bodies were they free [m/N or rad/(N m)]."""
+    least: wp.array[float]
+    """By row: pivot up to which the row says nothing [m/N or rad/(N m)]."""
     multiplier: wp.array[float]
     """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
+    column: wp.array[wp.int32]
+    """By body slot: column in ``met`` of the first axis of its joint, or of a free root's six."""
     met: wp.array[float]
-    """What a row meets of an entry of ``TreeWork.axes``."""
+    """What a row meets of an axis."""
     inverse: wp.array[float]
-    """By entry of ``TreeWork.axes``: 1 over its pivot."""
+    """By column: 1 over the pivot of the axis."""
     gram: wp.array[float]
     """Lower triangle of the rows' Cholesky factor, with the inverses of its diagonal."""
 

@@ -683,7 +683,7 @@ class SolverAVBD(SolverBase):
         rank, first_of = topology.rank, np.full(topology.order.size, -1)
         blocks: list[data.ClosureBlock] = []
         closures: list[data.Closure] = []
-        rows = met = gram = 0
+        rows = axes = met = gram = 0
         for item in topology.closures:
             end = int(topology.block_end[rank[item.body]])
             first = int(np.searchsorted(topology.block_end, end))
@@ -691,9 +691,9 @@ class SolverAVBD(SolverBase):
                 first_of[first] = len(blocks)
                 block = data.ClosureBlock()
                 block.first, block.row = len(closures), rows
-                block.entry = int(topology.axis_start[topology.order[first]])
-                block.entries = 6 * (end - first)
+                block.axis, block.met, block.gram = axes, met, gram
                 blocks.append(block)
+                axes += 6 * (end - first)
             closure = data.Closure()
             closure.loop = joints.index(item.joint) if item.leader < 0 else -1
             closure.joint, closure.row, closure.rows = item.joint, rows, item.rows
@@ -701,22 +701,21 @@ class SolverAVBD(SolverBase):
                 closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]
             closures.append(closure)
             rows += item.rows
-            blocks[-1].end, blocks[-1].rows = len(closures), rows - blocks[-1].row
-        for block in blocks:
-            block.met, block.gram = met, gram
-            met += block.rows * block.entries
-            gram += block.rows * block.rows
-        entries = int(topology.axis_start[-1])
+            block = blocks[-1]
+            block.end, block.rows = len(closures), rows - block.row
+            met = block.met + 6 * (end - first) * block.rows
+            gram = block.gram + block.rows**2
         with wp.ScopedDevice(self.device):
             work.block_of = wp.array(first_of, dtype=wp.int32)
             work.blocks = wp.array(blocks, dtype=data.ClosureBlock)
             work.closures = wp.array(closures, dtype=data.Closure)
             work.misfit = wp.zeros(rows, dtype=float)
             work.direction = wp.zeros(rows, dtype=wp.vec3)
-            work.free = wp.zeros(rows, dtype=float)
+            work.least = wp.zeros(rows, dtype=float)
             work.multiplier = wp.zeros(rows, dtype=float)
             work.met = wp.zeros(met, dtype=float)
-            work.inverse = wp.zeros(entries, dtype=float)
+            work.column = wp.zeros(topology.order.size, dtype=wp.int32)
+            work.inverse = wp.zeros(axes, dtype=float)
             work.gram = wp.zeros(gram, dtype=float)
 
     def _allocate_contacts(self, capacity: int) -> None:

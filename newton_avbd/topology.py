@@ -144,8 +144,6 @@ class Topology:
         if np.any(joint >= 0):
             dims = model.joint_dof_dim.numpy().sum(axis=1)
             dofs[joint >= 0] = dims[joint[joint >= 0]]
-        # a block with closures keeps room for the six axes of a body that a joint lets go
-        dofs[np.isin(block_root, [block_root[closure.body] for closure in closures])] = 6
         axis_start = np.zeros(count + 1, dtype=np.int32)
         axis_start[order] = np.cumsum(dofs[order]) - dofs[order]
         axis_start[-1] = dofs.sum()

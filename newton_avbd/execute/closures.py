@@ -45,9 +45,11 @@ from .trees import ROUNDING, is_linked
 
 IMPLIED = wp.constant(1.0e-5)
 """Pivot from which a row says nothing new, as a share of what it had before elimination."""
-IMMOVABLE = wp.constant(1.0e-9)
-"""What moves a row so little, as a share of what would move its bodies were they free, is rounding.
-"""
+HARDLY_MOVED = wp.constant(1.0e-6)
+"""A row says nothing that moves less than this share of what the joint's others do, each taken
+against how it would move were its bodies free."""
+IMMOVABLE = wp.constant(1.0e-10)
+"""Nor one that moves less than this share of how it would move were its bodies free."""
 
 
 @wp.func
@@ -66,38 +68,47 @@ def mimic_misfit(
 
 
 @wp.func
+def row_push(at: int, block: ClosureBlock, columns: int, closures: ClosureWork) -> float:
+    """y_a mu of the axis whose column in the block's first row of ``met`` lies at ``at``."""
+    push = float(0.0)
+    for row in range(block.rows):
+        push += closures.met[at + row * columns] * closures.multiplier[block.row + row]
+    return push
+
+
+@wp.func
 def is_mimicking(closure: Closure, joints: JointModel, tree: TreeWork) -> bool:
     """Whether a mimic joint and its leader are enabled."""
     return is_linked(joints, tree, closure.body) and is_linked(joints, tree, closure.leader_body)
 
 
 @wp.func
-def locked_direction(lock: wp.mat33, count: int, i: int) -> wp.vec3:
-    """One of ``count`` orthonormal directions that span what a projection keeps."""
-    direction = wp.vec3(0.0)
-    if count == 3:
-        direction[i] = 1.0
-        return direction
-    # one kept direction, or the one that is not kept, is a column of a projection
+def axis_of_projection(lock: wp.mat33, count: int) -> wp.vec3:
+    """The one direction that a projection to ``count`` keeps, or the one that it does not."""
     kept = lock
-    if count == 2:
+    if count != 1:
         kept = wp.identity(n=3, dtype=float) - lock
     longest = int(0)
     for k in range(1, 3):
         if kept[k, k] > kept[longest, longest]:
             longest = k
-    normal = wp.normalize(wp.vec3(kept[0, longest], kept[1, longest], kept[2, longest]))
-    if count == 1:
-        return normal
-    # the unit vector that is farthest from the normal
+    return wp.normalize(wp.vec3(kept[0, longest], kept[1, longest], kept[2, longest]))
+
+
+@wp.func
+def direction_about(axis: wp.vec3, i: int) -> wp.vec3:
+    """Direction 0, 1 or 2 of a frame whose last direction is ``axis``."""
+    if i == 2:
+        return axis
     least = int(0)
     for k in range(1, 3):
-        if wp.abs(normal[k]) < wp.abs(normal[least]):
+        if wp.abs(axis[k]) < wp.abs(axis[least]):
             least = k
+    direction = wp.vec3(0.0)
     direction[least] = 1.0
-    direction = wp.normalize(wp.cross(normal, direction))
+    direction = wp.normalize(wp.cross(axis, direction))
     if i == 1:
-        direction = wp.cross(normal, direction)
+        direction = wp.cross(axis, direction)
     return direction
 
 
@@ -144,6 +155,12 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         return is_open
 
     @wp.func
+    def axis_count(body: int, joints: JointModel, tree: TreeWork) -> int:
+        """Axes of the joint that links a body to its parent."""
+        joint = tree.joint[body]
+        return linear_count(joints, joint) + angular_count(joints, joint)
+
+    @wp.func
     def go_down(
         y: int,
         slot: int,
@@ -157,8 +174,8 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     ) -> float:
         """Takes a row down to the root from the two bodies that it names; returns J delta_0.
 
-        What it meets is added to ``closures.met[y + k]``, with k an entry of ``tree.axes``, where a
-        mimic's coefficients lie already.
+        What it meets is added to the row of ``closures.met`` that starts at ``y``, where a mimic's
+        coefficients lie already.
         """
         closures = tree.closures
         moved = float(0.0)
@@ -185,7 +202,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     swapped_w = w
                     w = w_b
                     w_b = swapped_w
-            start = y + tree.axis_start[a]
+            start = y + closures.column[a]
             if not is_linked(joints, tree, a):
                 half = half_solve(work.factor[a], wp.spatial_top(w), wp.spatial_bottom(w))
                 for i in range(6):
@@ -193,9 +210,8 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 moved += wp.dot(half, tree.update[a])
                 a = -1
             else:
-                joint = tree.joint[a]
                 moved += wp.dot(w, tree.closing[a])
-                for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+                for dof in range(axis_count(a, joints, tree)):
                     axis = tree.axes[tree.axis_start[a] + dof]
                     met = closures.met[start + dof]
                     met += wp.dot(axis.linear, wp.spatial_top(w))
@@ -212,6 +228,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     @wp.func
     def loop_rows(
         block: ClosureBlock,
+        columns: int,
         closure: Closure,
         recovery: float,
         h: float,
@@ -239,34 +256,52 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             shift -= wp.spatial_top(loops.misfit[i])
             turn -= wp.spatial_bottom(loops.misfit[i])
         linear = 3 - linear_count(joints, joint)
+        angular = closure.rows - linear
         lock_l = linear_lock(joints, joint, q_p)
         lock_a = angular_lock(joints, joint, q_p, q_c)
+        # along the axis of a hinge, too: in a planar mechanism the others imply just that row
+        axis_a = wp.quat_rotate(q_p, wp.vec3(0.0, 0.0, 1.0))
+        if angular == 1 or angular == 2:
+            axis_a = axis_of_projection(lock_a, angular)
+        axis_l = axis_a
+        if linear == 1 or linear == 2:
+            axis_l = axis_of_projection(lock_l, linear)
+        mobility = float(0.0)
         for k in range(closure.rows):
             row = closure.row + k
-            y = block.met + (row - block.row) * block.entries - block.entry
+            y = block.met + (row - block.row) * columns
             push_c = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             push_p = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             left = float(0.0)
             n = wp.vec3(0.0)
             if k < linear:
-                n = locked_direction(lock_l, linear, k)
+                n = direction_about(axis_l, wp.where(linear == 1, 2, k))
                 push_c = wp.spatial_vector(n, wp.cross(arm_c, n))
                 push_p = -wp.spatial_vector(n, wp.cross(arm_p, n))
                 left = wp.dot(n, shift)
-                closures.free[row] = PENALTY / loops.k_l[i]
+                closures.least[row] = PENALTY / loops.k_l[i]
             else:
-                n = locked_direction(lock_a, closure.rows - linear, k - linear)
+                n = direction_about(axis_a, wp.where(angular == 1, 2, k - linear))
                 push_c = wp.spatial_vector(wp.vec3(0.0), n)
                 push_p = -push_c
                 left = wp.dot(n, turn)
-                closures.free[row] = PENALTY / loops.k_a[i]
+                closures.least[row] = PENALTY / loops.k_a[i]
             closures.direction[row] = n
             moved = go_down(y, child, push_c, parent, push_p, joints, worlds, work, tree)
             closures.multiplier[row] = moved + left
+            whole = float(0.0)
+            for column in range(columns):
+                met = closures.met[y + column]
+                whole += met * met * closures.inverse[block.axis + column]
+            mobility = wp.max(mobility, whole / closures.least[row])
+        least = wp.max(HARDLY_MOVED * mobility, IMMOVABLE)
+        for row in range(closure.row, closure.row + closure.rows):
+            closures.least[row] = least * closures.least[row]
 
     @wp.func
     def mimic_rows(
         block: ClosureBlock,
+        columns: int,
         closure: Closure,
         recovery: float,
         joints: JointModel,
@@ -282,49 +317,45 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         multiplier = joints.mimic_coefficients[closure.joint][1]
         for dof in range(closure.rows):
             row = closure.row + dof
-            y = block.met + (row - block.row) * block.entries - block.entry
-            closures.met[y + tree.axis_start[closure.body] + dof] = 1.0
-            closures.met[y + tree.axis_start[closure.leader_body] + dof] = -multiplier
+            y = block.met + (row - block.row) * columns
+            closures.met[y + closures.column[closure.body] + dof] = 1.0
+            closures.met[y + closures.column[closure.leader_body] + dof] = -multiplier
             left = mimic_misfit(closure, dof, tree.coordinate, joints, tree)
             if recovery == 0.0:
                 left -= closures.misfit[row]
             moved = go_down(
                 y, closure.body, none, closure.leader_body, none, joints, worlds, work, tree
             )
-            closures.free[row] = 0.0
+            closures.least[row] = 0.0
             closures.multiplier[row] = moved + left
 
     @wp.func
-    def solve_rows(block: ClosureBlock, closures: ClosureWork):
+    def solve_rows(block: ClosureBlock, columns: int, closures: ClosureWork):
         """Multipliers of a block's rows: Cholesky factorisation of J T^-1 J^T, and substitution.
 
         The factor keeps the inverses of its diagonal; a zero leaves the row out.
         """
         n = block.rows
         for i in range(n):
-            y_i = block.met + i * block.entries
+            y_i = block.met + i * columns
             for j in range(i + 1):
-                y_j = block.met + j * block.entries
-                total = float(0.0)
-                for k in range(block.entries):
-                    total += closures.met[y_i + k] * closures.met[y_j + k] * closures.inverse[
-                        block.entry + k
-                    ]
+                y_j = block.met + j * columns
+                whole = float(0.0)
+                for k in range(columns):
+                    met = closures.met[y_i + k] * closures.met[y_j + k]
+                    whole += met * closures.inverse[block.axis + k]
+                left = float(whole)
                 for k in range(j):
-                    total -= (
+                    left -= (
                         closures.gram[block.gram + i * n + k]
                         * closures.gram[block.gram + j * n + k]
                     )
                 if j < i:
-                    total *= closures.gram[block.gram + j * n + j]
+                    left *= closures.gram[block.gram + j * n + j]
                 else:
-                    whole = float(0.0)
-                    for k in range(block.entries):
-                        met = closures.met[y_i + k]
-                        whole += met * met * closures.inverse[block.entry + k]
-                    least = wp.max(IMPLIED * whole, IMMOVABLE * closures.free[block.row + i])
-                    total = wp.where(total > least, 1.0 / wp.sqrt(wp.max(total, 1.0e-30)), 0.0)
-                closures.gram[block.gram + i * n + j] = total
+                    least = wp.max(IMPLIED * whole, closures.least[block.row + i])
+                    left = wp.where(left > least, 1.0 / wp.sqrt(left), 0.0)
+                closures.gram[block.gram + i * n + j] = left
         for i in range(n):
             x = closures.multiplier[block.row + i]
             for k in range(i):
@@ -357,7 +388,20 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         if number < 0:
             return
         block = closures.blocks[number]
-        for k in range(block.rows * block.entries):
+        columns = int(0)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            closures.column[body] = columns
+            if is_linked(joints, tree, body):
+                for k in range(axis_count(body, joints, tree)):
+                    axis = tree.axis_start[body] + k
+                    closures.inverse[block.axis + columns] = tree.axes[axis].inv_pivot
+                    columns += 1
+            elif work.inv_mass[body] > 0.0:
+                for _ in range(6):
+                    closures.inverse[block.axis + columns] = 1.0
+                    columns += 1
+        for k in range(block.rows * columns):
             closures.met[block.met + k] = 0.0
         for row in range(block.row, block.row + block.rows):
             closures.multiplier[row] = 0.0
@@ -366,29 +410,24 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             if closure.loop >= 0:
                 if wp.static(effects.loops):
                     loop_rows(
-                        block, closure, recovery, h, model, joints, worlds, work, tree, loops
+                        block, columns, closure, recovery, h, model, joints, worlds, work, tree, loops
                     )
             elif wp.static(effects.mimics):
-                mimic_rows(block, closure, recovery, joints, worlds, work, tree)
+                mimic_rows(block, columns, closure, recovery, joints, worlds, work, tree)
+        solve_rows(block, columns, closures)
         for i in range(first, end):
             body = worlds.bodies[i]
-            is_held = is_linked(joints, tree, body)
-            for k in range(tree.axis_start[body], tree.axis_start[body] + 6):
-                closures.inverse[k] = wp.where(is_held, tree.axes[k].inv_pivot, 1.0)
-        solve_rows(block, closures)
-        for i in range(first, end):
-            body = worlds.bodies[i]
-            start = tree.axis_start[body]
-            pushed = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-            for row in range(block.rows):
-                y = block.met + row * block.entries - block.entry + start
-                for dof in range(6):
-                    pushed[dof] += closures.met[y + dof] * closures.multiplier[block.row + row]
+            column = block.met + closures.column[body]
             if is_linked(joints, tree, body):
-                for dof in range(6):
-                    tree.axes[start + dof].push = tree.axes[start + dof].push - pushed[dof]
-            else:
-                tree.update[body] = tree.update[body] - pushed
+                for k in range(axis_count(body, joints, tree)):
+                    axis = tree.axis_start[body] + k
+                    push = row_push(column + k, block, columns, closures)
+                    tree.axes[axis].push = tree.axes[axis].push - push
+            elif work.inv_mass[body] > 0.0:
+                pushed = tree.update[body]
+                for k in range(6):
+                    pushed[k] -= row_push(column + k, block, columns, closures)
+                tree.update[body] = pushed
         if wp.static(effects.loops):
             for c in range(block.first, block.end):
                 closure = closures.closures[c]
@@ -398,11 +437,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     torque = wp.vec3(0.0)
                     for k in range(closure.rows):
                         row = closure.row + k
-                        push = closures.multiplier[row] * closures.direction[row]
+                        along = closures.multiplier[row] * closures.direction[row]
                         if k < linear:
-                            force += push
+                            force += along
                         else:
-                            torque += push
+                            torque += along
                     i = closure.loop
                     history.loop_force[i] = history.loop_force[i] - force
                     history.loop_torque[i] = history.loop_torque[i] - torque

@@ -590,6 +590,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         static_slot: int,
         h: float,
         body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
         model: BodyModel,
         joints: JointModel,
         worlds: WorldWork,
@@ -610,6 +611,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 history.lost[body] = wp.vec3(0.0)
             # the guess is put aside: joints are measured at the start first
             tree.update[body] = work.increment[body]
+            if wp.static(effects.closures):
+                # keeps a mechanism in its plane, where some of its rows say nothing
+                tree.update[body] = coasting_increment(work, body_qd, body, h)
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
@@ -713,6 +717,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 scale.static_slot,
                 h,
                 body_q,
+                body_qd,
                 model,
                 joints,
                 worlds,
@@ -771,6 +776,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps
+        if wp.static(effects.loops and effects.closures):
+            # what is solved with the tree needs no start; what rows imply would pile up
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                if loops.is_exact[i]:
+                    history.loop_force[i] = wp.vec3(0.0)
+                    history.loop_torque[i] = wp.vec3(0.0)
         enough = wp.max(tolerance, SETTLED * scale.gravity * h * h)
         update = float(0.0)
         sweep = int(0)
