@@ -3,11 +3,16 @@
 """What a solver says about a model that it cannot simulate, before it simulates anything."""
 
 import warnings
+from collections.abc import Sequence
 
 import newton
 import numpy as np
+import warp as wp
 
 from .rows.joint import KINDS
+
+_MOST_NAMES = 3
+"""Labels in a message."""
 
 
 def check_model(model: newton.Model, *, ramp: bool = False) -> None:
@@ -29,12 +34,125 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             _check_numbers(model, name, model.shape_label, minimum=0.0)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
-    if model.particle_count:
-        warnings.warn(
-            f"SolverAVBD moves rigid bodies only: the model's {model.particle_count} particles "
-            "stay where they are. Use SolverVBD or SolverXPBD for them.",
-            stacklevel=3,
+
+
+def report_ignored(model: newton.Model, *, strict: bool = False) -> None:
+    """Says what a model holds that the solver leaves alone, with the remedy.
+
+    Particles that are not active, or are a coupled solver's proxies, are another solver's and not
+    mentioned, nor what is made of them.
+
+    Args:
+        model: The model; arrays of what is mentioned are copied to the host.
+        strict: Raise instead of warn.
+
+    Raises:
+        NotImplementedError: If ``strict`` and there is such a thing.
+    """
+    messages = []
+    if others := [*_deformables(model), *_named(model.tendon_count, "tendon", model.tendon_label)]:
+        messages.append(
+            f"SolverAVBD moves rigid bodies only; it leaves out the model's {', '.join(others)}. "
+            "Use SolverVBD for them, alone or coupled with this solver."
         )
+    if rows := _equalities(model):
+        messages.append(
+            f"SolverAVBD leaves out {', '.join(rows)}. Import with "
+            "convert_mjc_equality_constraints=True, which makes loop joints of CONNECT and WELD; "
+            "otherwise use Newton's joints and set_joint_mimic()."
+        )
+    if mimics := _sparse_mimics(model):
+        messages.append(
+            f"SolverAVBD leaves out the deprecated {', '.join(mimics)}. Use "
+            "ModelBuilder.set_joint_mimic() instead of add_constraint_mimic()."
+        )
+    if adhesive := _adhesive_shapes(model):
+        messages.append(
+            f"SolverAVBD leaves out the adhesion (ka) of {', '.join(adhesive)}. Only the penalty "
+            "contacts of SolverSemiImplicit use it."
+        )
+    if strict and messages:
+        raise NotImplementedError("\n".join(messages))
+    for message in messages:
+        warnings.warn(message, stacklevel=3)
+
+
+def _named(count: int, what: str, labels: Sequence[str] = ()) -> list[str]:
+    """ "12 springs", with the first labels where there are any; empty without a thing."""
+    if count == 0:
+        return []
+    names = ", ".join(repr(label) for label in labels[:_MOST_NAMES])
+    names += ", ..." if names and count > _MOST_NAMES else ""
+    return [f"{count} {what}{'s' if count > 1 else ''}" + (f" ({names})" if names else "")]
+
+
+def _deformables(model: newton.Model) -> list[str]:
+    """Particles that this solver is to move, what is made of them, and muscles."""
+    found = []
+    if model.particle_count:
+        flags = model.particle_flags.numpy()
+        ours = (flags & int(newton.ParticleFlags.ACTIVE) != 0) & (
+            flags & int(newton.ParticleFlags.PROXY) == 0
+        )
+        found += _named(int(ours.sum()), "particle")
+        ours = np.append(ours, False)  # -1: no particle
+
+        def made_of_ours(count: int, indices: wp.array) -> int:
+            return int(ours[indices.numpy().reshape(count, -1)].any(axis=1).sum()) if count else 0
+
+        found += _named(made_of_ours(model.spring_count, model.spring_indices), "spring")
+        found += _named(made_of_ours(model.tri_count, model.tri_indices), "triangle")
+        found += _named(made_of_ours(model.edge_count, model.edge_indices), "bending edge")
+        found += _named(made_of_ours(model.tet_count, model.tet_indices), "tet")
+        for kind, count in (("surface", model.surface_count), ("volume", model.volume_count)):
+            if count:
+                starts = getattr(model, f"{kind}_particle_start").numpy()
+                ends = getattr(model, f"{kind}_particle_end").numpy()
+                labels = getattr(model, f"{kind}_label")
+                labels = [labels[i] for i in range(count) if ours[starts[i] : ends[i]].any()]
+                found += _named(len(labels), kind, labels)
+        if model.attachment_particle_body_count:
+            held = ours[model.attachment_particle_body_particle.numpy()]
+            held &= model.attachment_particle_body_enabled.numpy()
+            bodies = model.attachment_particle_body_body.numpy()[held]
+            labels = [f"body {_label(model.body_label, body)}" for body in bodies]
+            found += _named(len(labels), "particle attachment", labels)
+    if model.muscle_count:
+        first = model.muscle_bodies.numpy()[model.muscle_start.numpy()[: model.muscle_count]]
+        labels = [f"from body {_label(model.body_label, body)}" for body in first]
+        found += _named(model.muscle_count, "muscle", labels)
+    return found
+
+
+def _equalities(model: newton.Model) -> list[str]:
+    """MuJoCo's equality constraints that no importer made a joint of, and its tendons."""
+    mujoco = getattr(model, "mujoco", None)
+    counts = model.custom_frequency_counts
+    found = []
+    if counts.get("mujoco:equality_constraint", 0):
+        left = mujoco.equality_constraint_enabled.numpy() & (
+            mujoco.equality_constraint_target.numpy() < 0
+        )
+        labels = [mujoco.equality_constraint_label[i] for i in np.flatnonzero(left)]
+        found += _named(len(labels), "MuJoCo equality constraint", labels)
+    if count := counts.get("mujoco:tendon", 0):
+        found += _named(count, "MuJoCo tendon", mujoco.tendon_label)
+    return found
+
+
+def _sparse_mimics(model: newton.Model) -> list[str]:
+    if model.constraint_mimic_count == 0:
+        return []
+    active = np.flatnonzero(model.constraint_mimic_enabled.numpy())
+    labels = [_label(model.constraint_mimic_label, i) for i in active]
+    return _named(len(labels), "mimic constraint", labels)
+
+
+def _adhesive_shapes(model: newton.Model) -> list[str]:
+    if model.shape_count == 0:
+        return []
+    adhesive = np.flatnonzero(model.shape_material_ka.numpy() > 0.0)
+    return _named(adhesive.size, "shape", [_label(model.shape_label, i) for i in adhesive])
 
 
 def _check_joints(model: newton.Model, ramp: bool) -> None:
@@ -100,5 +218,5 @@ def _check_numbers(
         )
 
 
-def _label(labels: list[str], index: int) -> str:
+def _label(labels: list[str], index: int | np.integer) -> str:
     return labels[index] if index < len(labels) else ""

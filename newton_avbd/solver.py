@@ -16,7 +16,7 @@ from newton.solvers import SolverBase
 
 from . import data
 from .algebra.block import BlockFactor
-from .checks import check_model
+from .checks import check_model, report_ignored
 from .effects import Effects, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents
 from .execute.contacts import reset_bodies, sort_contacts
@@ -29,6 +29,7 @@ from .execute.observables import (
 )
 from .execute.world import make_solve
 from .rows.joint import KINDS, PUSHED_AT_COM
+from .settings import Settings, register_scene_settings
 from .topology import Topology
 
 _SIDES = 2
@@ -83,12 +84,13 @@ class SolverAVBD(SolverBase):
         self,
         model: newton.Model,
         *,
-        iterations: int = 10,
-        tolerance: float = 0.0,
-        compliant_contacts: bool = False,
-        formulation: Literal["augmented", "ramp"] = "augmented",
-        blocks: Literal["articulation", "body"] = "articulation",
+        iterations: int | None = None,
+        tolerance: float | None = None,
+        compliant_contacts: bool | None = None,
+        formulation: Literal["augmented", "ramp"] | None = None,
+        blocks: Literal["articulation", "body"] | None = None,
         update_joint_state: bool = False,
+        strict: bool = False,
         collision_pipeline: newton.CollisionPipeline | None = None,
         collision_frequency: Mapping[SolverBase.CollisionSlot, int] | None = None,
         collision_frequency_type: Mapping[
@@ -98,45 +100,50 @@ class SolverAVBD(SolverBase):
     ) -> None:
         """Prepare to simulate a model.
 
+        Settings that default to None are the scene's where it authors them (see
+        :meth:`register_custom_attributes`), and otherwise as said here.
+
         Args:
             model: The model. Its arrays are read live in every step; after changing which bodies
                 move, masses, or materials call :meth:`notify_model_changed`.
-            iterations: Most sweeps over the bodies in each step: more for taller stacks and
-                larger mass ratios. The first three steps after a reset take four times as many.
+            iterations: Most sweeps over the bodies in each step, 10 by default: more for taller
+                stacks and larger mass ratios. The first three steps after a reset take four times
+                as many.
             tolerance: A world's sweeps end early when one moves no body by more than this [m], a
-                turn counted by its radius of gyration; with 0 only where nothing moves any more.
+                turn counted by its radius of gyration; with 0, the default, only where nothing
+                moves any more.
             compliant_contacts: Contacts give way by the shapes' ``ke`` [N/m] and ``kd`` [N s/m]
-                (their means over the two shapes) instead of being rigid, and joint limits by their
-                ``limit_ke`` and ``limit_kd``.
-            formulation: ``"augmented"`` (multipliers), or ``"ramp"``: the seed document's growing
-                penalty up to the shapes' ``ke``, for comparison.
-            blocks: What is solved at once: ``"articulation"``, the tree that joints make of bodies,
-                or ``"body"``, each body by itself, for comparison.
+                (their means over the two shapes) instead of being rigid, which is the default, and
+                joint limits by their ``limit_ke`` and ``limit_kd``.
+            formulation: ``"augmented"`` (multipliers), the default, or ``"ramp"``: the seed
+                document's growing penalty up to the shapes' ``ke``, for comparison.
+            blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
+                make of bodies, or ``"body"``, each body by itself, for comparison.
             update_joint_state: Each step writes ``state_out.joint_q`` and ``joint_qd``, too, with
                 the turns of hinges counted; without it only poses and velocities of bodies.
+            strict: What the model holds and this solver does not simulate (particles, cloth,
+                tendons, ...) is an error instead of a warning.
             collision_pipeline: A pipeline that the solver runs at the start of each step, on
                 ``state_in``; ``step`` then takes ``contacts=None``.
             collision_frequency: See :class:`newton.solvers.SolverBase`.
             collision_frequency_type: ``NONE`` or ``PRE_INIT``, by slot.
 
         Raises:
-            NotImplementedError: If the ramped formulation is asked for and the model has joints.
+            NotImplementedError: If the ramped formulation is asked for and the model has joints, or
+                if ``strict`` and the model holds what the solver does not simulate.
             ValueError: If a setting or a number in the model makes no sense.
         """
-        if iterations < 1:
-            raise ValueError(f"iterations must be at least 1, got {iterations}.")
-        if not (tolerance >= 0.0 and np.isfinite(tolerance)):
-            raise ValueError(f"tolerance must be a length of at least 0 m, got {tolerance}.")
-        if formulation not in ("augmented", "ramp"):
-            raise ValueError(f"formulation must be 'augmented' or 'ramp', got {formulation!r}.")
-        if blocks not in ("articulation", "body"):
-            raise ValueError(f"blocks must be 'articulation' or 'body', got {blocks!r}.")
-        if formulation == "ramp" and compliant_contacts:
-            raise ValueError(
-                "formulation='ramp' is limited by the shapes' stiffness already; leave "
-                "compliant_contacts out."
-            )
-        check_model(model, ramp=formulation == "ramp")
+        settings = Settings.resolve(
+            model,
+            iterations=iterations,
+            tolerance=tolerance,
+            compliant_contacts=compliant_contacts,
+            formulation=formulation,
+            blocks=blocks,
+        )
+        self._ramp = settings.formulation == "ramp"
+        check_model(model, ramp=self._ramp)
+        report_ignored(model, strict=strict)
         super().__init__(
             model,
             collision_pipeline=collision_pipeline,
@@ -144,13 +151,12 @@ class SolverAVBD(SolverBase):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
-        self.iterations = iterations
-        self.tolerance = float(tolerance)
+        self.iterations = settings.iterations
+        self.tolerance = float(settings.tolerance)
         self.effects: Effects
         """What the scene calls for and the kernels are compiled with."""
-        self._compliance = compliant_contacts
-        self._ramp = formulation == "ramp"
-        self._blocks = blocks
+        self._compliance = settings.compliant_contacts
+        self._blocks = settings.blocks
         self.writes_joint_state = update_joint_state and model.joint_count > 0
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         self._topology: Topology | None = None
@@ -318,6 +324,24 @@ class SolverAVBD(SolverBase):
         )
 
     # What a user may do besides stepping.
+
+    @classmethod
+    def register_custom_attributes(cls, builder: newton.ModelBuilder) -> None:
+        """Declare what a scene may author for this solver, in the namespace ``avbd``.
+
+        Call it before ``builder.add_usd``, which reads from the stage's PhysicsScene prim, into
+        arrays or lists of one value in ``model.avbd``:
+
+        - ``newton:maxSolverIterations``, ``max_solver_iterations``: ``iterations``; -1 for unset.
+        - ``newton:avbd:tolerance``, ``tolerance``: the argument of that name [m].
+        - ``newton:avbd:compliantContacts``, ``compliant_contacts``: likewise.
+        - ``newton:avbd:formulation``, ``formulation``: likewise.
+        - ``newton:avbd:blocks``, ``blocks``: likewise.
+
+        Args:
+            builder: The builder; may be registered more than once.
+        """
+        register_scene_settings(builder)
 
     @property
     def status(self) -> Status:

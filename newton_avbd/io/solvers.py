@@ -14,11 +14,8 @@ from .errors import require
 SOLVERS = ("avbd", "vbd", "xpbd", "mujoco", "kamino")
 """Names of the solvers, ours first."""
 
-SWEEPING = ("avbd", "vbd", "xpbd")
-"""Solvers whose iterations are sweeps over bodies or constraints, and so compare."""
-
-SWEEPS = 10
-"""Iterations of those where nothing else is said."""
+XPBD_SWEEPS = 10
+"""Iterations of SolverXPBD where nothing else is said: as many as SolverAVBD and SolverVBD take."""
 
 # Held here, so that they stay what they are while newton.solvers is patched for a swap.
 _CLASSES = {
@@ -62,8 +59,8 @@ def construct(
     Args:
         name: One of :data:`SOLVERS`.
         model: The model.
-        iterations: Iterations a step; None for :data:`SWEEPS`, or the solver's
-            own default where they are no sweeps.
+        iterations: Iterations a step; None for the scene's or the solver's own default, and for
+            :data:`XPBD_SWEEPS` with SolverXPBD, so that solvers that sweep compare.
         options: Further keyword arguments of the solver's class.
 
     Returns:
@@ -72,8 +69,8 @@ def construct(
     Raises:
         NotImplementedError: The model holds what the solver cannot do.
     """
-    if iterations is None and name in SWEEPING:
-        iterations = SWEEPS
+    if iterations is None and name == "xpbd":
+        iterations = XPBD_SWEEPS
     if iterations is not None:
         options["iterations"] = iterations
     if name == "mujoco":

@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Settings of the solver: an explicit argument, otherwise what the scene says, otherwise a default.
+
+A scene says it on the PhysicsScene prim of a USD stage, or in a builder's custom attributes; both
+end up in ``model.avbd``.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import newton
+import numpy as np
+import warp as wp
+
+
+@dataclass(frozen=True)
+class SceneSetting:
+    """How a scene authors a setting."""
+
+    dtype: type
+    usd_name: str
+    """Name of the attribute on the PhysicsScene prim."""
+    default: Any
+    """Value of a scene that does not say."""
+    name: str
+    """Name in ``model.avbd``."""
+
+
+SCENE_SETTINGS: dict[str, SceneSetting] = {
+    "iterations": SceneSetting(
+        wp.int32, "newton:maxSolverIterations", -1, name="max_solver_iterations"
+    ),
+    "tolerance": SceneSetting(wp.float32, "newton:avbd:tolerance", 0.0, name="tolerance"),
+    "compliant_contacts": SceneSetting(
+        wp.bool, "newton:avbd:compliantContacts", False, name="compliant_contacts"
+    ),
+    "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
+    "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
+}
+"""What a scene may author, by argument of the solver's constructor.
+
+Newton's own ``newton:maxSolverIterations`` of -1 leaves the number to the solver.
+"""
+
+ITERATIONS = 10
+"""Sweeps where neither the user nor the scene asks for a number."""
+
+_CHOICES = {"formulation": ("augmented", "ramp"), "blocks": ("articulation", "body")}
+
+
+def register_scene_settings(builder: newton.ModelBuilder) -> None:
+    """Declares the settings that a scene may author, in the namespace ``avbd``."""
+    for setting in SCENE_SETTINGS.values():
+        builder.add_custom_attribute(
+            newton.ModelBuilder.CustomAttribute(
+                name=setting.name,
+                namespace="avbd",
+                dtype=setting.dtype,
+                default=setting.default,
+                frequency=newton.Model.AttributeFrequency.ONCE,
+                assignment=newton.Model.AttributeAssignment.MODEL,
+                usd_attribute_name=setting.usd_name,
+                usd_value_transformer=_as_string if setting.dtype is str else None,
+            )
+        )
+
+
+def _as_string(value: Any, context: dict[str, Any]) -> str:
+    """A token of a stage; Newton's own conversion knows numbers only."""
+    del context
+    return str(value)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Settings that make sense, of :class:`newton_avbd.SolverAVBD`."""
+
+    iterations: int
+    tolerance: float
+    compliant_contacts: bool
+    formulation: str
+    blocks: str
+
+    @classmethod
+    def resolve(cls, model: newton.Model, **arguments: Any) -> "Settings":
+        """Settings from explicit arguments, None where not given, and the scene.
+
+        Raises:
+            ValueError: If a setting makes no sense; names the argument, or the scene's attribute.
+        """
+        values = {
+            name: _scene_value(model, name) if argument is None else argument
+            for name, argument in arguments.items()
+        }
+        if arguments["iterations"] is None and values["iterations"] == -1:
+            values["iterations"] = ITERATIONS
+
+        def check(name: str, makes_sense: bool, wanted: str) -> None:
+            if makes_sense:
+                return
+            setting = SCENE_SETTINGS[name]
+            source, remedy = name, ""
+            if arguments[name] is None:
+                source = f"the scene's {setting.usd_name} (model.avbd.{setting.name})"
+                remedy = f" Change the scene, or pass {name}= to SolverAVBD."
+            raise ValueError(f"{source} must be {wanted}, got {values[name]!r}.{remedy}")
+
+        check("iterations", values["iterations"] >= 1, "at least 1")
+        tolerance = values["tolerance"]
+        makes_sense = bool(tolerance >= 0.0 and np.isfinite(tolerance))
+        check("tolerance", makes_sense, "a length of at least 0 m")
+        for name, choices in _CHOICES.items():
+            check(name, values[name] in choices, " or ".join(map(repr, choices)))
+        if values["formulation"] == "ramp" and values["compliant_contacts"]:
+            raise ValueError(
+                "formulation='ramp' is limited by the shapes' stiffness already; leave "
+                "compliant_contacts out."
+            )
+        return cls(**values)
+
+
+def _scene_value(model: newton.Model, name: str) -> Any:
+    """What the scene says, or the default."""
+    setting = SCENE_SETTINGS[name]
+    authored = getattr(getattr(model, "avbd", None), setting.name, None)
+    if authored is None:
+        return setting.default
+    if isinstance(authored, wp.array):
+        return authored.numpy()[0].item()
+    return authored[0]
