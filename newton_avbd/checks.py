@@ -4,6 +4,7 @@
 
 import warnings
 from collections.abc import Sequence
+from typing import Any
 
 import newton
 import numpy as np
@@ -126,7 +127,7 @@ def _deformables(model: newton.Model) -> list[str]:
 
 def _equalities(model: newton.Model) -> list[str]:
     """MuJoCo's equality constraints that no importer made a joint of, and its tendons."""
-    mujoco = getattr(model, "mujoco", None)
+    mujoco: Any = getattr(model, "mujoco", None)
     counts = model.custom_frequency_counts
     found = []
     if counts.get("mujoco:equality_constraint", 0):
