@@ -14,6 +14,8 @@ from .rows.joint import KINDS
 
 _MOST_NAMES = 3
 """Labels in a message."""
+_INVERSE = 0.02
+"""How far a mass times its inverse may be from 1: far above rounding, below what anybody means."""
 
 
 def check_model(model: newton.Model, *, ramp: bool = False) -> None:
@@ -198,6 +200,19 @@ def _check_bodies(model: newton.Model) -> None:
             f"body {locked[0]} '{_label(model.body_label, locked[0])}' has a mass but no inertia; "
             "give it a shape with density, or set body_inertia and body_inv_inertia."
         )
+    inv_mass = model.body_inv_mass.numpy()
+    product = np.matmul(model.body_inertia.numpy(), model.body_inv_inertia.numpy())
+    has_inverse = np.any(model.body_inv_inertia.numpy() != 0.0, axis=(1, 2))
+    for name, differs in (
+        ("mass", (inv_mass > 0.0) & (np.abs(mass * inv_mass - 1.0) > _INVERSE)),
+        ("inertia", has_inverse & (np.abs(product - np.eye(3)).max(axis=(1, 2)) > _INVERSE)),
+    ):
+        if np.any(differs):
+            body = int(np.flatnonzero(differs)[0])
+            raise ValueError(
+                f"model.body_inv_{name}[{body}] ('{_label(model.body_label, body)}') is not the "
+                f"inverse of body_{name}[{body}]; change both."
+            )
 
 
 def _check_numbers(

@@ -93,6 +93,19 @@ class Effects:
         """Whether something acts along joint axes that depends on their coordinates."""
         return self.drives or self.limits or self.rods or self.mimics
 
+    def for_any_values(self) -> "Effects":
+        """These effects and those that other values in the same arrays of the model could ask for.
+
+        What follows from which shapes, joints and bodies there are, or from settings, stays.
+        """
+        return dataclasses.replace(
+            self,
+            friction=self.contact,
+            gyroscopic=True,
+            drives=self.joints,
+            limits=self.joints,
+        )
+
     def without_contact(self) -> "Effects":
         """The effects of a step in which nothing touches."""
         return dataclasses.replace(

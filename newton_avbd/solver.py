@@ -18,7 +18,7 @@ from . import data
 from .algebra.block import BlockFactor
 from .checks import check_model, report_ignored
 from .effects import Effects, pushing_joints
-from .execute.bodies import make_integrate, make_predict, push_parents
+from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
 from .execute.contacts import reset_bodies, sort_contacts
 from .execute.launch import Launcher
 from .execute.observables import (
@@ -142,6 +142,7 @@ class SolverAVBD(SolverBase):
             blocks=blocks,
         )
         self._ramp = settings.formulation == "ramp"
+        self._strict = strict
         check_model(model, ramp=self._ramp)
         report_ignored(model, strict=strict)
         super().__init__(
@@ -394,41 +395,37 @@ class SolverAVBD(SolverBase):
         """Look again at what the model calls for.
 
         Arrays of the model are read live, so changing their values needs no call, except where it
-        calls for an effect that the scene did without: friction, unequal moments of inertia,
-        drives, limits, or other bodies that move. The call copies model arrays to the host. While a
-        graph is being captured it compiles in these effects instead, and global bodies that start
-        or stop to move need another call outside the capture. Capture again after a call that
-        changed which global bodies move.
+        calls for what the scene did without: an effect that the kernels were not compiled with
+        (friction, unequal moments of inertia, drives, limits, ...), or a body that starts or stops
+        to move. New arrays in the place of old ones, and new initial joint coordinates, need one,
+        too. The call checks the model as the constructor does and copies its arrays to the host.
+
+        While a graph is being captured the call reads nothing: it compiles in all effects that
+        values can call for. Bodies that start to move at joints then need another call outside
+        of the capture, and a new capture; a replay says so where it happens.
 
         Args:
-            flags: What changed; unknown bits are ignored.
+            flags: What changed; every flag leads to the same, unknown bits are ignored.
+
+        Raises:
+            NotImplementedError: If the model now holds what the solver does not simulate and the
+                solver is strict.
+            ValueError: If a number in the model makes no sense.
         """
-        relevant = (
-            ModelFlags.JOINT_PROPERTIES
-            | ModelFlags.JOINT_DOF_PROPERTIES
-            | ModelFlags.JOINT_DOF_FORCE_PROPERTIES
-            | ModelFlags.JOINT_REFERENCE_POSE_PROPERTIES
-            | ModelFlags.BODY_PROPERTIES
-            | ModelFlags.BODY_INERTIAL_PROPERTIES
-            | ModelFlags.SHAPE_PROPERTIES
-            | ModelFlags.SHAPE_TYPE_AND_SOURCE
-            | ModelFlags.MODEL_PROPERTIES
-        )
-        if not int(flags) & int(relevant):
+        if not int(flags) & int(ModelFlags.ALL):
             return
         self._bind_model()
         if self.device.is_capturing:
-            self.effects = dataclasses.replace(
-                self.effects,
-                friction=True,
-                gyroscopic=True,
-                drives=self.effects.joints,
-                limits=self.effects.joints,
-            )
+            self.effects = self.effects.for_any_values()
             self._effects_apart = self.effects.without_contact()
-        else:
-            check_model(self.model, ramp=self._ramp)
-            self._group_worlds()
+            if self.model.body_count:
+                self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
+            return
+        check_model(self.model, ramp=self._ramp)
+        if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES):
+            report_ignored(self.model, strict=self._strict)
+        self._rest_angle.assign(self._initial_angles())
+        self._group_worlds()
 
     def set_collision_frequency(
         self,
@@ -615,6 +612,10 @@ class SolverAVBD(SolverBase):
             self._worlds.sweeps = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.update = wp.zeros(self._world_count, dtype=float)
             self._worlds.overflow = wp.zeros(1, dtype=wp.int32)
+            # bodies that would be grouped otherwise, and joints held, if these bodies moved
+            self._taken_as_fixed = wp.array(
+                topology.idle | (groups == self.model.world_count), dtype=wp.bool
+            )
             self._history.parity = wp.zeros(self._world_count, dtype=wp.int32)
             self._history.filling = wp.zeros((self._world_count, 2), dtype=wp.int32)
             self._history.age = wp.zeros(self._world_count, dtype=wp.int32)

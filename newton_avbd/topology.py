@@ -47,6 +47,8 @@ class Topology:
     """What is solved with the trees beside their joints, block by block in the order of bodies."""
     parent: np.ndarray
     """Parent of each body in its tree, -1 for a root."""
+    idle: np.ndarray
+    """Whether a body that does not move has a joint that holds nothing because of that."""
     has_flips: bool
     """Whether a tree goes from the child of a joint to its parent somewhere."""
     worlds: np.ndarray
@@ -99,12 +101,14 @@ class Topology:
             is_new = other < 0 or find(body) != find(other)
             return joint[body] < 0 and is_new and bool(moves[body])
 
+        idle = np.zeros(count, dtype=bool)
         has_flips = False
         for index, kind in enumerate(kinds):
             parent, child = int(parents[index]), int(children[index])
             if kind == newton.JointType.FREE:
                 continue
             if not moves[child] and (parent < 0 or not moves[parent]):
+                idle[[child] if parent < 0 else [child, parent]] = True
                 continue
             below, above = child, parent
             is_flipped = parent >= 0 and not can_hang(child, parent)
@@ -154,6 +158,7 @@ class Topology:
             block_end=np.array(ends, dtype=np.int32),
             joint=joint.astype(np.int32),
             parent=parent_of.astype(np.int32),
+            idle=idle,
             has_flips=has_flips,
             worlds=worlds,
             axis_start=axis_start,

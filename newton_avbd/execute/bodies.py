@@ -156,6 +156,23 @@ def report_held(worlds: WorldWork, world: int):
         wp.printf("SolverAVBD: world %d is not finite and is held still until it is reset\n", world)
 
 
+@wp.kernel(enable_backward=False, module="unique")
+def report_freed(
+    # Model:
+    model: BodyModel,
+    # In:
+    taken_as_fixed: wp.array[wp.bool],
+):
+    """Says which bodies move that the solver has grouped as fixed ones; one thread a body."""
+    body = wp.tid()
+    if taken_as_fixed[body] and is_mobile(model, body):
+        wp.printf(
+            "SolverAVBD: body %d moves since a graph changed it; call notify_model_changed outside "
+            "of graphs and capture again\n",
+            body,
+        )
+
+
 @functools.cache
 def make_predict(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: everything about a body that the sweeps need, once a step."""
