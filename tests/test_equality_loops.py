@@ -118,3 +118,10 @@ def test_a_constraint_that_no_joint_can_stand_for_is_named() -> None:
     model = four_bar(more='<joint name="stop" joint1="left" polycoef="0.1 0 0 0 0"/>')
     with pytest.warns(UserWarning, match=r"1 MuJoCo equality constraint \('stop'\)"):
         SolverAVBD(model.finalize(device="cpu"))
+
+
+def test_a_constraint_between_two_joints_is_named() -> None:
+    """Importers make a deprecated mimic constraint of it; the message has today's way."""
+    model = four_bar(more='<joint name="gear" joint1="left" joint2="right"/>')
+    with pytest.warns(UserWarning, match=r"1 mimic constraint \('gear'\).*set_joint_mimic"):
+        SolverAVBD(model.finalize(device="cpu"))
