@@ -61,13 +61,8 @@ def report_ignored(model: newton.Model, *, strict: bool = False) -> None:
     if rows := _equalities(model):
         messages.append(
             f"SolverAVBD leaves out {', '.join(rows)}. Import with "
-            "convert_mjc_equality_constraints=True, which makes loop joints of CONNECT and WELD; "
-            "otherwise use Newton's joints and set_joint_mimic()."
-        )
-    if mimics := _sparse_mimics(model):
-        messages.append(
-            f"SolverAVBD leaves out the deprecated {', '.join(mimics)}. Use "
-            "ModelBuilder.set_joint_mimic() instead of add_constraint_mimic()."
+            "convert_mjc_equality_constraints=True, which makes joints of CONNECT and WELD and "
+            "mimics of JOINT; otherwise use Newton's joints and set_joint_mimic()."
         )
     if adhesive := _adhesive_shapes(model):
         messages.append(
@@ -141,14 +136,6 @@ def _equalities(model: newton.Model) -> list[str]:
     if count := counts.get("mujoco:tendon", 0):
         found += _named(count, "MuJoCo tendon", mujoco.tendon_label)
     return found
-
-
-def _sparse_mimics(model: newton.Model) -> list[str]:
-    if model.constraint_mimic_count == 0:
-        return []
-    active = np.flatnonzero(model.constraint_mimic_enabled.numpy())
-    labels = [_label(model.constraint_mimic_label, i) for i in active]
-    return _named(len(labels), "mimic constraint", labels)
 
 
 def _adhesive_shapes(model: newton.Model) -> list[str]:

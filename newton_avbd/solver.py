@@ -30,7 +30,7 @@ from .execute.observables import (
 from .execute.world import make_solve
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
-from .topology import Topology
+from .topology import Topology, mimics
 
 _SIDES = 2
 
@@ -568,6 +568,11 @@ class SolverAVBD(SolverBase):
             self._joints.limit_kd = model.joint_limit_kd
             self._joints.rest_q = model.joint_rest_q
             self._joints.mimic_coefficients = model.joint_mimic_coeffs
+            if model.constraint_mimic_count:
+                if not self.device.is_capturing:
+                    _, coefficients = mimics(model)
+                    self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
+                self._joints.mimic_coefficients = self._mimics
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu

@@ -9,7 +9,6 @@ import numpy as np
 
 from .rows.joint import KINDS
 
-
 CLOSURE_ROWS = 64
 """Most equations that are solved with a tree; beyond, its loops are closed sweep by sweep."""
 
@@ -26,6 +25,37 @@ class ClosureOf:
     """Directions that it locks, or coordinates that it ties."""
     body: int
     """A body of the block."""
+
+
+def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Leader of each joint, -1 without one, and the offset and multiplier by which it follows.
+
+    Those of joints and the deprecated sparse ones, which importers still make of MuJoCo's JOINT
+    equality constraints.
+
+    Raises:
+        ValueError: If a sparse one ties a joint that follows already, or joints of different kinds.
+    """
+    leaders, coefficients = model.joint_mimic_joint.numpy(), model.joint_mimic_coeffs.numpy()
+    if model.constraint_mimic_count:
+        leaders, coefficients = leaders.copy(), coefficients.copy()
+        for index in np.flatnonzero(model.constraint_mimic_enabled.numpy()):
+            joint = model.constraint_mimic_joint0.numpy()[index]
+            leader = model.constraint_mimic_joint1.numpy()[index]
+            dims = model.joint_dof_dim.numpy()
+            if leaders[joint] >= 0 or np.any(dims[joint] != dims[leader]):
+                labels = model.joint_label
+                raise ValueError(
+                    f"Mimic constraint {index} ('{model.constraint_mimic_label[index]}') ties "
+                    f"joint '{labels[joint]}', which follows another joint already or has other "
+                    f"axes than '{labels[leader]}'. Use set_joint_mimic()."
+                )
+            leaders[joint] = leader
+            coefficients[joint] = (
+                model.constraint_mimic_coef0.numpy()[index],
+                model.constraint_mimic_coef1.numpy()[index],
+            )
+    return leaders, coefficients
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +216,7 @@ def _closures(
         return [], tree_root
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
     kinds, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
-    leaders = model.joint_mimic_joint.numpy()
+    leaders, _ = mimics(model)
     links: list[tuple[ClosureOf, list[int]]] = []
     for index in loops:
         bodies = [int(b) for b in (child[index], parent[index]) if b >= 0 and moves[b]]

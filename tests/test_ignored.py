@@ -6,7 +6,6 @@ import warnings
 from collections.abc import Callable
 
 import newton
-import numpy as np
 import pytest
 import warp as wp
 from contract import resting_box
@@ -61,19 +60,10 @@ def add_muscle(builder: newton.ModelBuilder) -> None:
 
 
 def add_tendon(builder: newton.ModelBuilder) -> None:
-    """From the world to the cube."""
+    """Four, from the world to the cube."""
     guide = newton.TendonGuide
-    builder.add_tendon([guide(body=-1), guide(body=0)], label="cable")
-
-
-def add_mimics(builder: newton.ModelBuilder) -> None:
-    """Five of the deprecated kind, one of them off."""
-    links = [builder.add_link(mass=1.0, inertia=wp.mat33(0.1 * np.eye(3))) for _ in range(2)]
-    joints = [builder.add_joint_revolute(-1, link) for link in links]
-    for joint in joints:
-        builder.add_articulation([joint])
-    for i in range(5):
-        builder.add_constraint_mimic(joints[1], joints[0], enabled=i > 0, label=f"gear{i}")
+    for i in range(4):
+        builder.add_tendon([guide(body=-1), guide(body=0)], label=f"cable{i}")
 
 
 def add_adhesion(builder: newton.ModelBuilder) -> None:
@@ -82,7 +72,6 @@ def add_adhesion(builder: newton.ModelBuilder) -> None:
     builder.add_shape_sphere(body, cfg=builder.ShapeConfig(ka=0.01), label="gum")
 
 
-@pytest.mark.filterwarnings("ignore:.*add_constraint_mimic")
 @pytest.mark.parametrize(
     ("add", "message"),
     [
@@ -94,8 +83,7 @@ def add_adhesion(builder: newton.ModelBuilder) -> None:
         (add_spring, r"2 particles, 1 spring\. Use SolverVBD"),
         (add_attachment, r"1 particle, 1 particle attachment \('body cube'\)"),
         (add_muscle, r"1 muscle \('from body arm'\)"),
-        (add_tendon, r"1 tendon \('cable'\)"),
-        (add_mimics, r"4 mimic constraints \('gear1', 'gear2', 'gear3', ...\).*set_joint_mimic"),
+        (add_tendon, r"4 tendons \('cable0', 'cable1', 'cable2', ...\)"),
         (add_adhesion, r"adhesion \(ka\) of 1 shape \('gum'\).*SolverSemiImplicit"),
     ],
 )

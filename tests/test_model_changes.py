@@ -369,6 +369,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
     """Each effect either follows from what there is and from settings, or is compiled in."""
     given = {
         *("contact", "joint_force", "kinds", "reaction", "flipped", "loops"),  # what there is
+        *("closures", "mimics"),
         *("compliance", "ramp"),  # settings
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer
     }
