@@ -163,8 +163,9 @@ class Topology:
             if parent_of[body] >= 0:
                 by_parent[parent_of[body]].append(body)
         starts: dict[int, list[int]] = {}
-        for body in np.flatnonzero(parent_of < 0):
-            starts.setdefault(int(block_root[body]), []).append(int(body))
+        for body in range(count):
+            if parent_of[body] < 0:
+                starts.setdefault(int(block_root[body]), []).append(body)
         for block in sorted(starts.values(), key=lambda roots: (worlds[roots[0]], roots[0])):
             begin = len(order)
             order.extend(block)
@@ -223,7 +224,7 @@ def _closures(
         if KINDS[kinds[index]].in_tree and dims[index] < 6 and np.any(tree_joint >= 0):
             closure = ClosureOf(joint=index, leader=-1, rows=6 - int(dims[index]), body=bodies[0])
             links.append((closure, bodies))
-    for index in np.flatnonzero(leaders >= 0):
+    for index in map(int, np.flatnonzero(leaders >= 0)):
         tied = [np.flatnonzero(tree_joint == joint) for joint in (index, leaders[index])]
         if any(bodies.size == 0 for bodies in tied):
             raise NotImplementedError(
@@ -233,7 +234,7 @@ def _closures(
             )
         bodies = [int(found[0]) for found in tied]
         closure = ClosureOf(
-            joint=int(index), leader=int(leaders[index]), rows=int(dims[index]), body=bodies[0]
+            joint=index, leader=int(leaders[index]), rows=int(dims[index]), body=bodies[0]
         )
         links.append((closure, bodies))
 

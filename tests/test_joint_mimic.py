@@ -5,7 +5,7 @@
 import newton
 import numpy as np
 import pytest
-from helpers import G, Array, Simulation
+from helpers import Array, G, Simulation
 from joint_scenes import (
     WORLD,
     add_hinge_chain,

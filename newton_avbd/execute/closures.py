@@ -410,7 +410,17 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             if closure.loop >= 0:
                 if wp.static(effects.loops):
                     loop_rows(
-                        block, columns, closure, recovery, h, model, joints, worlds, work, tree, loops
+                        block,
+                        columns,
+                        closure,
+                        recovery,
+                        h,
+                        model,
+                        joints,
+                        worlds,
+                        work,
+                        tree,
+                        loops,
                     )
             elif wp.static(effects.mimics):
                 mimic_rows(block, columns, closure, recovery, joints, worlds, work, tree)
