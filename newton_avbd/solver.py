@@ -17,6 +17,7 @@ from newton.solvers import SolverBase
 from . import data
 from .algebra.block import BlockFactor
 from .checks import check_model, report_ignored
+from .coupling import RigidCoupling
 from .effects import Effects, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
 from .execute.contacts import reset_bodies, sort_contacts
@@ -50,7 +51,7 @@ class Status:
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
 
 
-class SolverAVBD(SolverBase):
+class SolverAVBD(SolverBase, RigidCoupling):
     """Rigid bodies, joints and contacts by Augmented Vertex Block Descent.
 
     Backward Euler on pose increments, minimised block by block. A free body is a 6x6 block; the

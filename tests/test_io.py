@@ -62,6 +62,16 @@ def test_swap_makes_the_solver_asked_for_and_is_undone(model):
     assert newton.solvers.SolverXPBD is SolverXPBD
 
 
+def test_swap_leaves_soft_bodies_to_their_solver():
+    builder = newton.ModelBuilder()
+    builder.add_particle(pos=(0.0, 0.0, 1.0), vel=(0.0, 0.0, 0.0), mass=1.0)
+    builder.color()
+    soft = builder.finalize()
+    for solver, stays in (("avbd", SolverVBD), ("mujoco", SolverVBD), ("xpbd", SolverXPBD)):
+        with made_by_swap(solver):
+            assert type(newton.solvers.SolverVBD(soft)) is stays
+
+
 def test_swap_is_undone_when_a_script_fails():
     finalize = newton.ModelBuilder.finalize
     with pytest.raises(ZeroDivisionError), made_by_swap("avbd"):

@@ -17,6 +17,9 @@ SOLVERS = ("avbd", "vbd", "xpbd", "mujoco", "kamino")
 XPBD_SWEEPS = 10
 """Iterations of SolverXPBD where nothing else is said: as many as SolverAVBD and SolverVBD take."""
 
+DEFORMABLE = ("vbd", "xpbd")
+"""Solvers of cloth, soft bodies and grains, too; from the others such a scene keeps its own."""
+
 # Held here, so that they stay what they are while newton.solvers is patched for a swap.
 _CLASSES = {
     "vbd": SolverVBD,

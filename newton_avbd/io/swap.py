@@ -68,6 +68,8 @@ class StandIn:
 
     def __call__(self, model: newton.Model, *args: Any, **options: Any) -> Any:
         wanted = solvers.solver_class(self._request.solver)
+        if model.particle_count and self._request.solver not in solvers.DEFORMABLE:
+            return self._original(model, *args, **options)
         if wanted is self._original:
             if self._request.iterations is not None:
                 options["iterations"] = self._request.iterations

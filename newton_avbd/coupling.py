@@ -1,0 +1,214 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What Newton's coupled solvers ask beside a step: how heavy bodies feel, and what pushed them.
+
+A coupler gives each of its solvers a share of the model, and some of them *proxies*: bodies that
+another solver moves, which push here and are pushed. What pushed them goes back as forces.
+"""
+
+import newton
+import numpy as np
+import warp as wp
+from newton import ModelFlags
+from newton.solvers.experimental.coupled import CouplingInterface
+
+from .execute.proxies import harvest_momentum
+
+_HELD = 1.0e-4
+"""Joints that leave a body less than this share of its own mobility hold it."""
+
+
+class RigidCoupling(CouplingInterface):
+    """Coupling hooks of a solver of rigid bodies that conserves angular momentum.
+
+    Those that are not here are Newton's own: forces on proxies act as ``body_f``, and contacts
+    between proxies, or of a proxy with what does not move, are left out.
+    """
+
+    model: newton.Model
+
+    def coupling_effective_mass_refresh_flags(self) -> int:
+        """What of a model :meth:`coupling_eval_effective_mass_block` depends on."""
+        return int(
+            ModelFlags.BODY_PROPERTIES
+            | ModelFlags.BODY_INERTIAL_PROPERTIES
+            | ModelFlags.JOINT_PROPERTIES
+            | ModelFlags.JOINT_DOF_PROPERTIES
+            | ModelFlags.JOINT_DOF_INERTIAL_PROPERTIES
+        )
+
+    def coupling_eval_effective_mass(
+        self,
+        endpoint_kind: wp.array,
+        endpoint_index: wp.array,
+        endpoint_local_pos: wp.array,
+        out: wp.array,
+    ) -> None:
+        """As :meth:`coupling_eval_effective_mass_block`, masses only."""
+        super().coupling_eval_effective_mass(endpoint_kind, endpoint_index, endpoint_local_pos, out)
+        bodies = self._jointed(endpoint_kind, endpoint_index)
+        if not bodies:
+            return
+        mass, offset = out.numpy().copy(), endpoint_local_pos.numpy().astype(float)
+        for endpoint, (rotation, mobility) in bodies.items():
+            arm = np.hstack([np.eye(3), -_cross(rotation @ offset[endpoint])])
+            gives = np.linalg.eigvalsh(arm @ mobility @ arm.T)[-1]
+            if gives * mass[endpoint] > _HELD:
+                mass[endpoint] = 1.0 / gives
+        out.assign(mass)
+
+    def coupling_eval_effective_mass_block(
+        self,
+        endpoint_kind: wp.array,
+        endpoint_index: wp.array,
+        endpoint_local_pos: wp.array,
+        out_mass: wp.array,
+        out_inertia: wp.array | None = None,
+    ) -> None:
+        """How heavy points of bodies are to a push, with what hangs on their joints.
+
+        A jointed body counts as in the direction in which it gives way most, so that its proxy is
+        nowhere heavier than what it stands for: forces that come back a step late swing up where a
+        heavy thing rests on a proxy of more than four times the true mass. At the model's poses,
+        without drives, limits, contacts and joints that close loops; a body that its joints hold
+        counts with its own mass. Copies model arrays to the host.
+
+        Args:
+            endpoint_kind: Kinds of the endpoints, shape (endpoint_count,).
+            endpoint_index: Body or particle of each endpoint.
+            endpoint_local_pos: Offsets of the endpoints from the COM, body frame [m].
+            out_mass: Effective masses [kg].
+            out_inertia: Effective inertias about the COM, body frame [kg m^2].
+        """
+        self.coupling_eval_effective_mass(
+            endpoint_kind, endpoint_index, endpoint_local_pos, out_mass
+        )
+        if out_inertia is None:
+            return
+        is_body = endpoint_kind.numpy() == int(self.EndpointKind.BODY)
+        inertia = np.zeros((is_body.size, 3, 3))
+        inertia[is_body] = self.model.body_inertia.numpy()[endpoint_index.numpy()[is_body]]
+        for endpoint, (rotation, mobility) in self._jointed(endpoint_kind, endpoint_index).items():
+            turn = rotation @ _root(inertia[endpoint])
+            gives = np.linalg.eigvalsh(turn.T @ mobility[3:, 3:] @ turn)[-1]
+            if gives > _HELD:
+                inertia[endpoint] *= max(1.0 / gives, 1.0)
+        out_inertia.assign(inertia.astype(np.float32))
+
+    def coupling_harvest_proxy_wrenches(
+        self,
+        body_local_to_proxy_global: wp.array,
+        out_body_f: wp.array,
+        *,
+        body_qd_before: wp.array,
+        state: newton.State,
+        state_out: newton.State,
+        contacts: newton.Contacts | None,
+        dt: float,
+    ) -> None:
+        """Add what changed the momentum of each proxy, as a force that acted over the step.
+
+        The change of the angular momentum, not of the angular velocity as in Newton's own hook: a
+        body that turns freely is pushed by nothing, though its angular velocity changes.
+
+        Args:
+            body_local_to_proxy_global: Where each body's force goes, -1 for no proxy.
+            out_body_f: Receives the sums of forces [N] and torques about the COM [N m].
+            body_qd_before: Velocities of the proxies before the step.
+            state: State that the step started from.
+            state_out: State that it ended in.
+            contacts: Not used.
+            dt: Length of the step [s].
+        """
+        del contacts
+        wp.launch(
+            harvest_momentum,
+            body_local_to_proxy_global.shape[0],
+            inputs=[
+                self.model.body_mass,
+                self.model.body_inertia,
+                body_local_to_proxy_global,
+                state.body_q,
+                body_qd_before,
+                state_out.body_q,
+                state_out.body_qd,
+                dt,
+            ],
+            outputs=[out_body_f],
+            device=self.model.device,
+        )
+
+    def _jointed(
+        self, endpoint_kind: wp.array, endpoint_index: wp.array
+    ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """Rotation and mobility of the bodies of those endpoints that belong to articulations."""
+        known = body_mobility(self.model)
+        is_body = endpoint_kind.numpy() == int(self.EndpointKind.BODY)
+        bodies = endpoint_index.numpy()
+        return {
+            int(endpoint): known[bodies[endpoint]]
+            for endpoint in np.flatnonzero(is_body)
+            if bodies[endpoint] in known
+        }
+
+
+def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """How the bodies of articulations answer a wrench at their COM, at the model's poses.
+
+    Args:
+        model: The model; its arrays are copied to the host.
+
+    Returns:
+        By body that moves: its rotation, and the acceleration by a unit wrench, world axes, shape
+        (6, 6).
+    """
+    state = model.state()
+    jacobians = newton.eval_jacobian(model, state)
+    if jacobians is None:
+        return {}
+    pose, mass = state.body_q.numpy().astype(float), model.body_mass.numpy()
+    inertia, armature = model.body_inertia.numpy(), model.joint_armature.numpy()
+    moves = (model.body_inv_mass.numpy() > 0.0) & (
+        model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
+    )
+    child, dofs = model.joint_child.numpy(), model.joint_qd_start.numpy()
+    known = {}
+    for jacobian, start, end in zip(
+        jacobians.numpy().astype(float),
+        model.articulation_start.numpy(),
+        model.articulation_end.numpy(),
+        strict=False,
+    ):
+        links = child[start:end]
+        free = np.repeat(moves[links], np.diff(dofs[start : end + 1]))
+        motion = jacobian[: 6 * links.size, : free.size][:, free]
+        # rows of sqrt(M) J, so that the mass matrix of the joints is their Gram matrix
+        weighted = [np.diag(np.sqrt(armature[dofs[start] : dofs[end]][free]))]
+        rotations = [_matrix(pose[link, 3:]) for link in links]
+        for link, rotation in enumerate(rotations):
+            if moves[links[link]]:
+                rows = motion[6 * link : 6 * link + 6]
+                root = rotation @ _root(inertia[links[link]])
+                weighted += [np.sqrt(mass[links[link]]) * rows[:3], root.T @ rows[3:]]
+        response = motion @ np.linalg.pinv(np.vstack(weighted))
+        for link, rotation in enumerate(rotations):
+            if moves[links[link]]:
+                rows = response[6 * link : 6 * link + 6]
+                known[int(links[link])] = (rotation, rows @ rows.T)
+    return known
+
+
+def _matrix(rotation: np.ndarray) -> np.ndarray:
+    """Matrix of a quaternion (xyzw)."""
+    return np.array(wp.quat_to_matrix(wp.quat(*rotation))).reshape(3, 3)
+
+
+def _root(inertia: np.ndarray) -> np.ndarray:
+    """A with A A^T = inertia."""
+    moments, axes = np.linalg.eigh(inertia)
+    return axes * np.sqrt(np.maximum(moments, 0.0))
+
+
+def _cross(r: np.ndarray) -> np.ndarray:
+    """Matrix of the cross product with ``r``."""
+    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
