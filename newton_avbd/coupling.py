@@ -45,17 +45,9 @@ class RigidCoupling(CouplingInterface):
         out: wp.array,
     ) -> None:
         """As :meth:`coupling_eval_effective_mass_block`, masses only."""
-        super().coupling_eval_effective_mass(endpoint_kind, endpoint_index, endpoint_local_pos, out)
-        bodies = self._jointed(endpoint_kind, endpoint_index)
-        if not bodies:
-            return
-        mass, offset = out.numpy().copy(), endpoint_local_pos.numpy().astype(float)
-        for endpoint, (rotation, mobility) in bodies.items():
-            arm = np.hstack([np.eye(3), -_cross(rotation @ offset[endpoint])])
-            gives = np.linalg.eigvalsh(arm @ mobility @ arm.T)[-1]
-            if gives * mass[endpoint] > _HELD:
-                mass[endpoint] = 1.0 / gives
-        out.assign(mass)
+        self.coupling_eval_effective_mass_block(
+            endpoint_kind, endpoint_index, endpoint_local_pos, out
+        )
 
     def coupling_eval_effective_mass_block(
         self,
@@ -67,11 +59,12 @@ class RigidCoupling(CouplingInterface):
     ) -> None:
         """How heavy points of bodies are to a push, with what hangs on their joints.
 
-        A jointed body counts as in the direction in which it gives way most, so that its proxy is
-        nowhere heavier than what it stands for: forces that come back a step late swing up where a
-        heavy thing rests on a proxy of more than four times the true mass. At the model's poses,
-        without drives, limits, contacts and joints that close loops; a body that its joints hold
-        counts with its own mass. Copies model arrays to the host.
+        A jointed body has the mass and the inertia of the directions in which it gives way most,
+        so that a proxy is nowhere more than twice as heavy as what it stands for: forces that come
+        back a step late swing up under a heavy load from four times the true mass on
+        (``docs/coupling.md``). At the model's poses, without drives, limits, contacts and joints
+        that close loops; a body that its joints hold counts with its own mass. Copies model arrays
+        to the host.
 
         Args:
             endpoint_kind: Kinds of the endpoints, shape (endpoint_count,).
@@ -80,20 +73,29 @@ class RigidCoupling(CouplingInterface):
             out_mass: Effective masses [kg].
             out_inertia: Effective inertias about the COM, body frame [kg m^2].
         """
-        self.coupling_eval_effective_mass(
+        super().coupling_eval_effective_mass(
             endpoint_kind, endpoint_index, endpoint_local_pos, out_mass
         )
-        if out_inertia is None:
-            return
-        is_body = endpoint_kind.numpy() == int(self.EndpointKind.BODY)
-        inertia = np.zeros((is_body.size, 3, 3))
-        inertia[is_body] = self.model.body_inertia.numpy()[endpoint_index.numpy()[is_body]]
-        for endpoint, (rotation, mobility) in self._jointed(endpoint_kind, endpoint_index).items():
-            turn = rotation @ _root(inertia[endpoint])
+        known = body_mobility(self.model)
+        mass, offset = out_mass.numpy().copy(), endpoint_local_pos.numpy().astype(float)
+        inertia = np.zeros((mass.size, 3, 3), dtype=np.float32)
+        bodies, own = endpoint_index.numpy(), self.model.body_inertia.numpy()
+        for i in np.flatnonzero(endpoint_kind.numpy() == int(self.EndpointKind.BODY)):
+            inertia[i] = own[bodies[i]]
+            if bodies[i] not in known:
+                continue
+            rotation, mobility = known[bodies[i]]
+            arm = np.hstack([np.eye(3), -_cross(rotation @ offset[i])])
+            gives = np.linalg.eigvalsh(arm @ mobility @ arm.T)[-1]
+            if gives * mass[i] > _HELD:
+                mass[i] = 1.0 / gives
+            turn = rotation @ _root(inertia[i])
             gives = np.linalg.eigvalsh(turn.T @ mobility[3:, 3:] @ turn)[-1]
             if gives > _HELD:
-                inertia[endpoint] *= max(1.0 / gives, 1.0)
-        out_inertia.assign(inertia.astype(np.float32))
+                inertia[i] *= max(1.0 / gives, 1.0)
+        out_mass.assign(mass)
+        if out_inertia is not None:
+            out_inertia.assign(inertia)
 
     def coupling_harvest_proxy_wrenches(
         self,
@@ -137,19 +139,6 @@ class RigidCoupling(CouplingInterface):
             outputs=[out_body_f],
             device=self.model.device,
         )
-
-    def _jointed(
-        self, endpoint_kind: wp.array, endpoint_index: wp.array
-    ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-        """Rotation and mobility of the bodies of those endpoints that belong to articulations."""
-        known = body_mobility(self.model)
-        is_body = endpoint_kind.numpy() == int(self.EndpointKind.BODY)
-        bodies = endpoint_index.numpy()
-        return {
-            int(endpoint): known[bodies[endpoint]]
-            for endpoint in np.flatnonzero(is_body)
-            if bodies[endpoint] in known
-        }
 
 
 def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray]]:
