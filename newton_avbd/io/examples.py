@@ -82,13 +82,14 @@ class ExampleSimulation:
             raise UserError(
                 f"{name} cannot run with {request.solver}: {_summary(error)}"
             ) from error
+        model = getattr(self._example, "model", None)
+        if model is not None and model.body_count == 0:
+            raise UserError(f"{name} has no rigid bodies")
         if not made:
             raise UserError(f"{name} has no rigid-body solver that could be swapped")
         lacking = [part for part in _PARTS if not hasattr(self._example, part)]
         if lacking:
             raise UserError(f"{name} is not built as most examples are: it has no {lacking[0]}")
-        if self._example.model.body_count == 0:
-            raise UserError(f"{name} has no rigid bodies")
         self.model: newton.Model = self._example.model
         self.solver: newton.solvers.SolverBase = made[0]
         self.frames: int = self._args.num_frames
