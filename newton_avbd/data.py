@@ -459,6 +459,8 @@ class History:
     limit_force: wp.array[float]
     """Generalized force of the limit that holds a degree of freedom, zero where none does
     [N or N m]; pushes up where positive."""
+    acceleration: wp.array[wp.spatial_vector]
+    """Acceleration of a body with joints in the last step [m/s^2, rad/s^2]."""
     falling: wp.array[float]
     """Share of its free acceleration that a body had in the last step, 0 to 1."""
     age: wp.array[wp.int32]

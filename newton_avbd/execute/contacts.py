@@ -455,6 +455,7 @@ def reset_bodies(
     if tree.joint.shape[0] > 0:
         history.joint_force[body] = wp.vec3(0.0)
         history.lost[body] = wp.vec3(0.0)
+        history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         forget_axes(tree.joint[body], joints, rest_angle, history)
     if loops.joints.shape[0] > 0:
         for i in range(loops.body_start[body], loops.body_start[body + 1]):

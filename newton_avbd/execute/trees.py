@@ -334,7 +334,10 @@ def make_trees(
         loops: LoopWork,
         history: History,
     ):
-        """Reduces the body's block and wrench by its joint's axes and hands them to the parent."""
+        """Reduces the body's block and wrench by its joint's axes and hands them to the parent.
+
+        Returns how far off the geometric stiffness may be, as a share of the block.
+        """
         static_slot = work.inv_mass.shape[0] - 1
         wrench = gather(
             body,
@@ -371,7 +374,7 @@ def make_trees(
             factor = factor_block(h_ll, h_al, h_aa)
             work.factor[body] = factor
             tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
-            return
+            return 0.0
 
         joint = tree.joint[body]
         parent = tree.parent[body]
@@ -395,8 +398,14 @@ def make_trees(
         tree.span[body] = span
 
         force = -wp.spatial_top(load)
+        mismatch = float(0.0)
         if not has_dual:
+            # the guess of the first iteration tells the force less well than the last step did
+            reach = wp.length(arm_c)
+            change = reach * wp.length(force - history.joint_force[body])
             force = history.joint_force[body]
+            stiff = inv_h2 * wp.trace(work.inertia[body]) + reach * wp.length(force)
+            mismatch = change / stiff
         history.joint_force[body] = -wp.spatial_top(load)
         h_aa += algebra.geometric_stiffness(force, arm_c)
 
@@ -505,6 +514,7 @@ def make_trees(
             tree.h_aa[parent] = tree.h_aa[parent] + h_aa
             tree.push[parent] = tree.push[parent] + algebra.handed_down(span, push)
             tree.load[parent] = tree.load[parent] + algebra.handed_down(span, load)
+        return mismatch
 
     @wp.func
     def substitute(
@@ -597,10 +607,11 @@ def make_trees(
         Returns the square of how far the next iteration would move one of them [m^2]: zero where
         the rounding of the poses hides it.
         """
+        mismatch = float(0.0)
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]
             if work.inv_mass[body] > 0.0:
-                eliminate(
+                off = eliminate(
                     body,
                     has_dual,
                     recovery,
@@ -615,12 +626,13 @@ def make_trees(
                     loops,
                     history,
                 )
+                mismatch = wp.max(mismatch, off)
         if wp.static(effects.closures):
             close_tree(first, end, recovery, h, model, joints, worlds, work, tree, loops, history)
-        # Newton's method leaves about the square of an angle, but the first iteration starts from
-        # the joint forces of the last step, and contacts converge by a factor.
-        largest = float(0.0)
-        is_newton = has_dual
+        # Newton's method leaves about the angle times the update, or what the joint forces of the
+        # last step are off by in the first iteration; contacts converge by a factor.
+        largest = float(mismatch * mismatch)
+        is_newton = bool(True)
         settled = bool(True)
         for i in range(first, end):
             body = worlds.bodies[i]

@@ -595,12 +595,15 @@ def make_solve(effects: Effects) -> wp.Kernel:
         joints: JointModel,
         worlds: WorldWork,
         work: BodyWork,
+        rows: RowWork,
         tree: TreeWork,
         loops: LoopWork,
         history: History,
     ) -> bool:
         """Measures the joints at the start of the step; returns whether one is open."""
         is_open = bool(False)
+        block_end = int(-1)
+        is_free = bool(True)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
@@ -611,10 +614,20 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 history.lost[body] = wp.vec3(0.0)
             # the guess is put aside: joints are measured at the start first
             tree.update[body] = work.increment[body]
-            if wp.static(effects.closures):
-                # keeps a mechanism in its plane, where some of its rows say nothing
-                tree.update[body] = coasting_increment(work, body_qd, body, h)
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            if block_end != worlds.block_end[i]:
+                block_end = worlds.block_end[i]
+                is_free = bool(True)
+                if wp.static(effects.contact):
+                    for k in range(i, block_end):
+                        is_free = is_free and not has_rows(rows, worlds.bodies[k])
+            if work.inv_mass[body] > 0.0:
+                if is_free:
+                    # keeps joints closed to the third order of h
+                    tree.update[body] = h * (body_qd[body] + h * history.acceleration[body])
+                elif wp.static(effects.closures):
+                    # keeps a mechanism in its plane, where some of its rows say nothing
+                    tree.update[body] = h * body_qd[body]
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
@@ -722,6 +735,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 joints,
                 worlds,
                 work,
+                rows,
                 tree,
                 loops,
                 history,
@@ -832,6 +846,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 increment = work.increment[body]
                 free = wp.spatial_top(work.target[body]) - h * wp.spatial_top(velocity)
                 got = wp.spatial_top(increment) - h * wp.spatial_top(velocity)
+                if wp.static(effects.joints):
+                    history.acceleration[body] = (increment - h * velocity) / (h * h)
                 history.falling[body] = wp.clamp(
                     wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
                 )
