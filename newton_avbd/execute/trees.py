@@ -149,6 +149,7 @@ class TreeFunctions:
     measure_start: wp.Function
     measure_moved: wp.Function
     sweep_tree: wp.Function
+    put_together: wp.Function
 
 
 def make_trees(
@@ -235,6 +236,31 @@ def make_trees(
         tree.rounding[body] = ROUNDING * reach
         allowed = ROUNDING * (wp.length(work.com[body]) + reach)
         return wp.length_sq(linear) + reach * reach * wp.length_sq(angular) > allowed * allowed
+
+    @wp.func
+    def put_together(
+        body: int,
+        static_slot: int,
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+    ):
+        """Moves the body to where its joint is closed, whatever that takes; parents go first."""
+        joint = tree.joint[body]
+        parent = tree.parent[body]
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
+        q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        tilt = sign * angular_misfit(joints, joint, q_p, q_c)
+        tree.rotation[body] = exp_quat(-tilt) * tree.rotation[body]
+        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
+        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+        offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
+        misfit = linear_misfit(joints, joint, q_p, offset)
+        work.increment[body] = work.increment[body] - wp.spatial_vector(misfit, wp.vec3(0.0))
 
     @wp.func
     def joint_coordinate(
@@ -660,4 +686,4 @@ def make_trees(
                     farthest = wp.max(farthest, moved)
         return farthest
 
-    return TreeFunctions(measure_misfit, measure_start, measure_moved, sweep_tree)
+    return TreeFunctions(measure_misfit, measure_start, measure_moved, sweep_tree, put_together)

@@ -393,6 +393,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     measure_start = trees.measure_start
     measure_moved = trees.measure_moved
     sweep_tree = trees.sweep_tree
+    put_together = trees.put_together
 
     @wp.func
     def sweep_body_ramped(body: int, h: float, model: BodyModel, work: BodyWork, rows: RowWork):
@@ -893,7 +894,13 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 passes -= 1
                 if update <= enough * enough:
                     passes = 0
-
+            if wp.static(effects.joints):
+                if update > unsettled * unsettled:
+                    # after impacts that no iteration settles joints are closed all the same
+                    for i in range(body_start, body_end):
+                        body = worlds.bodies[i]
+                        if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                            put_together(body, scale.static_slot, model, joints, work, tree)
             if wp.static(effects.loops):
                 for i in range(loops.world_start[world], loops.world_start[world + 1]):
                     history.loop_force[i] = loops.kept_force[i]
