@@ -27,19 +27,25 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
 
     Raises:
         NotImplementedError: If a joint is of a type that the solver does not know.
-        ValueError: If a mass, inertia, center of mass, joint frame, axis, limit, gain, friction
+        ValueError: If a mass, inertia, center of mass, joint frame, axis, limit, gain, material
             coefficient or gravity is not finite, or a mass, gain or coefficient is negative.
     """
     _check_joints(model, ramp)
     _check_bodies(model)
     if model.shape_count:
-        for name in ("shape_material_mu", "shape_material_ke", "shape_material_kd"):
-            _check_numbers(model, name, model.shape_label, minimum=0.0)
+        for name in ("mu", "mu_torsional", "mu_rolling", "restitution", "ke", "kd"):
+            _check_numbers(model, f"shape_material_{name}", model.shape_label, minimum=0.0)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
 
 
-def report_ignored(model: newton.Model, *, strict: bool = False) -> None:
+def report_ignored(
+    model: newton.Model,
+    *,
+    strict: bool = False,
+    rigid_contacts: bool = True,
+    angular_friction: bool | None = False,
+) -> None:
     """Says what a model holds that the solver leaves alone, with the remedy.
 
     Particles that are not active, or are a coupled solver's proxies, are another solver's and not
@@ -48,6 +54,8 @@ def report_ignored(model: newton.Model, *, strict: bool = False) -> None:
     Args:
         model: The model; arrays of what is mentioned are copied to the host.
         strict: Raise instead of warn.
+        rigid_contacts: Whether contacts are rigid, so that restitution acts.
+        angular_friction: Whether torsional and rolling friction act; None if nobody said.
 
     Raises:
         NotImplementedError: If ``strict`` and there is such a thing.
@@ -64,10 +72,20 @@ def report_ignored(model: newton.Model, *, strict: bool = False) -> None:
             "convert_mjc_equality_constraints=True, which makes joints of CONNECT and WELD and "
             "mimics of JOINT; otherwise use Newton's joints and set_joint_mimic()."
         )
-    if adhesive := _adhesive_shapes(model):
+    if adhesive := _shapes(model, _material(model, "ka") > 0.0):
         messages.append(
             f"SolverAVBD leaves out the adhesion (ka) of {', '.join(adhesive)}. Only the penalty "
             "contacts of SolverSemiImplicit use it."
+        )
+    if not rigid_contacts and (bouncing := _shapes(model, _material(model, "restitution") > 0.0)):
+        messages.append(
+            f"SolverAVBD leaves out the restitution of {', '.join(bouncing)}: it acts on rigid "
+            "contacts only. Compliant and ramped ones rebound by their ke and kd."
+        )
+    if angular_friction is None and (turning := _shapes(model, _has_own_angular_friction(model))):
+        messages.append(
+            f"SolverAVBD leaves out the torsional and rolling friction of {', '.join(turning)}. "
+            "Pass angular_friction=True for it, or False to say that it is to be left out."
         )
     if strict and messages:
         raise NotImplementedError("\n".join(messages))
@@ -138,11 +156,23 @@ def _equalities(model: newton.Model) -> list[str]:
     return found
 
 
-def _adhesive_shapes(model: newton.Model) -> list[str]:
-    if model.shape_count == 0:
-        return []
-    adhesive = np.flatnonzero(model.shape_material_ka.numpy() > 0.0)
-    return _named(adhesive.size, "shape", [_label(model.shape_label, i) for i in adhesive])
+def _shapes(model: newton.Model, concerned: np.ndarray) -> list[str]:
+    """The shapes that a mask selects; empty where there are none."""
+    labels = [_label(model.shape_label, i) for i in np.flatnonzero(concerned)]
+    return _named(len(labels), "shape", labels)
+
+
+def _material(model: newton.Model, name: str) -> np.ndarray:
+    """A material coefficient of all shapes."""
+    return getattr(model, f"shape_material_{name}").numpy() if model.shape_count else np.zeros(0)
+
+
+def _has_own_angular_friction(model: newton.Model) -> np.ndarray:
+    """Which shapes have torsional and rolling friction other than what Newton gives to all."""
+    default = newton.ModelBuilder.ShapeConfig()
+    twist, roll = _material(model, "mu_torsional"), _material(model, "mu_rolling")
+    is_own = (twist != np.float32(default.mu_torsional)) | (roll != np.float32(default.mu_rolling))
+    return is_own & ((twist > 0.0) | (roll > 0.0))
 
 
 def _check_joints(model: newton.Model, ramp: bool) -> None:

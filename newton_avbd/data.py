@@ -49,6 +49,49 @@ class ContactRow:
 
 
 @wp.struct
+class SpinRow:
+    """Torsional and rolling friction of one contact during one step."""
+
+    torque: wp.vec3
+    """Multiplier: the torque on body b [N m], world frame."""
+    k_twist: float
+    """Penalty about the normal [N m/rad]."""
+    k_roll: float
+    """Penalty across the normal [N m/rad]."""
+    mu_twist: float
+    """Most torque about the normal by normal force [m]."""
+    mu_roll: float
+    """Most torque across the normal by normal force [m]."""
+
+
+@wp.struct
+class Impact:
+    """What restitution does to one contact row during one step."""
+
+    mass: float
+    """Effective mass along the normal [kg]."""
+    restitution: float
+    goal: float
+    """Speed at which the bodies are to part at the end of the current round [m/s]; negative for a
+    row that takes no part in it."""
+    impulse: float
+    """Normal impulse of the current round [N s]."""
+    total: float
+    """Normal impulse of all rounds [N s]; zero for a row that does not bounce."""
+    acceleration: float
+    """At which the bodies would part without constraints [m/s^2]."""
+    wait: float
+    """When the bodies meet, from the start of the step [s]."""
+    gap: float
+    """Separation at the start of the step [m]; the row of a bounce counts from the impact."""
+    drift: wp.vec3
+    """What surfaces carry, without the bounce [m]."""
+    force: wp.vec3
+    """Force on body b in the step [N]."""
+    torque: wp.vec3
+
+
+@wp.struct
 class ContactRecord:
     """What is remembered of a contact, to find it again in the next step."""
 
@@ -133,6 +176,11 @@ class ShapeModel:
     body: wp.array[wp.int32]
     mu: wp.array[float]
     """Friction coefficient."""
+    mu_torsional: wp.array[float]
+    """Torsional friction: torque about the normal by normal force [m]."""
+    mu_rolling: wp.array[float]
+    """Rolling friction: torque across the normal by normal force [m]."""
+    restitution: wp.array[float]
     ke: wp.array[float]
     """Contact stiffness [N/m]."""
     kd: wp.array[float]
@@ -417,7 +465,16 @@ class RowWork:
     """Contacts sorted by owner."""
     rows: wp.array[ContactRow]
     drift: wp.array[wp.vec3]
-    """Moving surfaces: how far they carry b against a in the step [m]."""
+    """How far moving surfaces carry b against a in the step, and how far a bounce is to take b away
+    from a, with the opposite sign [m]."""
+    spin: wp.array[SpinRow]
+    """Torsional and rolling friction."""
+    impacts: wp.array[Impact]
+    """Restitution."""
+    struck_qd: wp.array[wp.spatial_vector]
+    """Restitution: velocity of each body slot while impacts go through the world."""
+    struck_at: wp.array[float]
+    """Restitution: when in the step the body was struck last [s]; negative before."""
     share: wp.array[float]
     """Compliant contacts: K/(K + k), the share of the multiplier that a compliant row keeps."""
     stiffness: wp.array[float]
@@ -441,6 +498,8 @@ class History:
     """First record owned by a body."""
     end: wp.array2d[wp.int32]
     records: wp.array2d[ContactRecord]
+    torque: wp.array2d[wp.vec3]
+    """Torque of each record [N m], world frame: torsional and rolling friction."""
     row_of_contact: wp.array2d[wp.int32]
     """Record of each row of the contact buffer, -1 without; used with contact matching."""
     filling: wp.array2d[wp.int32]

@@ -46,6 +46,12 @@ class Effects:
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
+    friction_mix: str = "geometric_average"
+    """How the friction coefficients of two shapes mix."""
+    angular_friction: bool = False
+    """Asked for, and a shape with torsional or rolling friction."""
+    restitution: bool = False
+    """A shape with a restitution above zero."""
     matching: bool = False
     """The contact buffer in use says which contact is which."""
     moving_surfaces: bool = False
@@ -55,7 +61,14 @@ class Effects:
 
     @classmethod
     def of_model(
-        cls, model: newton.Model, topology: Topology, *, compliance: bool, ramp: bool
+        cls,
+        model: newton.Model,
+        topology: Topology,
+        *,
+        compliance: bool,
+        ramp: bool,
+        friction_mix: str,
+        angular_friction: bool,
     ) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
@@ -76,6 +89,9 @@ class Effects:
             limits=_has_limits(model),
             compliance=compliance,
             ramp=ramp,
+            friction_mix=friction_mix,
+            angular_friction=angular_friction and contact and _has_spin(model),
+            restitution=contact and not (ramp or compliance) and has_restitution(model),
         )
 
     @property
@@ -93,6 +109,11 @@ class Effects:
         """Whether something acts along joint axes that depends on their coordinates."""
         return self.drives or self.limits or self.rods or self.mimics
 
+    @property
+    def drift(self) -> bool:
+        """Whether something shifts what counts as no slip."""
+        return self.moving_surfaces or self.restitution
+
     def for_any_values(self) -> "Effects":
         """These effects and those that other values in the same arrays of the model could ask for.
 
@@ -109,7 +130,13 @@ class Effects:
     def without_contact(self) -> "Effects":
         """The effects of a step in which nothing touches."""
         return dataclasses.replace(
-            self, contact=False, friction=False, compliance=False, ramp=False
+            self,
+            contact=False,
+            friction=False,
+            angular_friction=False,
+            restitution=False,
+            compliance=False,
+            ramp=False,
         )
 
 
@@ -152,6 +179,17 @@ def _has_limits(model: newton.Model) -> bool:
         return False
     lower, upper = model.joint_limit_lower.numpy()[axes], model.joint_limit_upper.numpy()[axes]
     return bool(np.any((lower > -newton.MAXVAL) | (upper < newton.MAXVAL)))
+
+
+def _has_spin(model: newton.Model) -> bool:
+    """Whether a shape has torsional or rolling friction."""
+    twist, roll = model.shape_material_mu_torsional.numpy(), model.shape_material_mu_rolling.numpy()
+    return bool(np.any(twist > 0.0) or np.any(roll > 0.0))
+
+
+def has_restitution(model: newton.Model) -> bool:
+    """Whether a shape gives back some of an impact."""
+    return model.shape_count > 0 and bool(np.any(model.shape_material_restitution.numpy() > 0.0))
 
 
 def _has_unequal_moments(model: newton.Model) -> bool:

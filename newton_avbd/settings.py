@@ -13,6 +13,8 @@ import newton
 import numpy as np
 import warp as wp
 
+from .rows.contact import FRICTION_MIXES
+
 
 @dataclass(frozen=True)
 class SceneSetting:
@@ -35,6 +37,12 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
     "compliant_contacts": SceneSetting(
         wp.bool, "newton:avbd:compliantContacts", False, name="compliant_contacts"
     ),
+    "friction_mix_mode": SceneSetting(
+        str, "newton:avbd:frictionMixMode", "geometric_average", name="friction_mix_mode"
+    ),
+    "angular_friction": SceneSetting(
+        wp.bool, "newton:avbd:angularFriction", False, name="angular_friction"
+    ),
     "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
 }
@@ -46,7 +54,11 @@ Newton's own ``newton:maxSolverIterations`` of -1 leaves the number to the solve
 ITERATIONS = 10
 """Sweeps where neither the user nor the scene asks for a number."""
 
-_CHOICES = {"formulation": ("augmented", "ramp"), "blocks": ("articulation", "body")}
+_CHOICES = {
+    "friction_mix_mode": tuple(FRICTION_MIXES),
+    "formulation": ("augmented", "ramp"),
+    "blocks": ("articulation", "body"),
+}
 
 
 def register_scene_settings(builder: newton.ModelBuilder) -> None:
@@ -79,6 +91,8 @@ class Settings:
     iterations: int
     tolerance: float
     compliant_contacts: bool
+    friction_mix_mode: str
+    angular_friction: bool
     formulation: str
     blocks: str
 
@@ -117,6 +131,8 @@ class Settings:
                 "formulation='ramp' is limited by the shapes' stiffness already; leave "
                 "compliant_contacts out."
             )
+        if values["formulation"] == "ramp" and values["angular_friction"]:
+            raise ValueError("formulation='ramp' has no angular_friction; leave it out.")
         return cls(**values)
 
 

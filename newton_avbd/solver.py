@@ -6,7 +6,7 @@ import dataclasses
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import newton
 import numpy as np
@@ -88,6 +88,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         iterations: int | None = None,
         tolerance: float | None = None,
         compliant_contacts: bool | None = None,
+        friction_mix_mode: Literal["geometric_average", "average", "multiply", "min", "max"]
+        | None = None,
+        angular_friction: bool | None = None,
         formulation: Literal["augmented", "ramp"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
         update_joint_state: bool = False,
@@ -116,6 +119,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
             compliant_contacts: Contacts give way by the shapes' ``ke`` [N/m] and ``kd`` [N s/m]
                 (their means over the two shapes) instead of being rigid, which is the default, and
                 joint limits by their ``limit_ke`` and ``limit_kd``.
+            friction_mix_mode: How the friction coefficients of two shapes make that of their
+                contact. ``"geometric_average"``, the default, as in ``SolverVBD``, ``"average"`` as in
+                ``SolverXPBD``, ``"max"`` as in MuJoCo. Restitution is always the average.
+            angular_friction: Contacts resist twisting and rolling by the shapes' ``mu_torsional``
+                and ``mu_rolling`` [m]. Newton gives some to every shape, and importers copy what
+                MuJoCo ignores by default, so that this is for the user to ask for; None leaves it
+                out and warns where a shape has other values than Newton's default.
             formulation: ``"augmented"`` (multipliers), the default, or ``"ramp"``: the seed
                 document's growing penalty up to the shapes' ``ke``, for comparison.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
@@ -139,13 +149,20 @@ class SolverAVBD(SolverBase, RigidCoupling):
             iterations=iterations,
             tolerance=tolerance,
             compliant_contacts=compliant_contacts,
+            friction_mix_mode=friction_mix_mode,
+            angular_friction=angular_friction,
             formulation=formulation,
             blocks=blocks,
         )
         self._ramp = settings.formulation == "ramp"
         self._strict = strict
         check_model(model, ramp=self._ramp)
-        report_ignored(model, strict=strict)
+        report_ignored(
+            model,
+            strict=strict,
+            rigid_contacts=not (self._ramp or settings.compliant_contacts),
+            angular_friction=settings.angular_friction or angular_friction,
+        )
         super().__init__(
             model,
             collision_pipeline=collision_pipeline,
@@ -159,6 +176,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """What the scene calls for and the kernels are compiled with."""
         self._compliance = settings.compliant_contacts
         self._blocks = settings.blocks
+        self._friction_mix = settings.friction_mix_mode
+        self._angular_friction = settings.angular_friction
         self.writes_joint_state = update_joint_state and model.joint_count > 0
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         self._topology: Topology | None = None
@@ -397,13 +416,14 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
         Arrays of the model are read live, so changing their values needs no call, except where it
         calls for what the scene did without: an effect that the kernels were not compiled with
-        (friction, unequal moments of inertia, drives, limits, ...), or a body that starts or stops
+        (friction, restitution, unequal moments of inertia, drives, limits, ...), or a body that starts or stops
         to move. New arrays in the place of old ones, and new initial joint coordinates, need one,
         too. The call checks the model as the constructor does and copies its arrays to the host.
 
         While a graph is being captured the call reads nothing: it compiles in all effects that
-        values can call for. Bodies that start to move at joints then need another call outside
-        of the capture, and a new capture; a replay says so where it happens.
+        values can call for, save restitution, which needs buffers. Bodies that start to move at
+        joints then need another call outside of the capture, and a new capture; a replay says so
+        where it happens.
 
         Args:
             flags: What changed; every flag leads to the same, unknown bits are ignored.
@@ -578,6 +598,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu
+        self._shapes.mu_torsional = model.shape_material_mu_torsional
+        self._shapes.mu_rolling = model.shape_material_mu_rolling
+        self._shapes.restitution = model.shape_material_restitution
         self._shapes.ke = model.shape_material_ke
         self._shapes.kd = model.shape_material_kd
 
@@ -590,9 +613,16 @@ class SolverAVBD(SolverBase, RigidCoupling):
         groups = _solver_worlds(self.model)
         topology = Topology.of_model(self.model, groups, trees=self._blocks == "articulation")
         self.effects = Effects.of_model(
-            self.model, topology, compliance=self._compliance, ramp=self._ramp
+            self.model,
+            topology,
+            compliance=self._compliance,
+            ramp=self._ramp,
+            friction_mix=self._friction_mix,
+            angular_friction=self._angular_friction,
         )
         self._effects_apart = self.effects.without_contact()
+        if self._capacity:
+            self._allocate_contact_effects()
         if topology == self._topology:
             return
         if self._topology is not None:
@@ -765,25 +795,42 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._history.filling.zero_()
             # graphs that were captured before go on using the old arrays
             self._retired.append((self._rows.rows, self._rows.owner, self._rows.contacts))
-            self._retired.append((self._rows.other_rows, self._rows.drift, self._rows.share))
-            self._retired.append((self._rows.stiffness, self._rows.damping))
+            self._retired.append((self._rows.other_rows,))
             self._retired.append((self._history.records, self._history.row_of_contact))
-        self._launch.forget()
         self._capacity = capacity
         with wp.ScopedDevice(self.device):
             self._rows.owner = wp.empty(capacity, dtype=wp.int32)
             self._rows.contacts = wp.empty(capacity, dtype=wp.int32)
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
-            if self._moving_surfaces:
-                self._rows.drift = wp.empty(capacity, dtype=wp.vec3)
-            if self.effects.compliance:
-                self._rows.share = wp.empty(capacity, dtype=float)
-            if self.effects.ramp:
-                self._rows.stiffness = wp.empty(capacity, dtype=float)
-                self._rows.damping = wp.empty(capacity, dtype=float)
             self._history.records = wp.empty((_SIDES, capacity), dtype=data.ContactRecord)
             self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
+        self._allocate_contact_effects()
+
+    def _allocate_contact_effects(self) -> None:
+        """Buffers by contact that only some effects need, where they are missing or too small."""
+        effects, rows, history = self.effects, self._rows, self._history
+        by_contact: tuple[tuple[Any, str, Any, bool], ...] = (
+            (rows, "drift", wp.vec3, self._moving_surfaces or effects.restitution),
+            (rows, "impacts", data.Impact, effects.restitution),
+            (rows, "spin", data.SpinRow, effects.angular_friction),
+            (history, "torque", wp.vec3, effects.angular_friction),
+            (rows, "share", float, effects.compliance),
+            (rows, "stiffness", float, effects.ramp),
+            (rows, "damping", float, effects.ramp),
+        )
+        with wp.ScopedDevice(self.device):
+            for owner, name, dtype, is_wanted in by_contact:
+                old = getattr(owner, name)
+                if is_wanted and (old is None or old.shape[-1] < self._capacity):
+                    # graphs that were captured before go on using the old array
+                    self._retired.append((old,))
+                    shape = [_SIDES, self._capacity] if owner is history else [self._capacity]
+                    setattr(owner, name, wp.zeros(shape, dtype=dtype))
+            if effects.restitution and rows.struck_qd is None:
+                rows.struck_qd = wp.zeros(self.model.body_count + 1, dtype=wp.spatial_vector)
+                rows.struck_at = wp.zeros(self.model.body_count + 1, dtype=float)
+        self._launch.forget()
 
     def _forget_contacts(self) -> None:
         """Drops all multipliers and rows, on the device."""

@@ -18,6 +18,7 @@ from ..data import (
     LoopWork,
     RowWork,
     ShapeModel,
+    SpinRow,
     TreeWork,
     WorldScale,
     WorldWork,
@@ -25,6 +26,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
+from ..rows import spin as spin_rows
 
 FAR = wp.constant(0.2)
 """An anchor that moved more than this share of its lever arm is another contact's."""
@@ -189,6 +191,7 @@ def override(value: float, default: float) -> float:
 @functools.cache
 def make_build_rows(effects: Effects) -> wp.Function:
     """Device function that builds the rows that a body owns, warm-started and penalised."""
+    mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
 
     @wp.func
     def linearise(
@@ -266,12 +269,18 @@ def make_build_rows(effects: Effects) -> wp.Function:
                 u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
                 gap += wp.min(wp.dot(row.normal, u), 0.0)
             if gap <= scale.reach and wp.isfinite(row.arm):
+                if wp.static(effects.angular_friction):
+                    spin = SpinRow()
                 if wp.static(effects.matching):
                     if is_matched(history, world, contacts):
                         known = matched_record(history, side, world, body, contacts, contact)
                         if known >= 0:
                             row.force = history.records[side, known].force
                             record.penalty = history.records[side, known].penalty
+                            if wp.static(effects.angular_friction):
+                                spin.torque = history.torque[side, known]
+                if wp.static(effects.angular_friction):
+                    rows.spin[index] = spin
                 rows.rows[index] = row
                 history.records[1 - side, index] = record
                 index += 1
@@ -298,6 +307,9 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     )
                 else:
                     rows.rows[row].force = rows.rows[row].force + record.force
+                    if wp.static(effects.angular_friction):
+                        torque = rows.spin[row].torque + history.torque[side, i]
+                        rows.spin[row].torque = torque
 
     @wp.func
     def penalise_rows(
@@ -324,7 +336,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
             if wp.dot(row.normal, row.force) <= 0.0:
                 row.force = wp.vec3(0.0)
             if wp.static(effects.friction):
-                row.mu = wp.sqrt(shapes.mu[record.shape0] * shapes.mu[record.shape1])
+                row.mu = mixed_friction(shapes.mu[record.shape0], shapes.mu[record.shape1])
                 if wp.static(effects.contact_materials):
                     row.mu *= override(contacts.friction[contact], 1.0)
             span = work.com[body] - work.com[row.b]
@@ -334,6 +346,8 @@ def make_build_rows(effects: Effects) -> wp.Function:
                 drift -= row.normal * wp.dot(row.normal, drift)
                 rows.drift[index] = wp.where(row.contact >= 0, drift, -drift)
                 u += rows.drift[index]
+            elif wp.static(effects.restitution):
+                rows.drift[index] = wp.vec3(0.0)
             stiffness = float(0.0)
             damping = float(0.0)
             if wp.static(effects.ramp or effects.compliance):
@@ -361,6 +375,22 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     rows.share[index] = share
                 else:
                     row = contact_rows.penalise(row, mass, load, u, scale)
+                if wp.static(effects.angular_friction):
+                    spin = rows.spin[i]
+                    spin.mu_twist = mixed_friction(
+                        shapes.mu_torsional[record.shape0], shapes.mu_torsional[record.shape1]
+                    )
+                    spin.mu_roll = mixed_friction(
+                        shapes.mu_rolling[record.shape0], shapes.mu_rolling[record.shape1]
+                    )
+                    rows.spin[index] = spin_rows.penalise(
+                        spin,
+                        row.normal,
+                        work.inv_inertia[body] + work.inv_inertia[row.b],
+                        wp.spatial_bottom(work.target[row.b] - work.target[body]),
+                        contact_rows.expected_force(row, mass, u, scale.h),
+                        scale.h,
+                    )
 
             if row.k_n > 0.0:
                 rows.rows[index] = row

@@ -37,6 +37,14 @@ def export_acceleration(
     body_qdd[body] = (body_qd_out[body] - body_qdd[body]) / h
 
 
+@wp.func
+def row_torque(i: int, rows: RowWork) -> wp.vec3:
+    """Torque of a row's torsional and rolling friction on its body b [N m]."""
+    if rows.spin.shape[0] == 0:
+        return wp.vec3(0.0)
+    return rows.spin[i].torque
+
+
 @wp.kernel(enable_backward=False, module="unique")
 def export_contact_force(
     # Work:
@@ -51,11 +59,14 @@ def export_contact_force(
         row = rows.rows[i]
         if wp.max(row.contact, ~row.contact) >= contact_f.shape[0]:
             continue
+        torque = row_torque(i, rows)
         if row.contact >= 0:
-            contact_f[row.contact] = wp.spatial_vector(-row.force, wp.cross(row.arm, -row.force))
+            torque += wp.cross(row.arm, row.force)
+            contact_f[row.contact] = wp.spatial_vector(-row.force, -torque)
         else:
             arm = row.arm + (work.com[row.a] - work.com[row.b])
-            contact_f[~row.contact] = wp.spatial_vector(row.force, wp.cross(arm, row.force))
+            torque += wp.cross(arm, row.force)
+            contact_f[~row.contact] = wp.spatial_vector(row.force, torque)
 
 
 @functools.cache
@@ -99,11 +110,13 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
             if wp.static(effects.contact):
                 for k in range(rows.owned_start[body], rows.owned_end[body]):
                     row = rows.rows[k]
-                    wrench += wp.spatial_vector(row.force, wp.cross(row.arm, row.force))
+                    torque = wp.cross(row.arm, row.force) + row_torque(k, rows)
+                    wrench += wp.spatial_vector(row.force, torque)
                 for k in range(rows.other_start[body], rows.other_end[body]):
                     row = rows.rows[rows.other_rows[k]]
                     arm = row.arm + (work.com[row.a] - work.com[body])
-                    wrench -= wp.spatial_vector(row.force, wp.cross(arm, row.force))
+                    torque = wp.cross(arm, row.force) + row_torque(rows.other_rows[k], rows)
+                    wrench -= wp.spatial_vector(row.force, torque)
             tree.load[body] = wrench
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):

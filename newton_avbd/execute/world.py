@@ -27,10 +27,12 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
+from ..rows import spin as spin_rows
 from .bodies import has_rows, pose_sum, report_held, vector_sum
 from .closures import make_closures
 from .contacts import make_build_rows
 from .denormals import flush_denormals, restore_denormals
+from .impacts import free_share, make_impacts
 from .islands import begin_island, join_islands, keep_momentum
 from .loops import has_loops, make_loops, parent_slot
 from .trees import ROUNDING, is_linked, make_trees, place_body
@@ -74,6 +76,13 @@ def shared_row(row: ContactRow, worlds: WorldWork) -> ContactRow:
         out.k_n = 2.0 * row.k_n
         out.k_t = 2.0 * row.k_t
     return out
+
+
+@wp.func
+def spin_curvature(i: int, row: ContactRow, worlds: WorldWork, rows: RowWork) -> wp.mat33:
+    """Curvature of a row's torsional and rolling friction, shared as in :func:`shared_row`."""
+    share = wp.where(is_same_block(worlds, row.a, row.b), 2.0, 1.0)
+    return share * spin_rows.curvature(rows.spin[i], row.normal)
 
 
 @wp.func
@@ -216,7 +225,7 @@ def make_gather(
                         increment, work.increment[partner], span
                     )
                 u = shift + wp.cross(turn, row.arm)
-                if wp.static(effects.moving_surfaces):
+                if wp.static(effects.drift):
                     u += rows.drift[i]
                 gap = gap_of(row.gap, recovery, slop)
                 push = contact_force(row, u, gap)
@@ -228,6 +237,14 @@ def make_gather(
                     push = contact_force(row, u, gap)
                 f -= push
                 tau -= wp.cross(row.arm, push)
+                if wp.static(effects.angular_friction):
+                    spin = rows.spin[i]
+                    if has_dual:
+                        held = wp.dot(row.normal, row.force)
+                        spin.torque = spin_rows.torque(spin, row.normal, turn, held)
+                        rows.spin[i].torque = spin.torque
+                    f_n = wp.dot(row.normal, push)
+                    tau -= spin_rows.torque(spin, row.normal, turn, f_n)
             partner = int(-1)
             for i in range(rows.other_start[body], rows.other_end[body]):
                 other = rows.other_rows[i]
@@ -239,11 +256,14 @@ def make_gather(
                         work.increment[partner], increment, span
                     )
                 u = shift + wp.cross(turn, row.arm)
-                if wp.static(effects.moving_surfaces):
+                if wp.static(effects.drift):
                     u += rows.drift[other]
                 push = contact_force(row, u, gap_of(row.gap, recovery, slop))
                 f += push
                 tau += wp.cross(row.arm + span, push)
+                if wp.static(effects.angular_friction):
+                    f_n = wp.dot(row.normal, push)
+                    tau += spin_rows.torque(rows.spin[other], row.normal, turn, f_n)
         if wp.static(effects.loops):
             for k in range(loops.body_start[body], loops.body_start[body + 1]):
                 item = loops.items[k]
@@ -324,6 +344,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     measure_world = make_measure_world(effects)
     build_rows = make_build_rows(effects)
+    impacts = make_impacts(effects)
+    find_impacts = impacts.find_impacts
+    release_impacts = impacts.release_impacts
+    restore_impacts = impacts.restore_impacts
     loop_functions = make_loops(effects)
     begin_loop = loop_functions.begin_loop
     loop_wrench = loop_functions.loop_wrench
@@ -356,12 +380,16 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if wp.static(effects.joints):
                     row = shared_row(row, worlds)
                 h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
+                if wp.static(effects.angular_friction):
+                    h_aa += spin_curvature(i, row, worlds, rows)
             for i in range(rows.other_start[body], rows.other_end[body]):
                 row = rows.rows[rows.other_rows[i]]
                 arm = row.arm + (work.com[row.a] - work.com[body])
                 if wp.static(effects.joints):
                     row = shared_row(row, worlds)
                 h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
+                if wp.static(effects.angular_friction):
+                    h_aa += spin_curvature(rows.other_rows[i], row, worlds, rows)
         if wp.static(effects.loops):
             for k in range(loops.body_start[body], loops.body_start[body + 1]):
                 item = loops.items[k]
@@ -461,7 +489,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
             row = rows.rows[i]
             span = work.com[body] - work.com[row.b]
             u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
-            if wp.static(effects.moving_surfaces):
+            if wp.static(effects.drift):
                 u += rows.drift[i]
             if wp.static(effects.ramp):
                 push, _k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
@@ -470,6 +498,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
             else:
                 push = contact_force(row, u, sweep_gap(row.gap, 0.0, 0.0))
                 rows.rows[i].force = push
+                if wp.static(effects.angular_friction):
+                    f_n = wp.dot(row.normal, push)
+                    turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
+                    torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
+                    rows.spin[i].torque = torque
                 if row.b != joined and wp.length_sq(push) > 0.0:
                     joined = row.b
                     join_islands(islands, worlds, work, body, joined)
@@ -491,6 +524,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
                             work.inv_inertia[row.b],
                         )
                         push = contact_rows.lasting_force(row.normal, push, mass, change, h)
+                if wp.static(effects.restitution):
+                    if rows.impacts[i].total > 0.0:
+                        push = wp.vec3(0.0)
+                if wp.static(effects.angular_friction):
+                    lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
+                    history.torque[side, i] = lasting * rows.spin[i].torque
                 history.records[side, i].force = push
 
     @wp.func
@@ -697,6 +736,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         # Rows: linearised at state_in, warm-started from the last step.
         scale = measure_world(world, h, model, worlds, work)
         deepest = float(0.0)
+        has_impacts = bool(False)
         if wp.static(effects.contact):
             contact_count = int(0)
             for i in range(body_start, body_end):
@@ -719,6 +759,21 @@ def make_solve(effects: Effects) -> wp.Kernel:
                             rows,
                             history,
                         ),
+                    )
+            if wp.static(effects.restitution):
+                if contact_count > 0:
+                    has_impacts = find_impacts(
+                        world,
+                        1 - history.parity[world],
+                        scale,
+                        body_qd,
+                        shapes,
+                        worlds,
+                        work,
+                        rows,
+                        tree,
+                        loops,
+                        history,
                     )
             history.filling[world, 0] = 0
             if wp.static(effects.matching):
@@ -857,6 +912,15 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     velocity += wp.spatial_vector(wp.vec3(0.0), work.spin_gain[body])
             body_qd_out[body] = velocity
 
+        if wp.static(effects.restitution):
+            if has_impacts:
+                for i in range(body_start, body_end):
+                    release_impacts(worlds.bodies[i], h, worlds, work, rows, tree, loops)
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    if rows.struck_at[body] >= 0.0:
+                        history.falling[body] = free_share(body, scale, work)
+
         # Recovery: old errors go, without entering the velocity.
         if wp.static(not effects.ramp and not effects.compliance):
             # joints close even where impacts keep the sweeps from settling
@@ -905,6 +969,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 for i in range(loops.world_start[world], loops.world_start[world + 1]):
                     history.loop_force[i] = loops.kept_force[i]
                     history.loop_torque[i] = loops.kept_torque[i]
+
+        if wp.static(effects.restitution):
+            if has_impacts:
+                for i in range(body_start, body_end):
+                    restore_impacts(worlds.bodies[i], h, work, rows)
 
         # Poses.
         for i in range(body_start, body_end):

@@ -33,6 +33,46 @@ RECOVERY = wp.constant(0.5)
 
 
 @wp.func
+def geometric_average(a: float, b: float) -> float:
+    """sqrt(a b): no friction where one of the shapes has none."""
+    return wp.sqrt(a * b)
+
+
+@wp.func
+def average(a: float, b: float) -> float:
+    """(a + b)/2."""
+    return 0.5 * (a + b)
+
+
+@wp.func
+def multiply(a: float, b: float) -> float:
+    """a b."""
+    return a * b
+
+
+@wp.func
+def smaller(a: float, b: float) -> float:
+    """The smaller of the two."""
+    return wp.min(a, b)
+
+
+@wp.func
+def larger(a: float, b: float) -> float:
+    """The larger of the two."""
+    return wp.max(a, b)
+
+
+FRICTION_MIXES = {
+    "geometric_average": geometric_average,
+    "average": average,
+    "multiply": multiply,
+    "min": smaller,
+    "max": larger,
+}
+"""How the friction coefficients of two shapes become the contact's, by Newton's names."""
+
+
+@wp.func
 def relative_motion(increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3):
     """Motion of b against a as the shift at the COM of a [m] and the turn [rad].
 
@@ -157,6 +197,13 @@ def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: World
     if f_n > 0.0 and slides(row, out.k_t, u, f_n):
         out.k_t = RELEASE_RATIO * out.k_t
     return out
+
+
+@wp.func
+def expected_force(row: ContactRow, mass: float, u: wp.vec3, h: float) -> float:
+    """Normal force [N] to expect: that of the last step, or what would stop the slip u [m]."""
+    closed = -(wp.dot(row.normal, u) + wp.max(row.gap, 0.0))
+    return wp.max(wp.dot(row.normal, row.force), mass * wp.max(closed, 0.0) / (h * h))
 
 
 @wp.func

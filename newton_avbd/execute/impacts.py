@@ -1,0 +1,361 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Restitution: what a step's impacts leave of the bodies' velocities.
+
+Impacts go through the world in rounds. In each round all contacts that close faster than the
+threshold part with e times that speed, at once: a box that lands flat does not turn. Bodies struck
+so may close other contacts, which part in the next round: Newton's cradle. The rounds see free
+bodies and no friction; what they decide is the speed at which the bodies of each row are to part.
+The sweeps then find forces that make it so, through joints and with friction.
+
+An impact happens within the step, not at its end. Positions of backward Euler lie on a parabola
+whose velocity at the start of the step is v + a h/2. So the time and the speed of the impact are
+known, and where the rebound's parabola ends: ``release_impacts`` puts the bodies there.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..data import (
+    BodyWork,
+    ContactRow,
+    History,
+    Impact,
+    LoopWork,
+    RowWork,
+    ShapeModel,
+    TreeWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from .loops import has_loops
+
+THRESHOLD = wp.constant(2.0)
+"""Closing speed from which a contact bounces, as a multiple of g h: a body at rest stays so."""
+NOISE = wp.constant(1.0e-5)
+"""Closing speed that is none, as a share of the world's fastest."""
+ROUNDS = wp.constant(32)
+"""Most contacts in a row that an impact goes through within a step."""
+SETTLE = wp.constant(50)
+"""Most Gauss-Seidel sweeps of a round."""
+
+
+@wp.func
+def mixed_restitution(shapes: ShapeModel, shape0: int, shape1: int) -> float:
+    """Mean of two shapes' restitution, each within 0 and 1, as in SolverSteel."""
+    e0 = wp.clamp(shapes.restitution[shape0], 0.0, 1.0)
+    return 0.5 * (e0 + wp.clamp(shapes.restitution[shape1], 0.0, 1.0))
+
+
+@wp.func
+def current_qd(work: BodyWork, rows: RowWork, slot: int, h: float) -> wp.spatial_vector:
+    """Velocity of a body after the rounds so far."""
+    if work.inv_mass[slot] == 0.0:
+        return work.target[slot] / h
+    return rows.struck_qd[slot]
+
+
+@wp.func
+def parting_speed(row: ContactRow, work: BodyWork, rows: RowWork, h: float) -> float:
+    """Speed at which the bodies part after the rounds so far [m/s]; negative where they close."""
+    span = work.com[row.a] - work.com[row.b]
+    qd_a = current_qd(work, rows, row.a, h)
+    qd_b = current_qd(work, rows, row.b, h)
+    return wp.dot(row.normal, contact_rows.slip(row, qd_a, qd_b, span))
+
+
+@wp.func
+def response(
+    work: BodyWork, slot: int, arm: wp.vec3, force: wp.vec3, torque: wp.vec3
+) -> wp.spatial_vector:
+    """M^-1 times a force at an arm and a torque, of a free body."""
+    return wp.spatial_vector(
+        work.inv_mass[slot] * force, work.inv_inertia[slot] * (wp.cross(arm, force) + torque)
+    )
+
+
+@wp.func
+def begin_impacts(
+    body: int,
+    threshold: float,
+    side: int,
+    h: float,
+    shapes: ShapeModel,
+    work: BodyWork,
+    rows: RowWork,
+    history: History,
+) -> bool:
+    """Rows that a body owns and that close in this step; returns if there is one.
+
+    A gap g closes at the speed sqrt((v + a h/2)^2 - 2 a g), after 2 g over the sum of the speeds at
+    its start and end.
+    """
+    found = bool(False)
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        record = history.records[side, i]
+        impact = Impact()
+        impact.restitution = mixed_restitution(shapes, record.shape0, record.shape1)
+        impact.gap = row.gap
+        impact.drift = rows.drift[i]
+        impact.goal = -1.0
+        span = work.com[row.a] - work.com[row.b]
+        u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
+        u_n = wp.dot(row.normal, u)
+        v = parting_speed(row, work, rows, h)
+        if v < -threshold and row.gap + u_n < 0.0:
+            a = (u_n / h - v) / h
+            start = v + 0.5 * a * h
+            gap = wp.max(row.gap, 0.0)
+            hit = wp.sqrt(wp.max(start * start - 2.0 * a * gap, 0.0))
+            impact.acceleration = a
+            impact.wait = wp.min(2.0 * gap / (wp.abs(start) + hit), h)
+            impact.goal = impact.restitution * hit
+            found = True
+        rows.impacts[i] = impact
+    return found
+
+
+@wp.func
+def continue_impacts(body: int, threshold: float, h: float, work: BodyWork, rows: RowWork) -> bool:
+    """Rows that a body owns and that the last round makes close; returns if there is one."""
+    found = bool(False)
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        impact = rows.impacts[i]
+        impact.goal = -1.0
+        impact.impulse = 0.0
+        v = parting_speed(row, work, rows, h)
+        if v < -threshold and row.gap + h * v < 0.0:
+            if impact.total == 0.0:
+                struck = wp.max(rows.struck_at[row.a], rows.struck_at[row.b])
+                impact.wait = wp.min(wp.max(struck, 0.0) - wp.max(row.gap, 0.0) / v, h)
+            impact.goal = -impact.restitution * v
+            found = True
+        rows.impacts[i] = impact
+    return found
+
+
+@wp.func
+def continue_world(
+    world: int, threshold: float, h: float, worlds: WorldWork, work: BodyWork, rows: RowWork
+) -> bool:
+    """The next round; returns if there is one."""
+    found = bool(False)
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        if continue_impacts(worlds.bodies[i], threshold, h, work, rows):
+            found = True
+    return found
+
+
+@wp.func
+def strike(body: int, work: BodyWork, rows: RowWork, h: float) -> float:
+    """Lets the round's rows of a body part; returns the largest change [m/s]."""
+    change = float(0.0)
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        impact = rows.impacts[i]
+        if impact.goal >= 0.0:
+            row = rows.rows[i]
+            arm_b = row.arm + (work.com[row.a] - work.com[row.b])
+            if impact.mass == 0.0:
+                impact.mass = contact_rows.effective_mass(
+                    row.normal,
+                    row.arm,
+                    arm_b,
+                    work.inv_mass[row.a] + work.inv_mass[row.b],
+                    work.inv_inertia[row.a],
+                    work.inv_inertia[row.b],
+                )
+            missing = impact.goal - parting_speed(row, work, rows, h)
+            push = wp.max(impact.mass * missing, -impact.impulse)
+            change = wp.max(change, wp.abs(push) / impact.mass)
+            impact.impulse += push
+            impact.total += push
+            rows.impacts[i] = impact
+            force = push * row.normal
+            none = wp.vec3(0.0)
+            rows.struck_qd[row.a] = rows.struck_qd[row.a] - response(
+                work, row.a, row.arm, force, none
+            )
+            rows.struck_at[row.a] = wp.max(rows.struck_at[row.a], impact.wait)
+            if work.inv_mass[row.b] > 0.0:
+                rows.struck_qd[row.b] = rows.struck_qd[row.b] + response(
+                    work, row.b, arm_b, force, none
+                )
+                rows.struck_at[row.b] = wp.max(rows.struck_at[row.b], impact.wait)
+    return change
+
+
+@wp.func
+def strike_world(world: int, h: float, worlds: WorldWork, work: BodyWork, rows: RowWork) -> float:
+    """A Gauss-Seidel sweep over the round's rows of a world; returns the largest change [m/s]."""
+    change = float(0.0)
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        change = wp.max(change, strike(worlds.bodies[i], work, rows, h))
+    return change
+
+
+@wp.func
+def aim_rows(body: int, noise: float, h: float, work: BodyWork, rows: RowWork):
+    """Makes the rows that a body owns part as the rounds have decided.
+
+    A bounce that gravity ends within the step is none.
+    """
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        impact = rows.impacts[i]
+        if impact.total > 0.0:
+            row = rows.rows[i]
+            # velocities of backward Euler lag half a step behind its parabola
+            part = parting_speed(row, work, rows, h)
+            part += impact.acceleration * (0.5 * h - impact.wait)
+            if impact.restitution > 0.0 and part >= -noise:
+                row.gap = 0.0
+                row.force = (impact.total / h) * row.normal
+                row.k_n = contact_rows.PENALTY * impact.mass / (h * h)
+                # whether it will slide or stick is open: a penalty that finds both
+                row.k_t = contact_rows.RELEASE_RATIO * contact_rows.tangent_penalty(row, row.k_n)
+                rows.rows[i] = row
+                rows.drift[i] = impact.drift - (h * wp.max(part, 0.0)) * row.normal
+            else:
+                rows.impacts[i].total = 0.0
+
+
+@wp.func
+def shift_bodies(
+    row: ContactRow, impact: Impact, target: float, increment: float, h: float, work: BodyWork
+):
+    """Adds to targets and increments what the impact's force moves in these times [s]."""
+    moved = -h * response(work, row.a, row.arm, impact.force, impact.torque)
+    work.target[row.a] = work.target[row.a] + target * moved
+    work.increment[row.a] = work.increment[row.a] + increment * moved
+    if work.inv_mass[row.b] > 0.0:
+        arm = row.arm + (work.com[row.a] - work.com[row.b])
+        moved = h * response(work, row.b, arm, impact.force, impact.torque)
+        work.target[row.b] = work.target[row.b] + target * moved
+        work.increment[row.b] = work.increment[row.b] + increment * moved
+
+
+@wp.func
+def free_share(body: int, scale: WorldScale, work: BodyWork) -> float:
+    """Share of its free acceleration that impacts leave a body, 0 to 1, once they are released."""
+    lacking = wp.length(wp.spatial_top(work.target[body] - work.increment[body]))
+    fall = scale.gravity * scale.h * scale.h
+    return 1.0 - wp.min(lacking / wp.max(fall, 1.0e-30), 1.0)
+
+
+@dataclass(frozen=True)
+class ImpactFunctions:
+    """Device functions that make of a world's impacts what restitution says."""
+
+    find_impacts: wp.Function
+    release_impacts: wp.Function
+    restore_impacts: wp.Function
+
+
+def make_impacts(effects: Effects) -> ImpactFunctions:
+    """Generates the functions for a scene's effects."""
+
+    @wp.func
+    def is_joined(slot: int, worlds: WorldWork, tree: TreeWork, loops: LoopWork) -> bool:
+        """Whether joints decide how a body answers a force."""
+        result = bool(False)
+        if wp.static(effects.joints):
+            rank = worlds.rank[slot]
+            result = worlds.block_end[rank] > rank + 1 or tree.joint[slot] >= 0
+        if wp.static(effects.loops):
+            result = result or has_loops(loops, slot)
+        return result
+
+    @wp.func
+    def find_impacts(
+        world: int,
+        side: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        shapes: ShapeModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ) -> bool:
+        """Lets the impacts go through the world, in rounds; returns whether there are any."""
+        h = scale.h
+        first = worlds.body_start[world]
+        end = worlds.body_start[world + 1]
+        noise = NOISE * scale.reach / h
+        threshold = wp.max(THRESHOLD * scale.gravity * h, noise)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            rows.struck_qd[body] = body_qd[body]
+            rows.struck_at[body] = -1.0
+        is_active = bool(False)
+        for i in range(first, end):
+            if begin_impacts(worlds.bodies[i], threshold, side, h, shapes, work, rows, history):
+                is_active = True
+        if not is_active:
+            return False
+        rounds = int(0)
+        while is_active and rounds < ROUNDS:
+            change = float(wp.inf)
+            sweeps = int(0)
+            while change > noise and sweeps < SETTLE:
+                change = strike_world(world, h, worlds, work, rows)
+                sweeps += 1
+            is_active = continue_world(world, threshold, h, worlds, work, rows)
+            rounds += 1
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            aim_rows(body, noise, h, work, rows)
+            if rows.struck_at[body] >= 0.0:
+                work.increment[body] = h * rows.struck_qd[body]
+        return True
+
+    @wp.func
+    def release_impacts(
+        body: int,
+        h: float,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+    ):
+        """Puts bodies where their rebounds are; the rows that a body owns go back to their gaps.
+
+        The sweeps let the force of an impact act all step long, though it acts from its time on.
+        What it has done goes to the targets of the bodies, so that the recovery leaves it alone.
+        With joints it is for them to say how far a body got; there the bodies stay.
+        """
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            if rows.impacts[i].total > 0.0:
+                row = rows.rows[i]
+                impact = rows.impacts[i]
+                impact.force = row.force
+                if wp.static(effects.angular_friction):
+                    impact.torque = rows.spin[i].torque
+                    rows.spin[i].torque = wp.vec3(0.0)
+                if is_joined(row.a, worlds, tree, loops) or is_joined(row.b, worlds, tree, loops):
+                    impact.wait = 0.0
+                rows.impacts[i] = impact
+                rows.drift[i] = impact.drift
+                rows.rows[i].force = wp.vec3(0.0)
+                rows.rows[i].gap = impact.gap
+                shift_bodies(row, impact, h - impact.wait, -impact.wait, h, work)
+
+    @wp.func
+    def restore_impacts(body: int, h: float, work: BodyWork, rows: RowWork):
+        """Gives the rows that a body owns their forces back, and the bodies their targets."""
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            impact = rows.impacts[i]
+            if impact.total > 0.0:
+                rows.rows[i].force = impact.force
+                if wp.static(effects.angular_friction):
+                    rows.spin[i].torque = impact.torque
+                shift_bodies(rows.rows[i], impact, impact.wait - h, 0.0, h, work)
+
+    return ImpactFunctions(find_impacts, release_impacts, restore_impacts)
