@@ -108,6 +108,39 @@ def test_a_suddenly_loaded_spring_follows_the_damped_oscillator(ratio: float) ->
     assert np.abs(got + sag * (1.0 - decay.real)).max() < 0.04 * sag
 
 
+@pytest.mark.parametrize("shape", ["sphere", "box"])
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 2.0])
+def test_a_damped_contact_rebounds_as_its_closed_form_says(ratio: float, shape: str) -> None:
+    """Without gravity, from the first touch to the last: depth and speed, to 1 % of the impact's.
+
+    x = v/w_d e^(-d t) sin w_d t; the contact lets go where its force, and with it x'', is zero. A box
+    has four contacts of a quarter of it each.
+    """
+    dt, omega, v = 2.0e-4, 2.0 * math.pi * 4.0, 1.0
+    count, mass = (1, 1000.0 * 4.0 / 3.0 * math.pi * RADIUS**3) if shape == "sphere" else (4, 125.0)
+    material = {"ke": mass * omega**2 / count, "kd": 2.0 * ratio * mass * omega / count}
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    add_ground(builder, gap=0.05, **material)
+    add = add_sphere if shape == "sphere" else add_box
+    add(builder, (0.0, 0.0, 0.25), gap=0.05, **material)
+    sim = Simulation(builder, dt=dt, compliant_contacts=True)
+    sim.set_velocity(0, (0.0, 0.0, -v))
+    deepest = 0.0
+    for _ in range(round(0.5 / dt)):
+        sim.step()
+        deepest = max(deepest, 0.25 - sim.pose[0, 2])
+
+    decay, root = ratio * omega, np.sqrt(complex(ratio**2 - 1.0)) * omega
+    t = np.arange(0.0, 0.5, 1.0e-5)
+    x = v * np.exp(-decay * t) * (np.sinh(root * t) / root).real
+    speed = v * np.exp(-decay * t) * (np.cosh(root * t) - decay / root * np.sinh(root * t)).real
+    leaves = int(np.argmax(2.0 * decay * speed + omega**2 * x < 0.0))
+    expected = -speed[leaves] if leaves else 0.0
+    assert deepest == pytest.approx(x.max(), rel=0.01)
+    if leaves:
+        assert sim.velocity[0, 2] == pytest.approx(expected, abs=0.01 * v)
+
+
 def test_stiff_contacts_tend_to_rigid_ones() -> None:
     """At ke = 1e10 N/m a box that slides and comes to rest does as on rigid contacts.
 

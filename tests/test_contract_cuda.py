@@ -45,7 +45,15 @@ VARIANTS = {
     ),
 } | {
     name: dataclasses.replace(EVERYTHING, **{name: True})
-    for name in ("compliance", "ramp", "matching", "moving_surfaces", "contact_materials")
+    for name in (
+        "compliance",
+        "ramp",
+        "restitution",
+        "angular_friction",
+        "matching",
+        "moving_surfaces",
+        "contact_materials",
+    )
 }
 
 MODULES = [
