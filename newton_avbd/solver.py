@@ -120,8 +120,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 (their means over the two shapes) instead of being rigid, which is the default, and
                 joint limits by their ``limit_ke`` and ``limit_kd``.
             friction_mix_mode: How the friction coefficients of two shapes make that of their
-                contact. ``"geometric_average"``, the default, as in ``SolverVBD``, ``"average"`` as in
-                ``SolverXPBD``, ``"max"`` as in MuJoCo. Restitution is always the average.
+                contact. ``"geometric_average"``, the default, as in ``SolverVBD``, ``"average"``
+                as in ``SolverXPBD``, ``"max"`` as in MuJoCo. Restitution is always the average.
             angular_friction: Contacts resist twisting and rolling by the shapes' ``mu_torsional``
                 and ``mu_rolling`` [m]. Newton gives some to every shape, and importers copy what
                 MuJoCo ignores by default, so that this is for the user to ask for; None leaves it
@@ -356,6 +356,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         - ``newton:maxSolverIterations``, ``max_solver_iterations``: ``iterations``; -1 for unset.
         - ``newton:avbd:tolerance``, ``tolerance``: the argument of that name [m].
         - ``newton:avbd:compliantContacts``, ``compliant_contacts``: likewise.
+        - ``newton:avbd:frictionMixMode``, ``friction_mix_mode``: likewise.
+        - ``newton:avbd:angularFriction``, ``angular_friction``: likewise.
         - ``newton:avbd:formulation``, ``formulation``: likewise.
         - ``newton:avbd:blocks``, ``blocks``: likewise.
 
@@ -416,9 +418,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
         Arrays of the model are read live, so changing their values needs no call, except where it
         calls for what the scene did without: an effect that the kernels were not compiled with
-        (friction, restitution, unequal moments of inertia, drives, limits, ...), or a body that starts or stops
-        to move. New arrays in the place of old ones, and new initial joint coordinates, need one,
-        too. The call checks the model as the constructor does and copies its arrays to the host.
+        (friction, restitution, unequal moments of inertia, drives, limits, ...), or a body that
+        starts or stops to move. New arrays in the place of old ones, and new initial joint
+        coordinates, need one, too. The call checks the model as the constructor does and copies its
+        arrays to the host.
 
         While a graph is being captured the call reads nothing: it compiles in all effects that
         values can call for, save restitution, which needs buffers. Bodies that start to move at

@@ -113,8 +113,8 @@ def test_a_suddenly_loaded_spring_follows_the_damped_oscillator(ratio: float) ->
 def test_a_damped_contact_rebounds_as_its_closed_form_says(ratio: float, shape: str) -> None:
     """Without gravity, from the first touch to the last: depth and speed, to 1 % of the impact's.
 
-    x = v/w_d e^(-d t) sin w_d t; the contact lets go where its force, and with it x'', is zero. A box
-    has four contacts of a quarter of it each.
+    x = v/w_d e^(-d t) sin w_d t; the contact lets go where its force, and with it x'', is zero.
+    Each of a box's four contacts is a quarter of it.
     """
     dt, omega, v = 2.0e-4, 2.0 * math.pi * 4.0, 1.0
     count, mass = (1, 1000.0 * 4.0 / 3.0 * math.pi * RADIUS**3) if shape == "sphere" else (4, 125.0)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Restitution: what an impact gives back, what passes through a row of bodies, what stays at rest."""
+"""Restitution: what an impact gives back, what a row of bodies passes on, what stays at rest."""
 
 import math
 
@@ -157,7 +157,7 @@ def test_a_hanging_cradle_passes_the_swing_on() -> None:
 
 @pytest.mark.parametrize("restitution", [0.5, 1.0])
 def test_a_hinged_bar_gives_back_what_its_inertia_about_the_hinge_says(restitution: float) -> None:
-    """A ball hits a bar of 1 m on a hinge, 0.3 m below it: J = (1 + e) v/(1/m + r^2/I), to 0.2 %."""
+    """A ball hits it r = 0.3 m below the hinge: J = (1 + e) v/(1/m + r^2/I), within 0.2 %."""
     arm, v = 0.3, 3.0
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     bar = builder.add_link(xform=wp.transform(wp.vec3(0.0, 0.0, -0.5), IDENTITY))
@@ -256,6 +256,6 @@ def test_restitution_can_come_at_run_time() -> None:
 def test_compliant_contacts_say_that_they_have_no_restitution() -> None:
     builder = newton.ModelBuilder()
     add_sphere(builder, (0.0, 0.0, 1.0), restitution=0.5)
-    with pytest.warns(UserWarning, match="restitution, which acts on rigid contacts only"):
+    with pytest.warns(UserWarning, match="leaves out the restitution of 1 shape"):
         sim = Simulation(builder, compliant_contacts=True)
     assert not sim.solver.effects.restitution

@@ -19,6 +19,8 @@ TYPES = {
     "newton:maxSolverIterations": Sdf.ValueTypeNames.Int,
     "newton:avbd:tolerance": Sdf.ValueTypeNames.Float,
     "newton:avbd:compliantContacts": Sdf.ValueTypeNames.Bool,
+    "newton:avbd:frictionMixMode": Sdf.ValueTypeNames.Token,
+    "newton:avbd:angularFriction": Sdf.ValueTypeNames.Bool,
     "newton:avbd:formulation": Sdf.ValueTypeNames.Token,
     "newton:avbd:blocks": Sdf.ValueTypeNames.Token,
 }
@@ -27,6 +29,8 @@ AUTHORED = {
     "newton:maxSolverIterations": 7,
     "newton:avbd:tolerance": 1.0e-4,
     "newton:avbd:compliantContacts": True,
+    "newton:avbd:frictionMixMode": "max",
+    "newton:avbd:angularFriction": True,
     "newton:avbd:blocks": "body",
 }
 
@@ -55,6 +59,8 @@ def test_a_stage_sets_the_solver(tmp_path: Any) -> None:
     assert solver.iterations == 7
     assert solver.tolerance == pytest.approx(1.0e-4)
     assert solver.effects.compliance
+    assert solver.effects.friction_mix == "max"
+    assert solver.effects.angular_friction
     assert not solver.effects.ramp
 
 
