@@ -152,9 +152,21 @@ class JointModel:
     """Stiffness of the limits [N/m or N m/rad], where they are compliant."""
     limit_kd: wp.array[float]
     rest_q: wp.array[float]
-    """Joint coordinates at rest, of rods."""
+    """Joint coordinates at which rods and passive springs are at rest."""
     mimic_coefficients: wp.array[wp.vec2]
     """Offset and multiplier by which a mimic joint follows its leader."""
+    damping: wp.array[float]
+    """Passive damping [N s/m or N m s/rad]."""
+    stiffness: wp.array[float]
+    """Passive spring [N/m or N m/rad]."""
+    armature: wp.array[float]
+    """Inertia reflected to the coordinate [kg or kg m^2]."""
+    friction: wp.array[float]
+    """Coulomb friction [N or N m]."""
+    effort_limit: wp.array[float]
+    """Most that a drive pushes with [N or N m]."""
+    velocity_limit: wp.array[float]
+    """Most that a coordinate changes [m/s or rad/s]."""
 
 
 @wp.struct
@@ -371,6 +383,29 @@ class ClosureWork:
 
 
 @wp.struct
+class AxisLaw:
+    """What acts along an axis of a tree and is not linear in its coordinate: stops, friction, a
+    drive with an effort limit. Steps are counted from where the coordinate is."""
+
+    lower: float
+    """Step to the lower stop [m or rad]."""
+    upper: float
+    hold: float
+    """Step back to the start of the step, where friction holds [m or rad]."""
+    friction: float
+    """Most that friction pushes with [N or N m]."""
+    drive: float
+    """Generalized force of the drive before its limit [N or N m]."""
+    drive_stiffness: float
+    effort: float
+    """Most that the drive pushes with [N or N m]."""
+    piece: wp.vec3i
+    """The piece of the law that elimination assumed; see :func:`.rows.axis.make_axis`."""
+    next: wp.vec3i
+    """The piece that substitution found that it should be."""
+
+
+@wp.struct
 class TreeWork:
     """Per body slot: the tree that joints make of the bodies of an articulation.
 
@@ -387,6 +422,14 @@ class TreeWork:
     coordinate: wp.array[float]
     """Coordinate of each entry of ``axes`` after the increments [m or rad]."""
     start_coordinate: wp.array[float]
+    laws: wp.array[AxisLaw]
+    """Laws of the entries of ``axes``."""
+    fewest: wp.array[wp.int32]
+    """At the first body of a tree: fewest axes that a sweep of the step left on a wrong piece."""
+    patience: wp.array[wp.int32]
+    """At the first body of a tree: sweeps left in which that number may fail to fall."""
+    start_velocity: wp.array[float]
+    """Velocity of each degree of freedom of the model at the start of the step [m/s or rad/s]."""
     rotation: wp.array[wp.quat]
     """Orientation after the increment."""
     apart: wp.array[wp.vec3]
@@ -515,11 +558,15 @@ class History:
     loop_torque: wp.array[wp.vec3]
     joint_angle: wp.array[float]
     """Angle of each degree of freedom with its turns counted [rad], shape (joint_dof_count,)."""
+    piece: wp.array[wp.vec3i]
+    """Piece of its law that each degree of freedom of a tree is on."""
     limit_force: wp.array[float]
-    """Generalized force of the limit that holds a degree of freedom, zero where none does
+    """Multiplier of the limit that holds a degree of freedom outside of trees, zero where none does
     [N or N m]; pushes up where positive."""
     acceleration: wp.array[wp.spatial_vector]
     """Acceleration of a body with joints in the last step [m/s^2, rad/s^2]."""
+    friction_force: wp.array[float]
+    """Multiplier of friction on a degree of freedom outside of trees [N or N m]."""
     falling: wp.array[float]
     """Share of its free acceleration that a body had in the last step, 0 to 1."""
     age: wp.array[wp.int32]

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import newton
 import numpy as np
 
-from .rows.joint import PUSHED_AT_COM, JointKinds
+from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology
 
 _FREE = int(newton.JointType.FREE)
@@ -42,6 +42,16 @@ class Effects:
     """A joint axis with a drive that has a gain."""
     limits: bool = False
     """A joint axis with a limit."""
+    springs: bool = False
+    """A joint axis with a passive spring or damper."""
+    armature: bool = False
+    """A joint axis with armature."""
+    joint_friction: bool = False
+    """A joint axis with friction."""
+    effort_limits: bool = False
+    """A joint axis with a drive whose effort is limited."""
+    velocity_limits: bool = False
+    """A joint axis with a velocity limit."""
     compliance: bool = False
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
@@ -73,6 +83,8 @@ class Effects:
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
         types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
+        axes = _axes(model)
+        drives = _is_driven(model, axes)
         mu = model.shape_material_mu.numpy() if contact else np.zeros(0)
         return cls(
             contact=contact,
@@ -85,8 +97,13 @@ class Effects:
             mimics=any(closure.leader >= 0 for closure in topology.closures),
             flipped=topology.has_flips,
             reaction=pushing_joints(model).size > 0,
-            drives=_has_drives(model),
-            limits=_has_limits(model),
+            drives=bool(np.any(drives)),
+            limits=_has_limits(model, axes),
+            springs=_has_any(model, ("joint_damping", "joint_stiffness"), axes),
+            armature=_has_any(model, ("joint_armature",), axes),
+            joint_friction=_has_any(model, ("joint_friction",), axes),
+            effort_limits=_is_limited(model, "joint_effort_limit", axes[drives], -1.0),
+            velocity_limits=_is_limited(model, "joint_velocity_limit", axes, 0.0),
             compliance=compliance,
             ramp=ramp,
             friction_mix=friction_mix,
@@ -107,7 +124,29 @@ class Effects:
     @property
     def coordinates(self) -> bool:
         """Whether something acts along joint axes that depends on their coordinates."""
-        return self.drives or self.limits or self.rods or self.mimics
+        linear = self.drives or self.springs or self.armature or self.rods or self.limits
+        return linear or self.laws or self.mimics
+
+    @property
+    def stops(self) -> bool:
+        """Whether something stops coordinates: hard limits of position or velocity."""
+        return (self.limits and not self.compliance) or self.velocity_limits
+
+    @property
+    def laws(self) -> bool:
+        """Whether something that acts along joint axes is not linear in their coordinates."""
+        return self.stops or self.joint_friction or self.effort_limits
+
+    def with_all_axes(self) -> "Effects":
+        """These effects, and all that a joint axis could call for."""
+        return dataclasses.replace(
+            self,
+            springs=self.joints,
+            armature=self.joints,
+            joint_friction=self.joints,
+            effort_limits=self.joints,
+            velocity_limits=self.joints,
+        )
 
     @property
     def drift(self) -> bool:
@@ -161,20 +200,18 @@ def _axes(model: newton.Model) -> np.ndarray:
     )
 
 
-def _has_drives(model: newton.Model) -> bool:
-    """Whether a joint axis has a drive that could act."""
-    axes = _axes(model)
+def _is_driven(model: newton.Model, axes: np.ndarray) -> np.ndarray:
+    """Which of the joint axes have a drive that could act."""
     if axes.size == 0:
-        return False
+        return np.zeros(0, dtype=bool)
     mode = model.joint_target_mode.numpy()[axes]
     gain = model.joint_target_ke.numpy()[axes] + model.joint_target_kd.numpy()[axes]
     passive = (int(newton.JointTargetMode.NONE), int(newton.JointTargetMode.EFFORT))
-    return bool(np.any((gain != 0.0) & ~np.isin(mode, passive)))
+    return (gain != 0.0) & ~np.isin(mode, passive)
 
 
-def _has_limits(model: newton.Model) -> bool:
-    """Whether a joint axis has a limit."""
-    axes = _axes(model)
+def _has_limits(model: newton.Model, axes: np.ndarray) -> bool:
+    """Whether one of the joint axes has a limit."""
     if axes.size == 0:
         return False
     lower, upper = model.joint_limit_lower.numpy()[axes], model.joint_limit_upper.numpy()[axes]
@@ -190,6 +227,19 @@ def _has_spin(model: newton.Model) -> bool:
 def has_restitution(model: newton.Model) -> bool:
     """Whether a shape gives back some of an impact."""
     return model.shape_count > 0 and bool(np.any(model.shape_material_restitution.numpy() > 0.0))
+
+
+def _has_any(model: newton.Model, names: tuple[str, ...], axes: np.ndarray) -> bool:
+    """Whether one of the joint axes has one of these coefficients above zero."""
+    return axes.size > 0 and any(np.any(getattr(model, name).numpy()[axes] > 0.0) for name in names)
+
+
+def _is_limited(model: newton.Model, name: str, axes: np.ndarray, least: float) -> bool:
+    """Whether one of the joint axes has such a limit: below Newton's default, which says none."""
+    if axes.size == 0:
+        return False
+    limit = getattr(model, name).numpy()[axes]
+    return bool(np.any((limit > least) & (limit < NO_LIMIT)))
 
 
 def _has_unequal_moments(model: newton.Model) -> bool:

@@ -441,6 +441,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._bind_model()
         if self.device.is_capturing:
             self.effects = self.effects.for_any_values()
+            if int(flags) & int(ModelFlags.JOINT_DOF_PROPERTIES):
+                self.effects = self.effects.with_all_axes()
             self._effects_apart = self.effects.without_contact()
             if self.model.body_count:
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
@@ -542,8 +544,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._history.lost = wp.zeros(slots, dtype=wp.vec3)
             self._rest_angle = wp.array(self._initial_angles(), dtype=float)
             self._history.joint_angle = wp.clone(self._rest_angle)
+            self._history.piece = wp.zeros(model.joint_dof_count, dtype=wp.vec3i)
             self._history.limit_force = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._history.friction_force = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.falling = wp.zeros(slots, dtype=float)
 
     def _initial_angles(self) -> np.ndarray:
@@ -598,6 +602,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
                     _, coefficients = mimics(model)
                     self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
                 self._joints.mimic_coefficients = self._mimics
+            self._joints.damping = model.joint_damping
+            self._joints.stiffness = model.joint_stiffness
+            self._joints.armature = model.joint_armature
+            self._joints.friction = model.joint_friction
+            self._joints.effort_limit = model.joint_effort_limit
+            self._joints.velocity_limit = model.joint_velocity_limit
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu
@@ -682,6 +692,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._tree.axes = wp.zeros(int(topology.axis_start[-1]), dtype=data.TreeAxis)
             self._tree.coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
             self._tree.start_coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
+            self._tree.laws = wp.zeros(int(topology.axis_start[-1]), dtype=data.AxisLaw)
+            self._tree.fewest = wp.zeros(slots, dtype=wp.int32)
+            self._tree.patience = wp.zeros(slots, dtype=wp.int32)
+            self._tree.start_velocity = wp.zeros(self.model.joint_dof_count, dtype=float)
             self._tree.rotation = wp.array(rotation, dtype=wp.quat)
             self._tree.apart = wp.zeros(slots, dtype=wp.vec3)
             self._tree.misfit = wp.zeros(slots, dtype=wp.spatial_vector)

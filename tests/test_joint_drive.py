@@ -41,6 +41,7 @@ def one_dof(kind: str, ke: float, kd: float, q: float, qd: float) -> tuple[Simul
         axis=(0.0, 1.0, 0.0),
         target_ke=ke,
         target_kd=kd,
+        actuator_mode=newton.JointTargetMode.POSITION_VELOCITY,
     )
     builder.add_articulation([joint])
     set_coordinates(builder, joint, [q], [qd])

@@ -443,7 +443,9 @@ def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], his
     """Lets go the limits of a joint and puts the turns of its angles back."""
     if joint >= 0:
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            history.piece[dof] = wp.vec3i(0, 0, 0)
             history.limit_force[dof] = 0.0
+            history.friction_force[dof] = 0.0
             history.joint_angle[dof] = rest_angle[dof]
 
 

@@ -9,7 +9,7 @@ the misfit e = (e_l, e_a) beyond that of the start of the step, a joint pushes i
 
 where P projects to what the joint locks, and its parent with the opposite. The dual update is
 lambda <- F, tau, after each sweep. What acts along its free axes, drives and limits, is
-rows of one dimension.
+rows of one dimension: friction and stops have multipliers, too.
 """
 
 from dataclasses import dataclass
@@ -36,6 +36,7 @@ from .trees import (
     anchor_arm,
     anchor_offset,
     anchor_rotation,
+    ball_turn,
     carried_misfit,
     start_span,
 )
@@ -127,6 +128,29 @@ def make_loops(effects: Effects) -> LoopFunctions:
     linear_lock = joint_functions.linear_lock
     angular_misfit = joint_functions.angular_misfit
     angular_lock = joint_functions.angular_lock
+    axes = axis_rows.make_axis(effects)
+    linear_force, stops = axes.linear_force, axes.stops
+
+    @wp.func
+    def coordinate_of(
+        i: int,
+        dof: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        offset: wp.vec3,
+        known: float,
+        joints: JointModel,
+        work: BodyWork,
+        loops: LoopWork,
+    ) -> float:
+        """Coordinate of a degree of freedom after the increments; a ball's turn in the step."""
+        joint = loops.joints[i]
+        if wp.static(effects.kinds.balls and effects.coordinates):
+            if joints.type[joint] == BALL:
+                parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
+                turn = ball_turn(work, joints.child[joint], parent, q_p)
+                return turn[dof]
+        return coordinate(joints, joint, dof, q_p, q_c, offset, known)
 
     @wp.func
     def begin_loop(
@@ -197,7 +221,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 index = joints.dof_start[joint] + dof
                 q = coordinate(joints, joint, dof, q_p, q_c, offset, history.joint_angle[index])
                 history.joint_angle[index] = q
-                if is_carried:
+                if is_carried and joints.type[joint] != BALL:
                     # a kinematic body has been put elsewhere since: what damps feels its motion
                     q = loops.coordinate[index]
                 loops.start_coordinate[index] = q
@@ -212,51 +236,68 @@ def make_loops(effects: Effects) -> LoopFunctions:
         dof: int,
         q: float,
         turn_away: wp.vec3,
+        rest_away: wp.vec3,
         h: float,
         joints: JointModel,
         control: ControlInput,
+        tree: TreeWork,
         loops: LoopWork,
         history: History,
     ):
-        """Generalized force along a free axis, its curvature, and the limit's share of it."""
+        """Generalized force along a free axis, its curvature, and what friction and stops have in
+        it, which are held by multipliers."""
         joint = loops.joints[i]
         index = joints.dof_start[joint] + dof
         start = loops.start_coordinate[index]
-        force = control.joint_f[index]
+        force = float(control.joint_f[index])
         stiffness = float(0.0)
-        limit_force = float(0.0)
-        if wp.static(effects.drives):
-            away = float(0.0)
-            if joints.type[joint] == BALL:
-                away = turn_away[dof]
-            else:
-                away = control.target_q[joints.coord_start[joint] + dof] - q
-            force, stiffness = axis_rows.drive(joints, control, index, away, q - start, h)
-            force += control.joint_f[index]
+        friction = float(0.0)
+        stop = float(0.0)
         if wp.static(effects.rods):
             if joints.type[joint] == ROD:
-                force, stiffness = axis_rows.rod_response(joints, index, q, q - start, h)
-                return force, stiffness, 0.0
-        if wp.static(effects.limits):
-            if wp.static(effects.compliance):
-                pull, more = axis_rows.soft_limit(joints, index, q, q - start, h)
-                force += pull
-                stiffness += more
-            else:
-                k = wp.where(dof < linear_count(joints, joint), loops.k_l[i], loops.k_a[i])
-                lower = axis_rows.lower_stop(joints, index, start, 0.0)
-                upper = axis_rows.upper_stop(joints, index, start, 0.0)
+                pull, k_rod = axis_rows.rod_response(joints, index, q, q - start, h)
+                return pull, k_rod, friction, stop
+        if wp.static(effects.coordinates):
+            start_velocity = float(0.0)
+            if wp.static(effects.armature):
+                start_velocity = tree.start_velocity[index]
+            pull, k = linear_force(
+                joints, control, joint, dof, q, start, start_velocity, turn_away, rest_away, h
+            )
+            force += pull
+            stiffness += k
+        if wp.static(effects.effort_limits):
+            away = axis_rows.away_from(control.target_q, joints, joint, dof, q, turn_away)
+            pull, k = axis_rows.drive(joints, control, index, away, q - start, h)
+            effort = axis_rows.most_effort(joints, index)
+            force += wp.clamp(pull, -effort, effort)
+            if wp.abs(pull) < effort:
+                stiffness += k
+        if wp.static(effects.joint_friction or effects.stops):
+            is_linear = dof < linear_count(joints, joint)
+            penalty = wp.where(is_linear, loops.k_l[i], loops.k_a[i])
+            if wp.static(effects.joint_friction):
+                most = axis_rows.most_friction(joints, joint, index)
+                held = history.friction_force[index]
+                friction = wp.clamp(held - penalty * (q - start), -most, most)
+                force += friction
+                # what slides faster than friction stops in a step is not held back
+                if (
+                    wp.abs(held) < most
+                    or penalty * wp.abs(q - start) < wp.static(2.0 * PENALTY) * most
+                ):
+                    stiffness += penalty
+            if wp.static(effects.stops):
+                lower, upper = stops(joints, index, start, 0.0, h)
                 held = history.limit_force[index]
-                limit_force = wp.max(held + k * (lower - q), 0.0)
-                if limit_force == 0.0:
-                    limit_force = wp.min(held + k * (upper - q), 0.0)
-                force += limit_force
-                reach = wp.where(
-                    dof < linear_count(joints, joint), loops.reach[i], loops.turn_reach[i]
-                )
+                stop = wp.max(held + penalty * (lower - q), 0.0)
+                if stop == 0.0:
+                    stop = wp.min(held + penalty * (upper - q), 0.0)
+                force += stop
+                reach = wp.where(is_linear, loops.reach[i], loops.turn_reach[i])
                 if held != 0.0 or q - reach < lower or q + reach > upper:
-                    stiffness += k
-        return force, stiffness, limit_force
+                    stiffness += penalty
+        return force, stiffness, friction, stop
 
     @wp.func
     def loop_wrench(
@@ -293,9 +334,13 @@ def make_loops(effects: Effects) -> LoopFunctions:
             history.loop_force[i] = force
             history.loop_torque[i] = torque
         turn_away = wp.vec3(0.0)
-        if wp.static(effects.drives):
+        rest_away = wp.vec3(0.0)
+        if wp.static(effects.kinds.balls and effects.drives):
             if joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(joints, control, joint, q_p, q_c)
+                turn_away = joint_rows.ball_away(control.target_q, joints, joint, q_p, q_c)
+        if wp.static(effects.kinds.balls and effects.springs):
+            if joints.type[joint] == BALL:
+                rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
         if joints.type[joint] == DISTANCE:
             first = joints.dof_start[joint]
             pull = distance_force(i, wp.length(offset), recovery, joints, loops, history)
@@ -306,12 +351,15 @@ def make_loops(effects: Effects) -> LoopFunctions:
         response = wp.vec3(0.0)
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
-            q = coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
-            push, _, limit_force = axis_force(
-                i, dof, q, turn_away, h, joints, control, loops, history
+            known = loops.start_coordinate[index]
+            q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, loops)
+            push, _, friction, stop = axis_force(
+                i, dof, q, turn_away, rest_away, h, joints, control, tree, loops, history
             )
             if has_dual and recovery == 0.0:
-                history.limit_force[index] = limit_force
+                history.limit_force[index] = stop
+                if wp.static(effects.joint_friction):
+                    history.friction_force[index] = friction
                 loops.coordinate[index] = q
             axis = axis_of(joints, joint, dof, q_p, q_c)
             if dof < linear:
@@ -368,9 +416,20 @@ def make_loops(effects: Effects) -> LoopFunctions:
             stiff = wp.vec3(0.0)
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
-                q = coordinate(joints, joint, dof, q_p, q_c, offset, loops.start_coordinate[index])
-                _, stiffness, _ = axis_force(
-                    i, dof, q, wp.vec3(0.0), h, joints, control, loops, history
+                known = loops.start_coordinate[index]
+                q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, loops)
+                _, stiffness, _, _ = axis_force(
+                    i,
+                    dof,
+                    q,
+                    wp.vec3(0.0),
+                    wp.vec3(0.0),
+                    h,
+                    joints,
+                    control,
+                    tree,
+                    loops,
+                    history,
                 )
                 is_soft = is_soft or stiffness > 0.0
                 axis = axis_of(joints, joint, dof, q_p, q_c)

@@ -24,14 +24,14 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
-from ..rows.joint import BALL, ROD
+from ..rows.joint import BALL, ROD, rotation_vector
 from .bodies import has_rows
 
 ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
 
-HOLD = wp.constant(1.0e-20)
-"""Force of a limit that has not been measured yet [N or N m]: it only says which one holds."""
+PATIENCE = wp.constant(3)
+"""Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 
@@ -124,6 +124,14 @@ def place_body(body: int, body_q: wp.array[wp.transform], work: BodyWork, tree: 
 
 
 @wp.func
+def ball_turn(work: BodyWork, child: int, parent: int, q_p: wp.quat) -> wp.vec3:
+    """Turn of a ball joint in the step [rad], parent anchor frame."""
+    turn = exp_quat(wp.spatial_bottom(work.increment[child]))
+    turn *= exp_quat(-wp.spatial_bottom(work.increment[parent]))
+    return wp.quat_rotate_inv(q_p, rotation_vector(turn))
+
+
+@wp.func
 def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
     """Whether the tree's joint of the body exists and is enabled."""
     joint = tree.joint[body]
@@ -147,6 +155,7 @@ class TreeFunctions:
 
     measure_misfit: wp.Function
     measure_start: wp.Function
+    measure_velocity: wp.Function
     measure_moved: wp.Function
     sweep_tree: wp.Function
     put_together: wp.Function
@@ -166,11 +175,13 @@ def make_trees(
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     linear_axis = joint_functions.linear_axis
-    coordinate = joint_functions.coordinate
+    coordinate, velocity = joint_functions.coordinate, joint_functions.velocity
     linear_misfit = joint_functions.linear_misfit
     angular_axis = joint_functions.angular_axis
     angular_misfit = joint_functions.angular_misfit
     angular_lock = joint_functions.angular_lock
+    axes = axis_rows.make_axis(effects)
+    linear_force, law_of, next_piece = axes.linear_force, axes.law_of, axes.next_piece
 
     @wp.func
     def frames_of(joint: int, body: int, joints: JointModel):
@@ -273,7 +284,7 @@ def make_trees(
         work: BodyWork,
         tree: TreeWork,
     ) -> float:
-        """Coordinate of the body's joint at the orientations in ``tree``; zero for a ball.
+        """Coordinate of the body's joint as ``tree`` has it; for a ball its turn in the step.
 
         An angle is the one nearest to the ``known`` one, so that turns are counted.
         """
@@ -284,6 +295,10 @@ def make_trees(
         q_c = anchor_rotation(tree, body, frame_c)
         if wp.static(effects.flipped):
             q_p, q_c = in_joint_order(sign, q_p, q_c)
+        if wp.static(effects.kinds.balls):
+            if joints.type[joint] == BALL:
+                turn = sign * ball_turn(work, body, parent, q_p)
+                return turn[dof]
         offset = wp.vec3(0.0)
         if dof < linear_count(joints, joint):
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
@@ -321,11 +336,42 @@ def make_trees(
                 rounding = 2.0 * ROUNDING * (2.0 + wp.abs(q))
             if q < joints.limit_lower[index] - rounding or q > joints.limit_upper[index] + rounding:
                 is_beyond = True
-            if is_carried:
+            if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]
             tree.start_coordinate[tree.axis_start[body] + dof] = q
         return is_beyond
+
+    @wp.func
+    def measure_velocity(
+        joint: int,
+        static_slot: int,
+        body_qd: wp.array[wp.spatial_vector],
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+    ):
+        """Velocities of a joint's coordinates at the start of the step, from those of its bodies.
+
+        Expects rotations at the start of the step.
+        """
+        child = joints.child[joint]
+        parent = joints.parent[joint]
+        frame_c = joints.child_frame[joint]
+        arm = anchor_arm(model, tree, child, frame_c, static_slot)
+        relative = algebra.carried(arm, body_qd[child])
+        if parent >= 0:
+            # of the parent where the child's anchor is
+            span = arm + (work.com[child] - work.com[parent])
+            relative -= algebra.carried(span, body_qd[parent])
+        slot = wp.where(parent < 0, static_slot, parent)
+        q_p = anchor_rotation(tree, slot, joints.parent_frame[joint])
+        q_c = anchor_rotation(tree, child, frame_c)
+        for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+            tree.start_velocity[joints.dof_start[joint] + dof] = velocity(
+                joints, joint, dof, q_p, q_c, relative
+            )
 
     @wp.func
     def measure_moved(
@@ -440,9 +486,13 @@ def make_trees(
         dofs = linear + angular_count(joints, joint)
         first_axis = wp.vec3(0.0)
         turn_away = wp.vec3(0.0)
-        if wp.static(effects.drives):
+        rest_away = wp.vec3(0.0)
+        if wp.static(effects.kinds.balls and effects.drives):
             if joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(joints, control, joint, q_p, q_c)
+                turn_away = joint_rows.ball_away(control.target_q, joints, joint, q_p, q_c)
+        if wp.static(effects.kinds.balls and effects.springs):
+            if joints.type[joint] == BALL:
+                rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
         rod_torque = wp.vec3(0.0)
         rod_stiffness = wp.vec3(0.0)
         if wp.static(effects.rods):
@@ -496,13 +546,22 @@ def make_trees(
             if wp.static(effects.coordinates):
                 q = tree.coordinate[k]
                 start = tree.start_coordinate[k]
-                if wp.static(effects.drives):
-                    away = float(0.0)
-                    if joints.type[joint] == BALL:
-                        away = turn_away[dof]
-                    else:
-                        away = control.target_q[joints.coord_start[joint] + dof] - q
-                    pull, stiffness = axis_rows.drive(joints, control, index, away, q - start, h)
+                start_velocity = float(0.0)
+                if wp.static(effects.armature):
+                    start_velocity = tree.start_velocity[index]
+                if joints.type[joint] != ROD:
+                    pull, stiffness = linear_force(
+                        joints,
+                        control,
+                        joint,
+                        dof,
+                        q,
+                        start,
+                        start_velocity,
+                        turn_away,
+                        rest_away,
+                        h,
+                    )
                     axis.push += pull
                     pivot += stiffness
                 if wp.static(effects.rods):
@@ -514,17 +573,26 @@ def make_trees(
                         else:
                             axis.push += wp.dot(axis.angular, rod_torque)
                             pivot += rod_stiffness[dof - linear]
-                if wp.static(effects.limits and effects.compliance):
-                    pull, stiffness = axis_rows.soft_limit(joints, index, q, q - start, h)
+                if wp.static(effects.laws):
+                    law = law_of(
+                        joints,
+                        control,
+                        history,
+                        joint,
+                        dof,
+                        q,
+                        start,
+                        turn_away,
+                        recovery,
+                        h,
+                    )
+                    pull, stiffness = axis_rows.law_force(law)
                     axis.push += pull
                     pivot += stiffness
-                if wp.static(effects.limits and not effects.compliance):
-                    lower = axis_rows.lower_stop(joints, index, start, recovery)
-                    upper = axis_rows.upper_stop(joints, index, start, recovery)
-                    side = axis_rows.held_side(lower, upper, q, history.limit_force[index])
-                    if side != 0:
+                    if axis_rows.is_held(law):
                         axis.pivot = pivot
-                        axis.step = wp.where(side < 0, lower, upper) - q
+                        axis.step = axis_rows.held_step(law)
+                    tree.laws[k] = law
             if axis.pivot > 0.0:
                 push -= axis.step * wp.spatial_vector(axis.force, axis.torque)
             else:
@@ -550,11 +618,12 @@ def make_trees(
         joints: JointModel,
         work: BodyWork,
         tree: TreeWork,
-        history: History,
-        recovery: float,
-    ) -> bool:
-        """Moves the body by its share of the tree's minimum; returns whether its limits agree."""
-        settled = bool(True)
+    ) -> int:
+        """Moves the body by its share of the tree's minimum.
+
+        Returns how many of its axes are off the pieces of their laws that elimination assumed.
+        """
+        wrong = int(0)
         if is_linked(joints, tree, body):
             joint = tree.joint[body]
             update = algebra.carried(tree.span[body], tree.update[tree.parent[body]])
@@ -566,27 +635,19 @@ def make_trees(
                     axis.torque, wp.spatial_bottom(update)
                 )
                 q = axis.inv_pivot * (axis.push - met)
-                if wp.static(effects.limits and not effects.compliance):
-                    index = joints.dof_start[joint] + dofs - 1 - i
-                    at = tree.coordinate[k]
-                    start = tree.start_coordinate[k]
-                    lower = axis_rows.lower_stop(joints, index, start, recovery)
-                    upper = axis_rows.upper_stop(joints, index, start, recovery)
+                if wp.static(effects.laws):
+                    law = tree.laws[k]
                     if axis.pivot > 0.0:
-                        side = axis_rows.held_side(lower, upper, at, history.limit_force[index])
                         q = axis.step
-                        force = met + axis.pivot * q - axis.push
-                        # a limit pushes back; one that would have to pull lets go
-                        if float(side) * force < 0.0:
-                            history.limit_force[index] = force
-                        else:
-                            history.limit_force[index] = 0.0
-                            settled = False
-                    elif at + q < lower or at + q > upper:
-                        # not beyond the limit, which holds it from the next sweep on
-                        history.limit_force[index] = wp.where(at + q < lower, HOLD, -HOLD)
-                        q = wp.clamp(at + q, lower, upper) - at
-                        settled = False
+                    held = axis.pivot * q + met - axis.push
+                    law.next = next_piece(law, q, held)
+                    tree.laws[k].next = law.next
+                    if not (law.next == law.piece):
+                        wrong += 1
+                    if wp.static(effects.stops):
+                        if law.piece[0] == 0:
+                            # not beyond a stop, which holds it from the next sweep on
+                            q = wp.clamp(q, law.lower, law.upper)
                 if wp.static(effects.coordinates):
                     tree.coordinate[k] = tree.coordinate[k] + q
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
@@ -607,7 +668,41 @@ def make_trees(
                 and wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
             ):
                 measure_moved(body, work.inv_mass.shape[0] - 1, model, joints, work, tree)
-        return settled
+        return wrong
+
+    @wp.func
+    def take_pieces(
+        first: int,
+        end: int,
+        wrong: int,
+        has_dual: bool,
+        joints: JointModel,
+        worlds: WorldWork,
+        tree: TreeWork,
+        history: History,
+    ):
+        """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
+        not led to fewer for a while."""
+        root = worlds.bodies[first]
+        if not has_dual or wrong < tree.fewest[root]:
+            tree.fewest[root] = wrong
+            tree.patience[root] = PATIENCE
+        else:
+            tree.patience[root] = tree.patience[root] - 1
+        left = int(wrong)
+        if tree.patience[root] < 0:
+            left = 1
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+                    index = joints.dof_start[joint] + dof
+                    law = tree.laws[tree.axis_start[body] + dof]
+                    history.piece[index] = law.piece
+                    if left > 0 and not (law.next == law.piece):
+                        history.piece[index] = law.next
+                        left -= 1
 
     @wp.func
     def sweep_tree(
@@ -659,12 +754,11 @@ def make_trees(
         # last step are off by in the first iteration; contacts converge by a factor.
         largest = float(mismatch * mismatch)
         is_newton = bool(True)
-        settled = bool(True)
+        wrong = int(0)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                if not substitute(body, body_q, model, joints, work, tree, history, recovery):
-                    settled = False
+                wrong += substitute(body, body_q, model, joints, work, tree)
                 turn = wp.spatial_bottom(work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))
                 if wp.static(effects.contact):
@@ -673,7 +767,11 @@ def make_trees(
                 if wp.static(effects.loops):
                     if has_soft_loops(body, loops):
                         is_newton = False
-        farthest = wp.where(settled, 0.0, wp.inf)
+        farthest = float(0.0)
+        if wp.static(effects.laws):
+            if wrong > 0:
+                take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
+                farthest = wp.inf
         left = wp.where(is_newton, wp.min(largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]
@@ -686,4 +784,6 @@ def make_trees(
                     farthest = wp.max(farthest, moved)
         return farthest
 
-    return TreeFunctions(measure_misfit, measure_start, measure_moved, sweep_tree, put_together)
+    return TreeFunctions(
+        measure_misfit, measure_start, measure_velocity, measure_moved, sweep_tree, put_together
+    )

@@ -419,6 +419,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     trees = make_trees(effects, gather, closures.close_tree)
     measure_misfit = trees.measure_misfit
     measure_start = trees.measure_start
+    measure_velocity = trees.measure_velocity
     measure_moved = trees.measure_moved
     sweep_tree = trees.sweep_tree
     put_together = trees.put_together
@@ -678,8 +679,16 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if wp.static(effects.coordinates):
                     if measure_start(body, static_slot, model, joints, work, tree, history):
                         is_open = True
+                if wp.static(effects.armature):
+                    measure_velocity(
+                        tree.joint[body], static_slot, body_qd, model, joints, work, tree
+                    )
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                if wp.static(effects.armature):
+                    measure_velocity(
+                        loops.joints[i], static_slot, body_qd, model, joints, work, tree
+                    )
                 if begin_loop(i, h, body_q, model, joints, work, tree, loops, history):
                     is_open = True
         if wp.static(effects.mimics):

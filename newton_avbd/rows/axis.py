@@ -1,22 +1,35 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""What acts along a joint's free axes: drives, limits and generalized forces.
+"""What acts along a joint's free axes: drives, springs, armature, friction, limits.
 
-A drive pulls a coordinate q with ke (target_q - q) + kd (target_qd - dq/h), implicitly: its
-curvature ke + kd/h stands beside the inertia that the coordinate meets, so no gain is too stiff.
+All of it is a generalized force F(q) of the coordinate at the end of the step, implicit, so that no
+coefficient is too stiff:
 
-A limit is hard: it holds the coordinate where it stops, and lets go as soon as it would have to
-pull (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). With
-compliance it is a spring and damper instead, beyond the limit.
+    drive      ke (target_q - q) + kd (target_qd - dq/h), as the axis' mode says, within +-effort
+    passive    -stiffness (q - rest_q) - damping dq/h
+    armature   -armature (dq/h - qd)/h, with qd at the start of the step
+    friction   +-friction against dq, anything between where dq = 0
+    stops      anything that holds q between its limits, and dq/h within the velocity limit
+
+F never grows with q and is linear in pieces. In a tree the piece of each axis is taken to be known
+and stands in the matrix; an axis that then turns out to be off its piece takes the next one in the
+next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). Should
+the number of these not fall for a while, one axis at a time does (block principal pivoting, which
+always ends: Portugal, Judice, Vicente, Math. Comput. 63, 1994). With compliance a limit is a spring
+and damper instead.
 """
+
+from dataclasses import dataclass
 
 import newton
 import warp as wp
 
-from ..data import ControlInput, JointModel
+from ..data import AxisLaw, ControlInput, History, JointModel
+from ..effects import Effects
+from .joint import BALL, NO_LIMIT, ROD
 
-POSITION_MODE = wp.constant(int(newton.JointTargetMode.POSITION))
 VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.VELOCITY))
+POSITION_MODE = wp.constant(int(newton.JointTargetMode.POSITION))
 POSITION_VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.POSITION_VELOCITY))
 
 MOST_RECOVERED = wp.constant(2.0e-2)
@@ -34,6 +47,9 @@ def drive(
 ):
     """Generalized force of a drive [N or N m] and its curvature.
 
+    As in SolverMuJoCo and SolverKamino, a POSITION drive damps towards rest whatever the target
+    velocity, and a VELOCITY drive has no stiffness; NONE and EFFORT drive nothing.
+
     Args:
         joints: The joints.
         control: The targets.
@@ -45,12 +61,55 @@ def drive(
     mode = joints.target_mode[dof]
     ke = 0.0
     kd = 0.0
+    speed = 0.0
     if mode == POSITION_MODE or mode == POSITION_VELOCITY_MODE:
         ke = joints.target_ke[dof]
         kd = joints.target_kd[dof]
-    if mode == VELOCITY_MODE:
+    if mode == VELOCITY_MODE or mode == POSITION_VELOCITY_MODE:
         kd = joints.target_kd[dof]
-    return ke * away + kd * (control.target_qd[dof] - moved / h), ke + kd / h
+        speed = control.target_qd[dof]
+    return ke * away + kd * (speed - moved / h), ke + kd / h
+
+
+@wp.func
+def passive(joints: JointModel, dof: int, away: float, moved: float, h: float):
+    """Generalized force of the passive spring and damper [N or N m] and its curvature."""
+    ke = joints.stiffness[dof]
+    kd = joints.damping[dof]
+    return ke * away - kd * moved / h, ke + kd / h
+
+
+@wp.func
+def reflected(joints: JointModel, dof: int, start_velocity: float, moved: float, h: float):
+    """Generalized force of the armature's inertia [N or N m] and its curvature."""
+    inertia = joints.armature[dof] / (h * h)
+    return inertia * (h * start_velocity - moved), inertia
+
+
+@wp.func
+def away_from(
+    target: wp.array[float], joints: JointModel, joint: int, dof: int, q: float, turn: wp.vec3
+) -> float:
+    """How far a coordinate is from one in the layout of the joint coordinates [m or rad].
+
+    ``turn`` leads a ball joint there.
+    """
+    if joints.type[joint] == BALL:
+        return turn[dof]
+    return target[joints.coord_start[joint] + dof] - q
+
+
+@wp.func
+def most_effort(joints: JointModel, dof: int) -> float:
+    """Most that the drive pushes with [N or N m]."""
+    limit = joints.effort_limit[dof]
+    return wp.where(limit < NO_LIMIT, limit, wp.inf)
+
+
+@wp.func
+def most_friction(joints: JointModel, joint: int, dof: int) -> float:
+    """Most that friction pushes with [N or N m]; a rod has none."""
+    return wp.where(joints.type[joint] == ROD, 0.0, joints.friction[dof])
 
 
 @wp.func
@@ -96,10 +155,183 @@ def upper_stop(joints: JointModel, dof: int, start: float, recovery: float) -> f
 
 
 @wp.func
-def held_side(lower: float, upper: float, q: float, limit_force: float) -> int:
-    """Which stop holds the coordinate: -1 the lower, 1 the upper, 0 none."""
-    if limit_force > 0.0 or (limit_force == 0.0 and q < lower):
-        return -1
-    if limit_force < 0.0 or q > upper:
-        return 1
-    return 0
+def is_held(law: AxisLaw) -> bool:
+    """Whether a stop or friction holds the coordinate."""
+    return law.piece[0] != 0 or law.piece[2] == 0
+
+
+@wp.func
+def held_step(law: AxisLaw) -> float:
+    """Step to where the coordinate is held [m or rad]."""
+    if law.piece[0] < 0:
+        return law.lower
+    if law.piece[0] > 0:
+        return law.upper
+    return law.hold
+
+
+@wp.func
+def law_force(law: AxisLaw):
+    """Generalized force of drive and friction on their pieces, and its curvature."""
+    force = float(law.piece[2]) * law.friction
+    if law.piece[1] != 0:
+        return force + float(law.piece[1]) * law.effort, 0.0
+    return force + law.drive, law.drive_stiffness
+
+
+@dataclass(frozen=True)
+class AxisFunctions:
+    """Device functions of what acts along axes, compiled for what a scene has."""
+
+    linear_force: wp.Function
+    stops: wp.Function
+    law_of: wp.Function
+    next_piece: wp.Function
+
+
+def make_axis(effects: Effects) -> AxisFunctions:
+    """Device functions: the law F(q) of an axis, and its solution."""
+
+    @wp.func
+    def linear_force(
+        joints: JointModel,
+        control: ControlInput,
+        joint: int,
+        dof: int,
+        q: float,
+        start: float,
+        start_velocity: float,
+        turn_away: wp.vec3,
+        rest_away: wp.vec3,
+        h: float,
+    ):
+        """What is linear in the coordinate, ``joint_f`` aside, and its curvature."""
+        index = joints.dof_start[joint] + dof
+        moved = q - start
+        force = 0.0
+        stiffness = 0.0
+        if wp.static(effects.drives and not effects.effort_limits):
+            away = away_from(control.target_q, joints, joint, dof, q, turn_away)
+            pull, k = drive(joints, control, index, away, moved, h)
+            force += pull
+            stiffness += k
+        if wp.static(effects.springs):
+            rest = away_from(joints.rest_q, joints, joint, dof, q, rest_away)
+            pull, k = passive(joints, index, rest, moved, h)
+            force += pull
+            stiffness += k
+        if wp.static(effects.armature):
+            pull, k = reflected(joints, index, start_velocity, moved, h)
+            force += pull
+            stiffness += k
+        if wp.static(effects.limits and effects.compliance):
+            pull, k = soft_limit(joints, index, q, moved, h)
+            force += pull
+            stiffness += k
+        return force, stiffness
+
+    @wp.func
+    def stops(joints: JointModel, dof: int, start: float, recovery: float, h: float):
+        """The interval that the coordinate is held in [m or rad]; limits beat velocity limits."""
+        lower = float(-wp.inf)
+        upper = float(wp.inf)
+        if wp.static(effects.velocity_limits):
+            limit = joints.velocity_limit[dof]
+            if limit > 0.0 and limit < NO_LIMIT:
+                lower = start - h * limit
+                upper = start + h * limit
+        if wp.static(effects.limits and not effects.compliance):
+            least = lower_stop(joints, dof, start, recovery)
+            most = upper_stop(joints, dof, start, recovery)
+            lower = wp.clamp(lower, least, most)
+            upper = wp.clamp(upper, least, most)
+        return lower, upper
+
+    @wp.func
+    def law_of(
+        joints: JointModel,
+        control: ControlInput,
+        history: History,
+        joint: int,
+        dof: int,
+        q: float,
+        start: float,
+        turn_away: wp.vec3,
+        recovery: float,
+        h: float,
+    ) -> AxisLaw:
+        """The law of an axis about its coordinate, and the piece that it is taken to be on.
+
+        A piece says which stop holds (-1 the lower, 1 the upper), which limit the drive is at and
+        which way friction pushes; 0 where none does, for friction where it holds.
+        """
+        index = joints.dof_start[joint] + dof
+        known = history.piece[index]
+        side = 0
+        limit = 0
+        slip = 1
+        law = AxisLaw()
+        if wp.static(effects.stops):
+            lower, upper = stops(joints, index, start, recovery, h)
+            law.lower = lower - q
+            law.upper = upper - q
+            side = known[0]
+            if side == 0 and law.lower > 0.0:
+                side = -1
+            if side == 0 and law.upper < 0.0:
+                side = 1
+        if wp.static(effects.joint_friction):
+            law.hold = start - q
+            law.friction = most_friction(joints, joint, index)
+            if law.friction > 0.0:
+                slip = known[2]
+        if wp.static(effects.effort_limits):
+            away = away_from(control.target_q, joints, joint, dof, q, turn_away)
+            pull, stiffness = drive(joints, control, index, away, q - start, h)
+            law.drive = pull
+            law.drive_stiffness = stiffness
+            law.effort = most_effort(joints, index)
+            if wp.isfinite(law.effort):
+                limit = known[1]
+        law.piece = wp.vec3i(side, limit, slip)
+        return law
+
+    @wp.func
+    def next_piece(law: AxisLaw, step: float, held: float) -> wp.vec3i:
+        """The piece that an axis should be on, where another than ``law.piece``, the next to it.
+
+        Args:
+            law: The law.
+            step: Step of the coordinate on that piece [m or rad].
+            held: What holds it there [N or N m], where something does.
+        """
+        side = law.piece[0]
+        limit = law.piece[1]
+        slip = law.piece[2]
+        if wp.static(effects.joint_friction):
+            moved = step - law.hold
+            if side == 0 and slip == 0:
+                if wp.abs(held) >= law.friction:
+                    slip = wp.where(held < 0.0, -1, 1)
+            elif law.friction > 0.0 and float(slip) * moved > 0.0:
+                # friction that would push along: it holds, or at a stop is the other one
+                slip = wp.where(side == 0, 0, -slip)
+        if wp.static(effects.stops):
+            if side == 0:
+                if step < law.lower:
+                    side = -1
+                elif step > law.upper:
+                    side = 1
+            elif float(side) * held >= 0.0:
+                # a stop pushes back; one that would have to pull lets go
+                side = 0
+        if wp.static(effects.effort_limits):
+            force = law.drive - law.drive_stiffness * step
+            if limit == 0:
+                if wp.abs(force) >= law.effort:
+                    limit = wp.where(force < 0.0, -1, 1)
+            elif float(limit) * force < law.effort:
+                limit = 0
+        return wp.vec3i(side, limit, slip)
+
+    return AxisFunctions(linear_force, stops, law_of, next_piece)

@@ -26,7 +26,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from ..data import ControlInput, JointModel
+from ..data import JointModel
 
 JointType = newton.JointType
 
@@ -55,6 +55,9 @@ KINDS: dict[JointType, Kind] = {
 
 PUSHED_AT_COM = (JointType.FREE, JointType.DISTANCE, JointType.ROD)
 """Types whose generalized force is a world wrench at the COM of the child."""
+
+NO_LIMIT = wp.constant(1.0e6)
+"""Newton's default for limits of effort and velocity: from here on there is none."""
 
 BALL = wp.constant(int(JointType.BALL))
 FREE = wp.constant(int(JointType.FREE))
@@ -150,11 +153,10 @@ def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
 
 @wp.func
 def ball_away(
-    joints: JointModel, control: ControlInput, joint: int, q_p: wp.quat, q_c: wp.quat
+    q: wp.array[float], joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat
 ) -> wp.vec3:
-    """Turn that leads a ball joint to its drive's target [rad], parent anchor frame."""
+    """Turn that leads a ball joint to joint coordinates ``q`` [rad], parent anchor frame."""
     start = joints.coord_start[joint]
-    q = control.target_q
     target = wp.quat(q[start], q[start + 1], q[start + 2], q[start + 3])
     return rotation_vector(target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c))
 
@@ -206,6 +208,7 @@ class JointFunctions:
     angular_axis: wp.Function
     axis_of: wp.Function
     coordinate: wp.Function
+    velocity: wp.Function
 
 
 @functools.cache
@@ -417,6 +420,34 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         found = angle(joints, joint, dof - linear, q_p, q_c)
         return known + wrapped(found - known)
 
+    @wp.func
+    def velocity(
+        joints: JointModel,
+        joint: int,
+        dof: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        relative: wp.spatial_vector,
+    ) -> float:
+        """Velocity of a degree of freedom [m/s or rad/s].
+
+        ``relative`` is the velocity of the child anchor against the parent, world frame.
+        """
+        linear = linear_count(joints, joint)
+        if dof < linear:
+            return wp.dot(linear_axis(joints, joint, dof, q_p), wp.spatial_top(relative))
+        spin = wp.spatial_bottom(relative)
+        axis = angular_axis(joints, joint, dof - linear, q_p, q_c)
+        if wp.static(kinds.euler and 3 in angular):
+            if angular_count(joints, joint) == 3 and dof != linear + 1:
+                if joints.type[joint] != BALL and joints.type[joint] != ROD:
+                    # the first and the last Euler axis are not square to each other
+                    other = angular_axis(joints, joint, 2 + linear - dof, q_p, q_c)
+                    along = wp.dot(axis, other)
+                    spin -= (along * wp.dot(other, spin)) * axis
+                    return wp.dot(axis, spin) / wp.max(1.0 - along * along, 1.0e-6)
+        return wp.dot(axis, spin)
+
     return JointFunctions(
         linear_count,
         angular_count,
@@ -428,4 +459,5 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         angular_axis,
         axis_of,
         coordinate,
+        velocity,
     )
