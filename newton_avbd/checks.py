@@ -10,12 +10,24 @@ import newton
 import numpy as np
 import warp as wp
 
+from .attributes import break_limits
 from .rows.joint import KINDS
 
 _MOST_NAMES = 3
 """Labels in a message."""
 _INVERSE = 0.02
 """How far a mass times its inverse may be from 1: far above rounding, below what anybody means."""
+_COEFFICIENTS = (
+    "joint_target_ke",
+    "joint_target_kd",
+    "joint_limit_ke",
+    "joint_limit_kd",
+    "joint_damping",
+    "joint_stiffness",
+    "joint_armature",
+    "joint_friction",
+)
+"""Of a degree of freedom, at least zero."""
 
 
 def check_model(model: newton.Model, *, ramp: bool = False) -> None:
@@ -199,8 +211,25 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
                 f"model.joint_axis[{wrong[0]}] ('{labels[wrong[0]]}') is not a unit vector: "
                 f"{model.joint_axis.numpy()[wrong[0]]}."
             )
-    for name in ("joint_target_ke", "joint_target_kd", "joint_limit_ke", "joint_limit_kd"):
+    for name in _COEFFICIENTS:
         _check_numbers(model, name, labels, minimum=0.0)
+    for name in ("joint_effort_limit", "joint_velocity_limit"):
+        _check_most(name, getattr(model, name), labels)
+    for name, limit in break_limits(model).items():
+        _check_most(f"avbd.{name}", limit, model.joint_label)
+
+
+def _check_most(name: str, most: wp.array, labels: list[str]) -> None:
+    """Raises a ValueError that names the first of some bounds, which may be infinite, that makes
+    no sense."""
+    values = most.numpy()
+    wrong = np.flatnonzero(~(values >= 0.0))
+    if wrong.size:
+        item = int(wrong[0])
+        raise ValueError(
+            f"model.{name}[{item}] ('{_label(labels, item)}') must be 0 or more, or infinite: "
+            f"{values[item]}."
+        )
 
 
 def _check_bodies(model: newton.Model) -> None:

@@ -134,6 +134,7 @@ class JointModel:
     """Anchor frame on the parent, in its body frame."""
     child_frame: wp.array[wp.transform]
     enabled: wp.array[wp.bool]
+    """Joints that hold: enabled in the model, and not broken."""
     axis: wp.array[wp.vec3]
     """Axis of each degree of freedom, in the parent anchor frame."""
     dof_start: wp.array[wp.int32]
@@ -167,6 +168,10 @@ class JointModel:
     """Most that a drive pushes with [N or N m]."""
     velocity_limit: wp.array[float]
     """Most that a coordinate changes [m/s or rad/s]."""
+    break_force: wp.array[float]
+    """Force at which a joint breaks [N]; empty where none does."""
+    break_torque: wp.array[float]
+    """Torque at which a joint breaks [N m]."""
 
 
 @wp.struct
@@ -558,6 +563,8 @@ class History:
     loop_torque: wp.array[wp.vec3]
     joint_angle: wp.array[float]
     """Angle of each degree of freedom with its turns counted [rad], shape (joint_dof_count,)."""
+    broken: wp.array[wp.bool]
+    """Joints that broke since the last reset; empty where none can."""
     piece: wp.array[wp.vec3i]
     """Piece of its law that each degree of freedom of a tree is on."""
     limit_force: wp.array[float]

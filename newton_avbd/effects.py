@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import newton
 import numpy as np
 
+from .attributes import break_limits
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology
 
@@ -52,6 +53,8 @@ class Effects:
     """A joint axis with a drive whose effort is limited."""
     velocity_limits: bool = False
     """A joint axis with a velocity limit."""
+    breaking: bool = False
+    """A joint that breaks at some force or torque."""
     compliance: bool = False
     """Contacts give way as their materials' stiffness and damping say."""
     ramp: bool = False
@@ -104,6 +107,7 @@ class Effects:
             joint_friction=_has_any(model, ("joint_friction",), axes),
             effort_limits=_is_limited(model, "joint_effort_limit", axes[drives], -1.0),
             velocity_limits=_is_limited(model, "joint_velocity_limit", axes, 0.0),
+            breaking=bool(break_limits(model)),
             compliance=compliance,
             ramp=ramp,
             friction_mix=friction_mix,
@@ -164,6 +168,11 @@ class Effects:
             gyroscopic=True,
             drives=self.joints,
             limits=self.joints,
+            springs=self.joints,
+            armature=self.joints,
+            joint_friction=self.joints,
+            effort_limits=self.joints,
+            velocity_limits=self.joints,
         )
 
     def without_contact(self) -> "Effects":

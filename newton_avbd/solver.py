@@ -16,10 +16,12 @@ from newton.solvers import SolverBase
 
 from . import data
 from .algebra.block import BlockFactor
+from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
+from .execute.breaking import enable_joints
 from .execute.contacts import reset_bodies, sort_contacts
 from .execute.launch import Launcher
 from .execute.observables import (
@@ -47,6 +49,8 @@ class Status:
     """Sweeps of the last step with contacts, by world as above."""
     update: np.ndarray
     """How far the last of these still moved a body [m], a turn by its radius of gyration."""
+    broken_joints: np.ndarray
+    """Joints that broke."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
 
@@ -294,6 +298,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """The step with constraints: predict, sort the contacts by owner, solve each world."""
         source = self._no_contacts if contacts is None else self._contact_input(contacts)
         effects = self._effects_with(contacts)
+        if effects.breaking:
+            self._launch(
+                enable_joints,
+                self.model.joint_count,
+                [self.model.joint_enabled, self._history, self._joints.enabled],
+            )
         self._launch_bodies(
             make_predict(self.effects),
             [
@@ -361,10 +371,17 @@ class SolverAVBD(SolverBase, RigidCoupling):
         - ``newton:avbd:formulation``, ``formulation``: likewise.
         - ``newton:avbd:blocks``, ``blocks``: likewise.
 
+        and from its joints, into arrays of one value a joint:
+
+        - ``joint_break_force`` [N], ``joint_break_torque`` [N m] of a joint, in USD
+          ``physics:breakForce`` and ``physics:breakTorque``: it breaks when it carries more, at
+          its anchor and along what it locks, and stays broken until :meth:`reset`.
+
         Args:
             builder: The builder; may be registered more than once.
         """
         register_scene_settings(builder)
+        register_joint_attributes(builder)
 
     @property
     def status(self) -> Status:
@@ -373,6 +390,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             held_steps=self._worlds.held.numpy(),
             sweeps=self._worlds.sweeps.numpy(),
             update=self._worlds.update.numpy(),
+            broken_joints=np.flatnonzero(
+                [] if self._history.broken is None else self._history.broken.numpy()
+            ),
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
         )
 
@@ -441,8 +461,6 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._bind_model()
         if self.device.is_capturing:
             self.effects = self.effects.for_any_values()
-            if int(flags) & int(ModelFlags.JOINT_DOF_PROPERTIES):
-                self.effects = self.effects.with_all_axes()
             self._effects_apart = self.effects.without_contact()
             if self.model.body_count:
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
@@ -608,6 +626,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._joints.friction = model.joint_friction
             self._joints.effort_limit = model.joint_effort_limit
             self._joints.velocity_limit = model.joint_velocity_limit
+            self._bind_break_limits()
         self._shapes = data.ShapeModel()
         self._shapes.body = model.shape_body
         self._shapes.mu = model.shape_material_mu
@@ -616,6 +635,23 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._shapes.restitution = model.shape_material_restitution
         self._shapes.ke = model.shape_material_ke
         self._shapes.kd = model.shape_material_kd
+
+    def _bind_break_limits(self) -> None:
+        """Joints that can break are enabled by an array of the solver's own."""
+        if not self.device.is_capturing:
+            self._break_limits = break_limits(self.model)
+        if not self._break_limits:
+            return
+        if self._history.broken is None:
+            count = self.model.joint_count
+            with wp.ScopedDevice(self.device):
+                self._history.broken = wp.zeros(count, dtype=wp.bool)
+                self._is_whole = wp.zeros(count, dtype=wp.bool)
+                self._unbreakable = wp.full(count, float("inf"), dtype=float)
+        names = list(BREAK_LIMITS)
+        self._joints.break_force = self._break_limits.get(names[0], self._unbreakable)
+        self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
+        self._joints.enabled = self._is_whole
 
     def _group_worlds(self) -> None:
         """Decides which bodies one thread solves, and with which effects.

@@ -440,8 +440,10 @@ def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
 
 @wp.func
 def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], history: History):
-    """Lets go the limits of a joint and puts the turns of its angles back."""
+    """Mends a joint, lets go its limits, and puts the turns of its angles back."""
     if joint >= 0:
+        if history.broken.shape[0] > 0:
+            history.broken[joint] = False
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             history.piece[dof] = wp.vec3i(0, 0, 0)
             history.limit_force[dof] = 0.0

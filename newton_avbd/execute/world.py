@@ -29,6 +29,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bodies import has_rows, pose_sum, report_held, vector_sum
+from .breaking import make_break_joints
 from .closures import make_closures
 from .contacts import make_build_rows
 from .denormals import flush_denormals, restore_denormals
@@ -414,6 +415,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     sweep_body = make_sweep(effects, gather)
+    break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
     begin_closures = closures.begin_closures
     trees = make_trees(effects, gather, closures.close_tree)
@@ -900,6 +902,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if not is_solution_finite(world, worlds, work):
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
+        if wp.static(effects.breaking):
+            break_joints(world, h, model, joints, control, worlds, work, rows, tree, loops, history)
         history.parity[world] = side
         history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
 

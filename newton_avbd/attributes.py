@@ -1,0 +1,38 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a scene may author about its joints beside Newton's own properties, in ``model.avbd``."""
+
+import newton
+import numpy as np
+import warp as wp
+
+BREAK_LIMITS = {
+    "joint_break_force": "physics:breakForce",
+    "joint_break_torque": "physics:breakTorque",
+}
+"""Force [N] and torque [N m] at which a joint breaks, and their names in UsdPhysics."""
+
+
+def register_joint_attributes(builder: newton.ModelBuilder) -> None:
+    """Declares at what a joint breaks; infinite, never, where a scene does not say."""
+    for name, usd_name in BREAK_LIMITS.items():
+        builder.add_custom_attribute(
+            newton.ModelBuilder.CustomAttribute(
+                name=name,
+                namespace="avbd",
+                dtype=wp.float32,
+                frequency=newton.Model.AttributeFrequency.JOINT,
+                default=float("inf"),
+                usd_attribute_name=usd_name,
+            )
+        )
+
+
+def break_limits(model: newton.Model) -> dict[str, wp.array]:
+    """Arrays of the limits at which joints break, empty where none does."""
+    authored = getattr(model, "avbd", None)
+    limits = {name: getattr(authored, name, None) for name in BREAK_LIMITS}
+    found = {name: limit for name, limit in limits.items() if limit is not None}
+    if not any(np.any(~np.isposinf(limit.numpy())) for limit in found.values()):
+        return {}
+    return found

@@ -1,0 +1,139 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Joints that break under what they carry; from the next step on they are as if disabled."""
+
+import warp as wp
+
+from ..blocks.tree import handed_down
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import joint as joint_rows
+from .trees import anchor_arm, anchor_rotation, is_linked
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def enable_joints(
+    # Model:
+    enabled: wp.array[wp.bool],
+    # In:
+    history: History,
+    # Out:
+    is_whole: wp.array[wp.bool],
+):
+    """Which joints hold in the step: enabled and not broken; one thread a joint."""
+    joint = wp.tid()
+    is_whole[joint] = enabled[joint] and not history.broken[joint]
+
+
+@wp.func
+def break_joint(joint: int, force: wp.vec3, torque: wp.vec3, joints: JointModel, history: History):
+    """Breaks a joint that carries more than it may."""
+    most_force = joints.break_force[joint]
+    most_torque = joints.break_torque[joint]
+    if wp.length(force) > most_force or wp.length(torque) > most_torque:
+        history.broken[joint] = True
+
+
+def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
+    """Device function that breaks the joints of a world, after the sweeps.
+
+    Args:
+        effects: What the kernel is compiled with.
+        gather: Device function that sums what pulls a body beside its joints.
+    """
+    joint_functions = joint_rows.make_joint(effects.kinds)
+    linear_misfit = joint_functions.linear_misfit
+    angular_lock = joint_functions.angular_lock
+
+    @wp.func
+    def carried_load(
+        body: int,
+        load: wp.spatial_vector,
+        static_slot: int,
+        model: BodyModel,
+        joints: JointModel,
+        tree: TreeWork,
+    ):
+        """Force and torque at its anchor with which a joint holds a load, along what it locks."""
+        joint = tree.joint[body]
+        child = joints.child[joint]
+        frame = joints.child_frame[joint]
+        parent = tree.parent[body]
+        if child != body:
+            frame = joints.parent_frame[joint]
+            parent = body
+        arm = anchor_arm(model, tree, body, frame, static_slot)
+        q_p = anchor_rotation(tree, parent, joints.parent_frame[joint])
+        q_c = anchor_rotation(tree, child, joints.child_frame[joint])
+        force = wp.spatial_top(load)
+        torque = wp.spatial_bottom(load) - wp.cross(arm, force)
+        return (
+            linear_misfit(joints, joint, q_p, force),
+            angular_lock(joints, joint, q_p, q_c) * torque,
+        )
+
+    @wp.func
+    def break_joints(
+        world: int,
+        h: float,
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ):
+        """What a joint of a tree holds is what all bodies above it lack: momentum that no other
+        force gave. What one outside of trees holds is its multiplier."""
+        static_slot = work.inv_mass.shape[0] - 1
+        first = worlds.body_start[world]
+        end = worlds.body_start[world + 1]
+        for i in range(end - first):
+            body = worlds.bodies[end - 1 - i]
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                load = tree.load[body] + gather(
+                    body,
+                    False,
+                    0.0,
+                    0.0,
+                    h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+                parent = tree.parent[body]
+                if work.inv_mass[parent] > 0.0:
+                    handed = handed_down(tree.span[body], load)
+                    tree.load[parent] = tree.load[parent] + handed
+                force, torque = carried_load(body, load, static_slot, model, joints, tree)
+                break_joint(tree.joint[body], force, torque, joints, history)
+            # the sweeps start from zero
+            tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                joint = loops.joints[i]
+                if loops.k_l[i] > 0.0:
+                    force = history.loop_force[i]
+                    if joints.type[joint] == joint_rows.DISTANCE:
+                        force[0] = history.limit_force[joints.dof_start[joint]]
+                    break_joint(joint, force, history.loop_torque[i], joints, history)
+
+    return break_joints
