@@ -396,7 +396,7 @@ class AxisLaw:
     """Step to the lower stop [m or rad]."""
     upper: float
     hold: float
-    """Step back to the start of the step, where friction holds [m or rad]."""
+    """Step to where friction holds [m or rad]."""
     friction: float
     """Most that friction pushes with [N or N m]."""
     drive: float
@@ -567,6 +567,8 @@ class History:
     """Joints that broke since the last reset; empty where none can."""
     piece: wp.array[wp.vec3i]
     """Piece of its law that each degree of freedom of a tree is on."""
+    held_at: wp.array[float]
+    """Coordinate at which friction holds a degree of freedom of a tree [m or rad]."""
     limit_force: wp.array[float]
     """Multiplier of the limit that holds a degree of freedom outside of trees, zero where none does
     [N or N m]; pushes up where positive."""

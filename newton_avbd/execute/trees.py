@@ -339,6 +339,12 @@ def make_trees(
             if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]
+            if wp.static(effects.joint_friction):
+                # what rounding moves, friction brings back
+                drift = wp.abs(q - history.held_at[index])
+                is_off = drift > rounding + 2.0 * ROUNDING * wp.length(work.com[body])
+                if is_off or history.piece[index][2] != 0:
+                    history.held_at[index] = q
             tree.start_coordinate[tree.axis_start[body] + dof] = q
         return is_beyond
 

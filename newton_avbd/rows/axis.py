@@ -281,7 +281,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
             if side == 0 and law.upper < 0.0:
                 side = 1
         if wp.static(effects.joint_friction):
-            law.hold = start - q
+            law.hold = history.held_at[index] - q
             law.friction = most_friction(joints, joint, index)
             if law.friction > 0.0:
                 slip = known[2]
