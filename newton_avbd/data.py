@@ -567,6 +567,9 @@ class History:
     """Joints that broke since the last reset; empty where none can."""
     piece: wp.array[wp.vec3i]
     """Piece of its law that each degree of freedom of a tree is on."""
+    velocity_lag: wp.array[float]
+    """By how much a degree of freedom changed faster in the last step than its bodies' velocities
+    say at the end of it [m/s or rad/s]: its axis has turned meanwhile."""
     held_at: wp.array[float]
     """Coordinate at which friction holds a degree of freedom of a tree [m or rad]."""
     limit_force: wp.array[float]

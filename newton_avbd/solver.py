@@ -563,6 +563,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._rest_angle = wp.array(self._initial_angles(), dtype=float)
             self._history.joint_angle = wp.clone(self._rest_angle)
             self._history.piece = wp.zeros(model.joint_dof_count, dtype=wp.vec3i)
+            self._history.velocity_lag = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.held_at = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.limit_force = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)

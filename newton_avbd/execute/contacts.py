@@ -446,6 +446,7 @@ def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], his
             history.broken[joint] = False
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             history.piece[dof] = wp.vec3i(0, 0, 0)
+            history.velocity_lag[dof] = 0.0
             history.limit_force[dof] = 0.0
             history.friction_force[dof] = 0.0
             history.joint_angle[dof] = rest_angle[dof]

@@ -358,10 +358,7 @@ def make_trees(
         work: BodyWork,
         tree: TreeWork,
     ):
-        """Velocities of a joint's coordinates at the start of the step, from those of its bodies.
-
-        Expects rotations at the start of the step.
-        """
+        """Velocities of a joint's coordinates by those of its bodies, at their present poses."""
         child = joints.child[joint]
         parent = joints.parent[joint]
         frame_c = joints.child_frame[joint]
@@ -370,6 +367,7 @@ def make_trees(
         if parent >= 0:
             # of the parent where the child's anchor is
             span = arm + (work.com[child] - work.com[parent])
+            span += joint_shift(work, child) - joint_shift(work, parent)
             relative -= algebra.carried(span, body_qd[parent])
         slot = wp.where(parent < 0, static_slot, parent)
         q_p = anchor_rotation(tree, slot, joints.parent_frame[joint])

@@ -628,6 +628,58 @@ def make_solve(effects: Effects) -> wp.Kernel:
         return farthest
 
     @wp.func
+    def begin_armature(
+        joint: int,
+        static_slot: int,
+        body_qd: wp.array[wp.spatial_vector],
+        model: BodyModel,
+        joints: JointModel,
+        work: BodyWork,
+        tree: TreeWork,
+        history: History,
+    ):
+        """Velocities of a joint's coordinates at the start of the step.
+
+        Their momenta are those at the end of the last step, when the axes stood otherwise.
+        """
+        measure_velocity(joint, static_slot, body_qd, model, joints, work, tree)
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            tree.start_velocity[dof] = tree.start_velocity[dof] + history.velocity_lag[dof]
+
+    @wp.func
+    def end_armatures(
+        world: int,
+        static_slot: int,
+        h: float,
+        body_qd_out: wp.array[wp.spatial_vector],
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ):
+        """By how much coordinates changed faster than the velocities of their bodies say."""
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                measure_velocity(joint, static_slot, body_qd_out, model, joints, work, tree)
+                k = tree.axis_start[body]
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    moved = tree.coordinate[k] - tree.start_coordinate[k]
+                    history.velocity_lag[dof] = moved / h - tree.start_velocity[dof]
+                    k += 1
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                joint = loops.joints[i]
+                measure_velocity(joint, static_slot, body_qd_out, model, joints, work, tree)
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    moved = loops.coordinate[dof] - loops.start_coordinate[dof]
+                    history.velocity_lag[dof] = moved / h - tree.start_velocity[dof]
+
+    @wp.func
     def begin_trees(
         world: int,
         static_slot: int,
@@ -682,14 +734,14 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     if measure_start(body, static_slot, model, joints, work, tree, history):
                         is_open = True
                 if wp.static(effects.armature):
-                    measure_velocity(
-                        tree.joint[body], static_slot, body_qd, model, joints, work, tree
+                    begin_armature(
+                        tree.joint[body], static_slot, body_qd, model, joints, work, tree, history
                     )
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 if wp.static(effects.armature):
-                    measure_velocity(
-                        loops.joints[i], static_slot, body_qd, model, joints, work, tree
+                    begin_armature(
+                        loops.joints[i], static_slot, body_qd, model, joints, work, tree, history
                     )
                 if begin_loop(i, h, body_q, model, joints, work, tree, loops, history):
                     is_open = True
@@ -933,6 +985,20 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     body = worlds.bodies[i]
                     if rows.struck_at[body] >= 0.0:
                         history.falling[body] = free_share(body, scale, work)
+        if wp.static(effects.armature):
+            end_armatures(
+                world,
+                scale.static_slot,
+                h,
+                body_qd_out,
+                model,
+                joints,
+                worlds,
+                work,
+                tree,
+                loops,
+                history,
+            )
 
         # Recovery: old errors go, without entering the velocity.
         if wp.static(not effects.ramp and not effects.compliance):
