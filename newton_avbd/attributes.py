@@ -29,7 +29,10 @@ def register_joint_attributes(builder: newton.ModelBuilder) -> None:
 
 
 def break_limits(model: newton.Model) -> dict[str, wp.array]:
-    """Arrays of the limits at which joints break, empty where none does."""
+    """Arrays of the limits at which joints break, empty where none does.
+
+    A graph may change them where one joint could break before; not make joints breakable.
+    """
     authored = getattr(model, "avbd", None)
     limits = {name: getattr(authored, name, None) for name in BREAK_LIMITS}
     found = {name: limit for name, limit in limits.items() if limit is not None}

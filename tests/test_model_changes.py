@@ -370,6 +370,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
     given = {
         *("contact", "joint_force", "kinds", "reaction", "flipped", "loops"),  # what there is
         *("closures", "mimics"),
+        "breaking",  # that some joint can break is said before
         *("compliance", "ramp"),  # settings
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer
     }
