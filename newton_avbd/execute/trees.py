@@ -357,6 +357,7 @@ def make_trees(
         joints: JointModel,
         work: BodyWork,
         tree: TreeWork,
+        joint_qd: wp.array[float],
     ):
         """Velocities of a joint's coordinates by those of its bodies, at their present poses."""
         child = joints.child[joint]
@@ -373,7 +374,7 @@ def make_trees(
         q_p = anchor_rotation(tree, slot, joints.parent_frame[joint])
         q_c = anchor_rotation(tree, child, frame_c)
         for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-            tree.start_velocity[joints.dof_start[joint] + dof] = velocity(
+            joint_qd[joints.dof_start[joint] + dof] = velocity(
                 joints, joint, dof, q_p, q_c, relative
             )
 

@@ -642,7 +642,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
         Their momenta are those at the end of the last step, when the axes stood otherwise.
         """
-        measure_velocity(joint, static_slot, body_qd, model, joints, work, tree)
+        measure_velocity(
+            joint, static_slot, body_qd, model, joints, work, tree, tree.start_velocity
+        )
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             tree.start_velocity[dof] = tree.start_velocity[dof] + history.velocity_lag[dof]
 
@@ -665,19 +667,23 @@ def make_solve(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
-                measure_velocity(joint, static_slot, body_qd_out, model, joints, work, tree)
+                measure_velocity(
+                    joint, static_slot, body_qd_out, model, joints, work, tree, history.velocity_lag
+                )
                 k = tree.axis_start[body]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                     moved = tree.coordinate[k] - tree.start_coordinate[k]
-                    history.velocity_lag[dof] = moved / h - tree.start_velocity[dof]
+                    history.velocity_lag[dof] = moved / h - history.velocity_lag[dof]
                     k += 1
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 joint = loops.joints[i]
-                measure_velocity(joint, static_slot, body_qd_out, model, joints, work, tree)
+                measure_velocity(
+                    joint, static_slot, body_qd_out, model, joints, work, tree, history.velocity_lag
+                )
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                     moved = loops.coordinate[dof] - loops.start_coordinate[dof]
-                    history.velocity_lag[dof] = moved / h - tree.start_velocity[dof]
+                    history.velocity_lag[dof] = moved / h - history.velocity_lag[dof]
 
     @wp.func
     def begin_trees(
