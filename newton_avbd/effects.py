@@ -141,17 +141,6 @@ class Effects:
         """Whether something that acts along joint axes is not linear in their coordinates."""
         return self.stops or self.joint_friction or self.effort_limits
 
-    def with_all_axes(self) -> "Effects":
-        """These effects, and all that a joint axis could call for."""
-        return dataclasses.replace(
-            self,
-            springs=self.joints,
-            armature=self.joints,
-            joint_friction=self.joints,
-            effort_limits=self.joints,
-            velocity_limits=self.joints,
-        )
-
     @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
