@@ -481,8 +481,8 @@ def make_trees(
             reach = wp.length(arm_c)
             change = reach * wp.length(force - history.joint_force[body])
             force = history.joint_force[body]
-            stiff = inv_h2 * wp.trace(work.inertia[body]) + reach * wp.length(force)
-            mismatch = change / stiff
+            resistance = inv_h2 * wp.trace(work.inertia[body]) + reach * wp.length(force)
+            mismatch = change / resistance
         history.joint_force[body] = -wp.spatial_top(load)
         h_aa += algebra.geometric_stiffness(force, arm_c)
 
