@@ -56,7 +56,7 @@ class Effects:
     breaking: bool = False
     """A joint that breaks at some force or torque."""
     compliance: bool = False
-    """Contacts give way as their materials' stiffness and damping say."""
+    """Contacts and joint limits give way as the stiffness and damping that are authored say."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
     friction_mix: str = "geometric_average"
@@ -172,7 +172,6 @@ class Effects:
             friction=False,
             angular_friction=False,
             restitution=False,
-            compliance=False,
             ramp=False,
         )
 

@@ -654,7 +654,13 @@ def make_trees(
                             # not beyond a stop, which holds it from the next sweep on
                             q = wp.clamp(q, law.lower, law.upper)
                 if wp.static(effects.coordinates):
-                    tree.coordinate[k] = tree.coordinate[k] + q
+                    at = tree.coordinate[k]
+                    tree.coordinate[k] = at + q
+                    if wp.static(effects.limits and effects.compliance):
+                        index = joints.dof_start[joint] + dofs - 1 - i
+                        side = axis_rows.limit_side(joints, index, at)
+                        if side != axis_rows.limit_side(joints, index, at + q):
+                            wrong += 1
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]
         else:
@@ -773,10 +779,10 @@ def make_trees(
                     if has_soft_loops(body, loops):
                         is_newton = False
         farthest = float(0.0)
-        if wp.static(effects.laws):
-            if wrong > 0:
+        if wrong > 0:
+            farthest = wp.inf
+            if wp.static(effects.laws):
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
-                farthest = wp.inf
         left = wp.where(is_newton, wp.min(largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]

@@ -1007,14 +1007,15 @@ def make_solve(effects: Effects) -> wp.Kernel:
             )
 
         # Recovery: old errors go, without entering the velocity.
-        if wp.static(not effects.ramp and not effects.compliance):
+        if wp.static(not effects.ramp):
             # joints close even where impacts keep the sweeps from settling
             unsettled = float(wp.inf)
             if wp.static(effects.joints):
                 unsettled = scale.slop
             passes = int(0)
-            if sweeps > 0 and deepest > scale.slop:
-                passes = 1
+            if wp.static(not effects.compliance):
+                if sweeps > 0 and deepest > scale.slop:
+                    passes = 1
             if is_open or update > unsettled * unsettled:
                 passes = JOINT_PASSES
             if wp.static(effects.loops):

@@ -135,6 +135,14 @@ def soft_limit(joints: JointModel, dof: int, q: float, moved: float, h: float):
 
 
 @wp.func
+def limit_side(joints: JointModel, dof: int, q: float) -> int:
+    """-1 below the lower limit, 1 above the upper, 0 between."""
+    if q < joints.limit_lower[dof]:
+        return -1
+    return wp.where(q > joints.limit_upper[dof], 1, 0)
+
+
+@wp.func
 def lower_stop(joints: JointModel, dof: int, start: float, recovery: float) -> float:
     """Where the lower limit stops the coordinate [m or rad].
 
