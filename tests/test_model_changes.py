@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 from contract import resting_box, worlds
-from helpers import NO_GRAVITY, G, Simulation, add_box, add_ground
+from helpers import NO_GRAVITY, G, Simulation, add_box, add_ground, add_sphere
 from joint_scenes import (
     WORLD,
     add_hinge_chain,
@@ -245,6 +245,36 @@ def test_a_material_can_soften() -> None:
         assert 0.25 - sim.pose[0, 2] == pytest.approx(sim.mass[0] * G / (4.0 * ke), rel=0.02)
 
 
+def shapes_of_choice() -> newton.ModelBuilder:
+    """A body above the ground that is a cube with edges of 0.5 m, or a ball with radius 0.15 m."""
+    choices = [newton.ModelBuilder() for _ in range(2)]
+    add_box(choices[0], (0.0, 0.0, 0.0))
+    add_sphere(choices[1], (0.0, 0.0, 0.0), radius=0.15)
+    builder = newton.ModelBuilder()
+    add_ground(builder)
+    body = builder.add_body(xform=wp.transform((0.0, 0.0, 0.25), wp.quat_identity()))
+    builder.add_body_variants(body, choices)
+    return builder
+
+
+def test_a_shape_can_become_another() -> None:
+    """Cubes rest; the one that turns into a ball falls and rests on its radius, as a ball rolls.
+
+    With the drawn mass and inertia: under a force F at its centre a = F/(m + I/r^2).
+    """
+    sim = Simulation(worlds(shapes_of_choice(), 2))
+    sim.step(10)
+    changed = sim.model.select_body_variants(wp.array([1, 0], dtype=wp.int32, device="cpu"))
+    assert changed & ModelFlags.SHAPE_TYPE_AND_SOURCE
+    sim.solver.notify_model_changed(changed)
+    sim.step(60)
+    np.testing.assert_allclose(sim.pose[:, 2], [0.15, 0.25], atol=1e-4)
+    mass = 1000.0 * 4.0 / 3.0 * np.pi * 0.15**3
+    sim.push(0, (20.0, 0.0, 0.0))
+    sim.step(24)
+    assert sim.velocity[0, 0] == pytest.approx(20.0 / (1.4 * mass) * 24 * DT, rel=0.01)
+
+
 def test_a_constraint_that_is_switched_on_and_left_out_is_named() -> None:
     """MuJoCo's equality constraints without a joint: a warning again, or the error again."""
     builder = four_bar(connect='active="false"', weld='active="false"', convert=False)
@@ -325,6 +355,43 @@ def test_masses_and_gains_are_drawn_by_world_in_a_graph(gain: float) -> None:
         wp.capture_launch(graph)
         expected = [driven(m, ke, kd, 0.3, 60) for m, ke, kd, _ in values]
         np.testing.assert_allclose(sim.pose[:, 2], expected, rtol=1e-5)
+
+
+def test_targets_and_limits_are_drawn_by_world_in_a_graph() -> None:
+    """Sliders that had no limit go to their world's target or stop: as the spring says, to 1e-5."""
+    sim = simulate(worlds(slider(target_ke=200.0, target_kd=40.0), 3))
+    sim.model.joint_target_mode.fill_(int(newton.JointTargetMode.POSITION))
+    targets, limits = np.array([0.3, 0.15, 0.4]), np.array([0.1, 0.2, 1.0])
+    drawn = [wp.array(values, dtype=float, device="cpu") for values in (targets, limits)]
+    with wp.ScopedCapture(device="cpu") as capture:
+        wp.copy(sim.control.joint_target_q, drawn[0])
+        wp.copy(sim.model.joint_limit_upper, drawn[1])
+        sim.solver.notify_model_changed(ModelFlags.JOINT_DOF_FORCE_PROPERTIES)
+        sim.step(60)
+    for order in (slice(None), slice(None, None, -1)):
+        for array, values in zip(drawn, (targets[order], limits[order]), strict=True):
+            array.assign(values)
+        sim.solver.reset(sim.state)
+        wp.capture_launch(capture.graph)
+        free = [driven(2.0, 200.0, 40.0, target, 60) for target in targets[order]]
+        expected = np.minimum(free, limits[order])
+        np.testing.assert_allclose(sim.pose[:, 2], expected, rtol=1e-5)
+
+
+def test_shapes_are_drawn_by_world_in_a_graph() -> None:
+    """Each replay drops each world's draw, with the contacts, mass and inertia of its shape."""
+    sim = Simulation(worlds(shapes_of_choice(), 2))
+    drawn = wp.zeros(2, dtype=wp.int32, device="cpu")
+    sim.model.select_body_variants(drawn)
+    sim.solver.reset(sim.state)
+    with wp.ScopedCapture(device="cpu") as capture:
+        sim.solver.notify_model_changed(sim.model.select_body_variants(drawn))
+        sim.step(60)
+    for draw in ([1, 0], [0, 1]):
+        drawn.assign(draw)
+        sim.solver.reset(sim.state)
+        wp.capture_launch(capture.graph)
+        np.testing.assert_allclose(sim.pose[:, 2], np.where(draw, 0.15, 0.25), atol=1e-4)
 
 
 def test_friction_is_drawn_by_world_in_a_graph() -> None:
