@@ -13,6 +13,8 @@ import warp as wp
 from .attributes import break_limits
 from .rows.joint import KINDS
 
+_CTRL_DIRECT = int(newton.solvers.SolverMuJoCo.CtrlSource.CTRL_DIRECT)
+"""An actuator with an input of its own, not the target of a joint."""
 _MOST_NAMES = 3
 """Labels in a message."""
 _INVERSE = 0.02
@@ -83,6 +85,13 @@ def report_ignored(
             f"SolverAVBD leaves out {', '.join(rows)}. Import with "
             "convert_mjc_equality_constraints=True, which makes joints of CONNECT and WELD and "
             "mimics of JOINT; otherwise use Newton's joints and set_joint_mimic()."
+        )
+    if actuators := _actuators(model):
+        messages.append(
+            f"SolverAVBD leaves out {', '.join(actuators)}, which control.mujoco.ctrl controls. "
+            "Import with ctrl_direct=False, which makes joint drives of position and velocity "
+            "actuators; write what others push to control.joint_f, as newton.actuators do; or use "
+            "SolverMuJoCo."
         )
     if adhesive := _shapes(model, _material(model, "ka") > 0.0):
         messages.append(
@@ -166,6 +175,18 @@ def _equalities(model: newton.Model) -> list[str]:
     if count := counts.get("mujoco:tendon", 0):
         found += _named(count, "MuJoCo tendon", mujoco.tendon_label)
     return found
+
+
+def _actuators(model: newton.Model) -> list[str]:
+    """MuJoCo's own actuators that push as authored; a motor without a control input does not."""
+    if not model.custom_frequency_counts.get("mujoco:actuator", 0):
+        return []
+    mujoco: Any = model.mujoco
+    acts = (mujoco.actuator_biastype.numpy() != 0) & mujoco.actuator_biasprm.numpy().any(axis=1)
+    for name in ("ctrl", "actuator_damping", "actuator_armature"):
+        acts |= getattr(mujoco, name).numpy() != 0.0
+    left = np.flatnonzero(acts & (mujoco.ctrl_source.numpy() == _CTRL_DIRECT))
+    return _named(left.size, "MuJoCo actuator", [mujoco.actuator_label[i] for i in left])
 
 
 def _shapes(model: newton.Model, concerned: np.ndarray) -> list[str]:

@@ -383,8 +383,14 @@ class ClosureWork:
     """What a row meets of an axis."""
     inverse: wp.array[float]
     """By column: 1 over the pivot of the axis."""
+    share: wp.array[float]
+    """What the row in work meets of an axis, over its pivot; only axes that it meets."""
+    on_way: wp.array[wp.int32]
+    """The columns of these."""
+    kept: wp.array[wp.int32]
+    """By row of the factor: the row of the block, which the ones before it do not imply."""
     gram: wp.array[float]
-    """Lower triangle of the rows' Cholesky factor, with the inverses of its diagonal."""
+    """Lower triangle of the Cholesky factor of these, with the inverses of its diagonal."""
 
 
 @wp.struct

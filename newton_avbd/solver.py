@@ -466,7 +466,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
             return
         check_model(self.model, ramp=self._ramp)
-        if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES):
+        if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
             report_ignored(self.model, strict=self._strict)
         self._rest_angle.assign(self._initial_angles())
         self._group_worlds()
@@ -833,6 +833,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             work.met = wp.zeros(met, dtype=float)
             work.column = wp.zeros(topology.order.size, dtype=wp.int32)
             work.inverse = wp.zeros(axes, dtype=float)
+            work.share = wp.zeros(axes, dtype=float)
+            work.on_way = wp.zeros(axes, dtype=wp.int32)
+            work.kept = wp.zeros(rows, dtype=wp.int32)
             work.gram = wp.zeros(gram, dtype=float)
 
     def _allocate_contacts(self, capacity: int) -> None:

@@ -72,6 +72,29 @@ def add_adhesion(builder: newton.ModelBuilder) -> None:
     builder.add_shape_sphere(body, cfg=builder.ShapeConfig(ka=0.01), label="gum")
 
 
+ARM = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="hinge" type="hinge" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    </body>
+  </worldbody>
+  <actuator>
+    <motor name="motor" joint="hinge" gear="3"/>
+    <position name="servo" joint="hinge" kp="10"/>
+    <general name="spring" joint="hinge" {spring}/>
+  </actuator>
+</mujoco>
+"""
+
+
+def add_actuators(builder: newton.ModelBuilder) -> None:
+    """A motor, which waits for its input, and two that pull to where their input says."""
+    spring = 'biastype="affine" gainprm="3" biasprm="0 -3 0"'
+    builder.add_mjcf(ARM.format(spring=spring), ctrl_direct=True)
+
+
 @pytest.mark.parametrize(
     ("add", "message"),
     [
@@ -84,6 +107,7 @@ def add_adhesion(builder: newton.ModelBuilder) -> None:
         (add_attachment, r"1 particle, 1 particle attachment \('body cube'\)"),
         (add_muscle, r"1 muscle \('from body arm'\)"),
         (add_tendon, r"4 tendons \('cable0', 'cable1', 'cable2', ...\)"),
+        (add_actuators, r"2 MuJoCo actuators \('servo', 'spring'\).*ctrl_direct=False"),
         (add_adhesion, r"adhesion \(ka\) of 1 shape \('gum'\).*SolverSemiImplicit"),
     ],
 )
@@ -107,6 +131,20 @@ def test_a_rigid_scene_is_nothing_to_warn_of() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         SolverAVBD(model, strict=True)
+
+
+def test_an_actuator_that_is_a_drive_or_does_nothing_is_not_mentioned() -> None:
+    """A position actuator is its joint's drive; a motor does nothing until it has an input."""
+    builder = newton.ModelBuilder()
+    builder.add_mjcf(ARM.format(spring=""))
+    model = builder.finalize(device="cpu")
+    assert model.joint_target_ke.numpy()[0] == 10.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SolverAVBD(model, strict=True)
+    model.mujoco.ctrl.assign([2.0, 0.0, 0.0])
+    with pytest.warns(UserWarning, match=r"1 MuJoCo actuator \('motor'\)"):
+        SolverAVBD(model)
 
 
 def test_particles_of_another_solver_are_not_mentioned() -> None:

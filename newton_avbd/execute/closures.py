@@ -333,40 +333,60 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     def solve_rows(block: ClosureBlock, columns: int, closures: ClosureWork):
         """Multipliers of a block's rows: Cholesky factorisation of J T^-1 J^T, and substitution.
 
-        The factor keeps the inverses of its diagonal; a zero leaves the row out.
+        Rows that the ones before them imply are left out, with multipliers of zero. Row p of the
+        factor is that of row ``kept[p]``, and holds the inverse of its diagonal.
         """
         n = block.rows
+        count = int(0)
         for i in range(n):
             y_i = block.met + i * columns
-            for j in range(i + 1):
-                y_j = block.met + j * columns
-                whole = float(0.0)
-                for k in range(columns):
-                    met = closures.met[y_i + k] * closures.met[y_j + k]
-                    whole += met * closures.inverse[block.axis + k]
-                left = float(whole)
-                for k in range(j):
-                    left -= (
-                        closures.gram[block.gram + i * n + k]
-                        * closures.gram[block.gram + j * n + k]
-                    )
-                if j < i:
-                    left *= closures.gram[block.gram + j * n + j]
-                else:
-                    least = wp.max(IMPLIED * whole, closures.least[block.row + i])
-                    left = wp.where(left > least, 1.0 / wp.sqrt(left), 0.0)
-                closures.gram[block.gram + i * n + j] = left
-        for i in range(n):
-            x = closures.multiplier[block.row + i]
-            for k in range(i):
-                x -= closures.gram[block.gram + i * n + k] * closures.multiplier[block.row + k]
-            closures.multiplier[block.row + i] = x * closures.gram[block.gram + i * n + i]
-        for m in range(n):
-            i = n - 1 - m
-            x = closures.multiplier[block.row + i]
-            for k in range(i + 1, n):
-                x -= closures.gram[block.gram + k * n + i] * closures.multiplier[block.row + k]
-            closures.multiplier[block.row + i] = x * closures.gram[block.gram + i * n + i]
+            # a row meets the axes on its way to the root only
+            axes = int(0)
+            whole = float(0.0)
+            for k in range(columns):
+                met = closures.met[y_i + k]
+                if met != 0.0:
+                    share = met * closures.inverse[block.axis + k]
+                    closures.share[block.axis + axes] = share
+                    closures.on_way[block.axis + axes] = k
+                    whole += met * share
+                    axes += 1
+            left = float(whole)
+            l_i = block.gram + count * n
+            for p in range(count):
+                y_p = block.met + closures.kept[block.row + p] * columns
+                l_p = block.gram + p * n
+                x = float(0.0)
+                for k in range(axes):
+                    met = closures.met[y_p + closures.on_way[block.axis + k]]
+                    x += met * closures.share[block.axis + k]
+                for q in range(p):
+                    x -= closures.gram[l_i + q] * closures.gram[l_p + q]
+                x *= closures.gram[l_p + p]
+                closures.gram[l_i + p] = x
+                left -= x * x
+            if left > wp.max(IMPLIED * whole, closures.least[block.row + i]):
+                closures.gram[l_i + count] = 1.0 / wp.sqrt(left)
+                closures.kept[block.row + count] = i
+                count += 1
+            else:
+                closures.multiplier[block.row + i] = 0.0
+        for p in range(count):
+            i = block.row + closures.kept[block.row + p]
+            l_p = block.gram + p * n
+            x = closures.multiplier[i]
+            for q in range(p):
+                j = block.row + closures.kept[block.row + q]
+                x -= closures.gram[l_p + q] * closures.multiplier[j]
+            closures.multiplier[i] = x * closures.gram[l_p + p]
+        for m in range(count):
+            p = count - 1 - m
+            i = block.row + closures.kept[block.row + p]
+            x = closures.multiplier[i]
+            for q in range(p + 1, count):
+                j = block.row + closures.kept[block.row + q]
+                x -= closures.gram[block.gram + q * n + p] * closures.multiplier[j]
+            closures.multiplier[i] = x * closures.gram[block.gram + p * n + p]
 
     @wp.func
     def close_tree(
