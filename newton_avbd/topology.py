@@ -9,8 +9,9 @@ import numpy as np
 
 from .rows.joint import KINDS
 
-CLOSURE_ROWS = 64
-"""Most equations that are solved with a tree; beyond, its loops are closed sweep by sweep."""
+CLOSURE_ROWS = 1024
+"""Most equations that are solved with a tree; beyond, its loops are closed sweep by sweep, which
+costs a hundredth, and does not converge."""
 
 
 @dataclass(frozen=True)
