@@ -43,8 +43,9 @@ from ..rows.contact import PENALTY
 from .loops import loop_geometry, parent_slot
 from .trees import ROUNDING, is_linked
 
-IMPLIED = wp.constant(1.0e-5)
-"""Pivot from which a row says nothing new, as a share of what it had before elimination."""
+IMPLIED = wp.constant(1.0e-4)
+"""Pivot from which a row says nothing new, as a share of what it had before elimination: above what
+rounding leaves of it after hundreds of others."""
 HARDLY_MOVED = wp.constant(1.0e-6)
 """A row says nothing that moves less than this share of what the joint's others do, each taken
 against how it would move were its bodies free."""
