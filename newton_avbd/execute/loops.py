@@ -62,6 +62,15 @@ def has_loops(loops: LoopWork, body: int) -> bool:
 
 
 @wp.func
+def has_outer_loops(body: int, loops: LoopWork) -> bool:
+    """Whether a joint acts on the body that is not solved with its tree."""
+    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+        if not loops.is_exact[loops.items[k] / 2]:
+            return True
+    return False
+
+
+@wp.func
 def loop_geometry(
     i: int,
     model: BodyModel,

@@ -142,7 +142,7 @@ def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
 
 @wp.func
 def has_soft_loops(body: int, loops: LoopWork) -> bool:
-    """Whether a joint acts on the body that is not solved with the tree."""
+    """Whether a joint acts on the body whose rows converge by a factor, sweep by sweep."""
     for k in range(loops.body_start[body], loops.body_start[body + 1]):
         if loops.is_soft[loops.items[k] / 2]:
             return True

@@ -35,7 +35,7 @@ from .contacts import make_build_rows
 from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
 from .islands import begin_island, join_islands, keep_momentum
-from .loops import has_loops, make_loops, parent_slot
+from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .trees import ROUNDING, is_linked, make_trees, place_body
 
 FUSED = "-ffp-contract=fast"
@@ -704,7 +704,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
         """Measures the joints at the start of the step; returns whether one is open."""
         is_open = bool(False)
         block_end = int(-1)
-        is_free = bool(True)
+        is_free = bool(False)
+        is_closed = bool(False)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
@@ -718,15 +719,19 @@ def make_solve(effects: Effects) -> wp.Kernel:
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             if block_end != worlds.block_end[i]:
                 block_end = worlds.block_end[i]
-                is_free = bool(True)
-                if wp.static(effects.contact):
-                    for k in range(i, block_end):
+                is_free = is_tree(i, block_end, body, tree)
+                if wp.static(effects.closures):
+                    is_closed = tree.closures.block_of[i] >= 0
+                for k in range(i, block_end):
+                    if wp.static(effects.contact):
                         is_free = is_free and not has_rows(rows, worlds.bodies[k])
+                    if wp.static(effects.loops):
+                        is_free = is_free and not has_outer_loops(worlds.bodies[k], loops)
             if work.inv_mass[body] > 0.0:
                 if is_free:
                     # keeps joints closed to the third order of h
                     tree.update[body] = h * (body_qd[body] + h * history.acceleration[body])
-                elif wp.static(effects.closures):
+                elif is_closed:
                     # keeps a mechanism in its plane, where some of its rows say nothing
                     tree.update[body] = h * body_qd[body]
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
