@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd stability``: run hard cases and say which of them a solver withstands."""
+
+import argparse
+import math
+import sys
+from pathlib import Path
+
+from newton_avbd.io import UserError, require
+from newton_avbd.io.solvers import SOLVERS
+from newton_avbd.study.hard_case import Case, Outcome, try_case
+from newton_avbd.study.hard_cases import CASES, GROUPS
+from newton_avbd.study.stability_page import line, write_page
+
+from .options import positive, use_device
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    parser.add_argument(
+        "cases", nargs="*", metavar="CASE", help="cases, by the start of their names (default: all)"
+    )
+    parser.add_argument(
+        "--solver",
+        nargs="+",
+        choices=SOLVERS,
+        default=["avbd"],
+        metavar="SOLVER",
+        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
+    )
+    parser.add_argument(
+        "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
+    )
+    parser.add_argument("--quick", action="store_true", help="leave out cases that take minutes")
+    parser.add_argument(
+        "--budget",
+        type=positive(float),
+        default=math.inf,
+        metavar="SECONDS",
+        help="stop a run after this time (default: never)",
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder for a page with pictures"
+    )
+    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    parser.epilog = "\n".join(
+        f"{title}:\n" + "\n".join(f"  {case.name:<24} {case.summary}" for case in cases.values())
+        for title, cases in GROUPS.items()
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run the cases, print a line for each, write the page; 1 where SolverAVBD misses a bound."""
+    use_device(args.device)
+    if args.output:
+        require("matplotlib")
+    outcomes: list[Outcome] = []
+    for case in _chosen(args.cases, args.quick):
+        for solver in args.solver:
+            outcome = try_case(case, solver, iterations=args.iterations, budget=args.budget)
+            print(line(case, outcome), flush=True)
+            outcomes.append(outcome)
+    if args.output:
+        try:
+            print(f"wrote {write_page(outcomes, args.output)}", file=sys.stderr)
+        except OSError as error:
+            raise UserError(f"cannot write to {args.output}: {error}") from error
+    ours = [outcome for outcome in outcomes if outcome.solver == "avbd"]
+    return int(any(outcome.failures(CASES[outcome.case].bounds) for outcome in ours))
+
+
+def _chosen(names: list[str], quick: bool) -> list[Case]:
+    """Cases whose names start with one of ``names``, or all, in the order of the catalog.
+
+    Raises:
+        UserError: A name starts none.
+    """
+    for name in names:
+        if not any(known.startswith(name) for known in CASES):
+            raise UserError(f"there is no case {name!r}; there are: {', '.join(CASES)}")
+    starts = tuple(names) or ("",)
+    return [
+        case
+        for name, case in CASES.items()
+        if name.startswith(starts) and (case.is_quick or not quick or name in names)
+    ]

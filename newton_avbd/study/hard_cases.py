@@ -1,0 +1,21 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""All hard cases by name, and by what is hard about them."""
+
+from newton_avbd.study.hard_bodies import BODIES
+from newton_avbd.study.hard_case import Case, Catalog
+from newton_avbd.study.hard_joints import JOINTS
+from newton_avbd.study.hard_piles import PILES
+from newton_avbd.study.hard_steps import STEPS
+
+GROUPS: dict[str, Catalog] = {
+    "Piles": PILES,
+    "Joints": JOINTS,
+    "Bodies and contacts": BODIES,
+    "Steps and interventions": STEPS,
+}
+"""Cases by what is hard about them."""
+
+CASES: dict[str, Case] = {**PILES, **JOINTS, **BODIES, **STEPS}
+"""All cases by name."""

@@ -1,0 +1,417 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Scenes that nobody thought of: what holds for every scene holds for those, too.
+
+``RANDOM_SCENES=500 pytest tests/test_random_scenes.py`` tries that many for each test instead of
+:data:`SCENES`; ``RANDOM_SEED`` chooses others. A failing scene is reduced and printed.
+
+All scenes call for the same effects, so that one set of kernels serves them all: what a scene does
+without is in a second world beside it.
+"""
+
+import os
+from dataclasses import dataclass, replace
+
+import hypothesis
+import newton
+import numpy as np
+import warp as wp
+from helpers import Array, G, Simulation, surface
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+SCENES = int(os.environ.get("RANDOM_SCENES", "9"))
+SEED = int(os.environ.get("RANDOM_SEED", "1"))
+STEPS = 24
+DT = 1.0 / 240.0
+
+WORLD = -1
+MIRROR = np.array([-1.0, 1.0, 1.0])
+
+random_scenes = hypothesis.settings(
+    max_examples=SCENES,
+    deadline=None,
+    database=None,
+    print_blob=True,
+    suppress_health_check=list(hypothesis.HealthCheck),
+)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint to an earlier body or the world, at coordinates 0."""
+
+    kind: str
+    parent: int
+    axis: tuple[float, ...]
+    hung: tuple[float, ...]
+    held: tuple[float, ...]
+    stiffness: float
+    limited: bool
+
+
+@dataclass(frozen=True)
+class Body:
+    """A body; pose and velocity count only where no joint holds it."""
+
+    shape: str
+    size: float
+    density: float
+    position: tuple[float, ...]
+    rotation: tuple[float, ...]
+    velocity: tuple[float, ...]
+    spin: tuple[float, ...]
+    joint: Joint | None
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Bodies, and what acts on them."""
+
+    bodies: tuple[Body, ...]
+    ground: bool
+    gravity: bool
+
+
+def numbers(limit: float, steps: int = 8) -> st.SearchStrategy[float]:
+    """Round numbers up to a limit, either sign."""
+    return st.integers(-steps, steps).map(lambda k: limit * k / steps)
+
+
+def vectors(limit: float) -> st.SearchStrategy[tuple[float, ...]]:
+    return st.tuples(*[numbers(limit)] * 3)
+
+
+directions = st.sampled_from(
+    [
+        (1.0, 0.0, 0.0),
+        (0.0, 1.0, 0.0),
+        (0.0, 0.0, 1.0),
+        (0.6, 0.0, 0.8),
+        (0.0, -0.8, 0.6),
+        (0.48, 0.6, 0.64),
+    ]
+)
+
+JOINTS = ("revolute", "prismatic", "ball", "fixed", "d6")
+SHAPES = ("box", "sphere", "capsule", "cylinder")
+
+
+@st.composite
+def bodies(draw: st.DrawFn, index: int, jointed: bool, anchored: bool, shapes: tuple) -> Body:
+    joint = None
+    lowest = WORLD if anchored else 0
+    if jointed and index > lowest and draw(st.booleans()):
+        joint = Joint(
+            kind=draw(st.sampled_from(JOINTS)),
+            parent=draw(st.integers(lowest, index - 1)),
+            axis=draw(directions),
+            hung=draw(vectors(0.5)),
+            held=draw(vectors(0.5)),
+            stiffness=draw(st.sampled_from([0.0, 1.0, 1e3])),
+            limited=draw(st.booleans()),
+        )
+    return Body(
+        shape=draw(st.sampled_from(shapes)),
+        size=draw(st.sampled_from([0.25, 0.1, 0.5])),
+        density=draw(st.sampled_from([1000.0, 1.0, 10.0, 1e5, 1e6])),
+        position=draw(vectors(1.0)),
+        rotation=draw(st.sampled_from([(0, 0, 0, 1), (0, 0.6, 0, 0.8), (0.5, 0.5, 0.1, 0.7)])),
+        velocity=draw(vectors(4.0)),
+        spin=draw(vectors(16.0)),
+        joint=joint,
+    )
+
+
+@st.composite
+def scenes(
+    draw: st.DrawFn,
+    *,
+    jointed: bool = True,
+    anchored: bool = True,
+    ground: bool | None = None,
+    gravity: bool | None = None,
+    shapes: tuple = SHAPES,
+) -> Scene:
+    """A scene of up to six bodies; ``anchored`` where joints may hold on to the world."""
+    count = draw(st.integers(1, 6))
+    return Scene(
+        bodies=tuple(draw(bodies(i, jointed, anchored, shapes)) for i in range(count)),
+        ground=draw(st.booleans()) if ground is None else ground,
+        gravity=draw(st.booleans()) if gravity is None else gravity,
+    )
+
+
+def add_everything(builder: newton.ModelBuilder) -> None:
+    """Adds a mechanism that calls for every effect that a random scene may call for."""
+    parent, joints = WORLD, []
+    for kind in JOINTS:
+        link = builder.add_link(mass=1.0, inertia=wp.mat33(np.diag([0.1, 0.2, 0.25])))
+        joint = Joint(kind, parent, (0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3, 1.0, True)
+        joints.append(add_joint(builder, joint, parent, link, 1.0, mirrored=False))
+        parent = link
+    builder.add_articulation(joints)
+    builder.add_shape_sphere(parent, radius=0.1, cfg=surface())
+
+
+def add_joint(
+    builder: newton.ModelBuilder,
+    joint: Joint,
+    parent: int,
+    child: int,
+    mass: float,
+    *,
+    mirrored: bool,
+) -> int:
+    """Adds a joint; stiffnesses go with the mass, axes with the mirror."""
+    side = MIRROR if mirrored else np.ones(3)
+    along, about = side * joint.axis, (-side if mirrored else side) * joint.axis
+    frames = {
+        "parent_xform": wp.transform(wp.vec3(*(side * joint.hung)), wp.quat_identity()),
+        "child_xform": wp.transform(wp.vec3(*(side * joint.held)), wp.quat_identity()),
+    }
+    ke = mass * joint.stiffness
+    drive = {"target_ke": ke, "target_kd": 0.1 * ke, "armature": 0.0}
+    drive["actuator_mode"] = newton.JointTargetMode.POSITION
+    if joint.limited:
+        drive |= {"limit_lower": -0.25, "limit_upper": 0.125}
+    if joint.kind == "revolute":
+        return builder.add_joint_revolute(
+            parent, child, axis=wp.vec3(*about), target_q=0.1, **drive, **frames
+        )
+    if joint.kind == "prismatic":
+        return builder.add_joint_prismatic(
+            parent, child, axis=wp.vec3(*along), target_q=0.1, **drive, **frames
+        )
+    if joint.kind == "ball":
+        return builder.add_joint_ball(parent, child, **frames)
+    if joint.kind == "fixed":
+        return builder.add_joint_fixed(parent, child, **frames)
+    axis = newton.ModelBuilder.JointDofConfig
+    return builder.add_joint_d6(
+        parent,
+        child,
+        linear_axes=[axis(axis=wp.vec3(*along), target_q=0.1, **drive)],
+        angular_axes=[axis(axis=wp.vec3(*about), target_q=0.1, **drive)],
+        **frames,
+    )
+
+
+def build(
+    scene: Scene,
+    *,
+    mass: float = 1.0,
+    mirrored: bool = False,
+    order: list[int] | None = None,
+    world: int = 0,
+    **settings: int,
+) -> tuple[Simulation, Array]:
+    """A simulation of the scene, masses times ``mass``, and where it has each of its bodies.
+
+    ``order`` is the order in which bodies are added, ``world`` the one that holds the scene.
+    """
+    builder = newton.ModelBuilder()
+    indices: Array = np.zeros(0)
+    gravity = (0.0, 0.0, -G if scene.gravity else 0.0)
+    for index in range(2):
+        builder.begin_world(gravity=gravity)
+        if index == world:
+            indices = _add_scene(builder, scene, mass, mirrored, order)
+        else:
+            add_everything(builder)
+        builder.end_world()
+    return Simulation(builder, dt=DT, keep_inertia=True, **settings), indices
+
+
+def _add_scene(
+    builder: newton.ModelBuilder,
+    scene: Scene,
+    mass: float,
+    mirrored: bool,
+    order: list[int] | None,
+) -> Array:
+    side = MIRROR if mirrored else np.ones(3)
+    turn_side = np.array([1.0, -1.0, -1.0, 1.0]) if mirrored else np.ones(4)
+    spin_side = -side if mirrored else side
+    poses: list[tuple[Array, Rotation]] = []
+    roots: list[int] = []
+    for i, body in enumerate(scene.bodies):
+        joint = body.joint
+        if joint is None:
+            roots.append(i)
+            poses.append((np.array(body.position), Rotation.from_quat(body.rotation)))
+            continue
+        at, turn = (np.zeros(3), Rotation.identity())
+        if joint.parent != WORLD:
+            at, turn = poses[joint.parent]
+        anchor = at + turn.apply(joint.hung)
+        poses.append((anchor - turn.apply(joint.held), turn))
+        roots.append(WORLD if joint.parent == WORLD else roots[joint.parent])
+    indices = np.full(len(scene.bodies), -1)
+    for i in order or range(len(scene.bodies)):
+        body, (at, turn) = scene.bodies[i], poses[i]
+        linear, spin = np.zeros(3), np.zeros(3)
+        if roots[i] != WORLD:
+            root = scene.bodies[roots[i]]
+            spin = np.array(root.spin)
+            linear = np.array(root.velocity) + np.cross(spin, at - poses[roots[i]][0])
+        frame = wp.transform(wp.vec3(*(side * at)), wp.quat(*(turn_side * turn.as_quat())))
+        has_joints = body.joint or any(b.joint and b.joint.parent == i for b in scene.bodies)
+        link = builder.add_link(xform=frame) if has_joints else builder.add_body(xform=frame)
+        indices[i] = link
+        builder.body_qd[link] = wp.spatial_vector(*(side * linear), *(spin_side * spin))
+        cfg = surface(density=mass * body.density)
+        size = body.size
+        if body.shape == "box":
+            builder.add_shape_box(link, hx=size, hy=0.5 * size, hz=0.25 * size, cfg=cfg)
+        elif body.shape == "sphere":
+            builder.add_shape_sphere(link, radius=0.5 * size, cfg=cfg)
+        elif body.shape == "capsule":
+            builder.add_shape_capsule(link, radius=0.25 * size, half_height=0.5 * size, cfg=cfg)
+        else:
+            builder.add_shape_cylinder(link, radius=0.5 * size, half_height=0.25 * size, cfg=cfg)
+    # joints of an articulation follow each other
+    for top in range(len(scene.bodies)):
+        members = [i for i in range(len(scene.bodies)) if _top(scene, i) == top]
+        held = [i for i in members if scene.bodies[i].joint]
+        joints = []
+        if held and not scene.bodies[top].joint:
+            joints.append(builder.add_joint_free(int(indices[top])))
+        for i in held:
+            joint = scene.bodies[i].joint
+            parent = WORLD if joint.parent == WORLD else int(indices[joint.parent])
+            child = int(indices[i])
+            joints.append(add_joint(builder, joint, parent, child, mass, mirrored=mirrored))
+        if joints:
+            builder.add_articulation(joints)
+    if scene.ground:
+        builder.add_ground_plane(height=-1.5, cfg=surface())
+    return indices
+
+
+def _top(scene: Scene, body: int) -> int:
+    """The body that the joints of a body lead up to."""
+    joint = scene.bodies[body].joint
+    while joint is not None and joint.parent != WORLD:
+        body = joint.parent
+        joint = scene.bodies[body].joint
+    return body
+
+
+def poses(sim: Simulation, indices: Array) -> Array:
+    """Poses of the scene's bodies, quaternions on one side, shape (bodies, 7)."""
+    pose = sim.pose[indices]
+    pose[:, 3:] *= np.where(pose[:, 6:] < 0.0, -1.0, 1.0)
+    return pose
+
+
+def assert_same_motion(one: Array, other: Array, tolerance: float) -> None:
+    """Same positions [m] and, up to their sign, quaternions."""
+    assert np.abs(one[:, :3] - other[:, :3]).max() <= tolerance
+    turn = Rotation.from_quat(one[:, 3:]).inv() * Rotation.from_quat(other[:, 3:])
+    assert turn.magnitude().max() <= 10.0 * tolerance
+
+
+@hypothesis.seed(SEED)
+@random_scenes
+@hypothesis.given(scenes())
+def test_everything_stays_finite(scene: Scene) -> None:
+    """And no body flies: nothing in these scenes can push one to more than 100 m/s."""
+    sim, indices = build(scene)
+    sim.step(STEPS)
+    assert np.isfinite(sim.pose).all() and np.isfinite(sim.velocity).all()
+    assert not sim.solver.status.held_steps.any()
+    assert np.linalg.norm(sim.velocity[indices, :3], axis=1).max() < 100.0
+
+
+@hypothesis.seed(SEED)
+@random_scenes
+@hypothesis.given(scenes(anchored=False, ground=False))
+def test_momentum_is_balanced(scene: Scene) -> None:
+    """What touches nothing fixed gains m g t, and about the origin the moment of that, no more.
+
+    Relative to the momentum of all bodies, each without its sign: rounding.
+    """
+    sim, indices = build(scene)
+    mass = sim.mass[indices][:, None]
+    velocity = sim.velocity[indices]
+
+    def momentum() -> tuple[Array, Array]:
+        linear = mass * sim.velocity[indices, :3]
+        angular = np.cross(sim.center[indices], linear) + sim.spin_momentum[indices]
+        return linear.sum(axis=0), angular.sum(axis=0)
+
+    linear, angular = momentum()
+    gravity = np.array([0.0, 0.0, -G if scene.gravity else 0.0])
+    for _ in range(STEPS):
+        center = sim.center[indices]
+        sim.step()
+        linear = linear + DT * gravity * mass.sum()
+        # the force acts where the body was; the solver takes its moment at the end of the step
+        angular = angular + DT * np.cross(0.5 * (center + sim.center[indices]), mass * gravity).sum(
+            0
+        )
+    found_linear, found_angular = momentum()
+    speed = np.linalg.norm(velocity, axis=1)[:, None] + G * STEPS * DT
+    scale = float(np.sum(mass * speed))
+    assert np.abs(found_linear - linear).max() <= 1e-5 * scale
+    assert np.abs(found_angular - angular).max() <= 1e-3 * scale
+
+
+@hypothesis.seed(SEED)
+@random_scenes
+@hypothesis.given(scenes())
+def test_worlds_in_another_order_are_the_same_to_the_bit(scene: Scene) -> None:
+    first, first_indices = build(scene, world=0)
+    second, second_indices = build(scene, world=1)
+    for sim in (first, second):
+        sim.step(STEPS)
+    assert np.array_equal(first.pose[first_indices], second.pose[second_indices])
+    assert np.array_equal(first.velocity[first_indices], second.velocity[second_indices])
+
+
+@hypothesis.seed(SEED)
+@random_scenes
+@hypothesis.given(scenes())
+def test_four_times_the_masses_and_stiffnesses_move_the_same_to_the_bit(scene: Scene) -> None:
+    """A factor of four only shifts exponents: its root is a whole number, too."""
+    light, indices = build(scene)
+    heavy, _ = build(scene, mass=4.0)
+    for sim in (light, heavy):
+        sim.step(STEPS)
+    assert np.array_equal(light.pose[indices], heavy.pose[indices])
+    assert np.array_equal(light.velocity[indices], heavy.velocity[indices])
+
+
+@hypothesis.seed(SEED)
+@random_scenes
+@hypothesis.given(scenes(shapes=("sphere",)))
+def test_mirror_images_move_as_mirror_images(scene: Scene) -> None:
+    """Spheres, whose contacts Newton's detection finds where the mirror has them."""
+    sim, indices = build(scene)
+    image, _ = build(scene, mirrored=True)
+    for each in (sim, image):
+        each.step(STEPS)
+    back = poses(image, indices) * [-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0]
+    assert_same_motion(poses(sim, indices), back, 1e-5)
+
+
+@hypothesis.seed(SEED)
+@random_scenes
+@hypothesis.given(scenes(ground=False), st.randoms(use_true_random=False))
+def test_bodies_in_another_order_move_the_same(scene: Scene, random: object) -> None:
+    """Where they do not touch, to rounding: what is not tied together does not meet."""
+    scene = replace(
+        scene,
+        bodies=tuple(
+            replace(body, position=(body.position[0] + 10.0 * i, *body.position[1:]))
+            for i, body in enumerate(scene.bodies)
+        ),
+    )
+    order = list(range(len(scene.bodies)))
+    random.shuffle(order)
+    sim, indices = build(scene)
+    other, other_indices = build(scene, order=order)
+    for each in (sim, other):
+        each.step(STEPS)
+    assert_same_motion(poses(sim, indices), poses(other, other_indices), 1e-5)
