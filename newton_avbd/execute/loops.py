@@ -111,7 +111,8 @@ def distance_force(
     if joints.limit_lower[index] >= 0.0:
         lower = axis_rows.lower_stop(joints, index, start, recovery)
         force = wp.max(held + loops.k_l[i] * (lower - length), 0.0)
-    if force == 0.0 and joints.limit_upper[index] >= 0.0:
+    # an upper bound of 0 is no direction to pull in, but locked
+    if force == 0.0 and joints.limit_upper[index] > 0.0:
         upper = axis_rows.upper_stop(joints, index, start, recovery)
         force = wp.min(held + loops.k_l[i] * (upper - length), 0.0)
     return force
@@ -419,7 +420,11 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 or distance_force(i, length - reach, 0.0, joints, loops, history) != 0.0
             ):
                 along = wp.normalize(offset)
-                linear_k += loops.k_l[i] * wp.outer(along, along)
+                curvature = wp.outer(along, along)
+                if length < reach:
+                    # within the step it may come to point anywhere
+                    curvature = wp.identity(n=3, dtype=float)
+                linear_k += loops.k_l[i] * curvature
         elif loops.k_l[i] > 0.0:
             linear = linear_count(joints, joint)
             stiff = wp.vec3(0.0)

@@ -15,7 +15,8 @@ Newton's types differ only in how many linear and angular axes they leave free:
     3 (rod)              nothing                    axes of the parent frame
 
 A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the
-distance of the anchors. A new type is a line in ``KINDS`` and a case in these functions.
+distance of the anchors, or, where that is to be 0, locks what a ball locks. A new type is a line in
+``KINDS`` and a case in these functions.
 """
 
 import functools
@@ -70,6 +71,12 @@ def has_axes(joints: JointModel, joint: int) -> bool:
     """Whether the coordinates of a joint are those of its axes."""
     kind = joints.type[joint]
     return kind != BALL and kind != FREE and kind != ROD and kind != DISTANCE
+
+
+@wp.func
+def is_point(joints: JointModel, joint: int) -> bool:
+    """Whether a joint is a distance of 0, which has no direction: a ball holds the same."""
+    return joints.type[joint] == DISTANCE and joints.limit_upper[joints.dof_start[joint]] == 0.0
 
 
 @wp.func
@@ -174,6 +181,7 @@ class JointKinds:
     balls: bool = False
     """Joints whose angular axes are those of the parent frame: BALL and ROD."""
     rods: bool = False
+    distances: bool = False
 
     @classmethod
     def of_model(cls, model: newton.Model) -> "JointKinds":
@@ -191,6 +199,7 @@ class JointKinds:
             euler=bool(np.any(authored & (dims[:, 1] > 1))),
             balls=bool(np.any(is_ball)),
             rods=bool(np.any(types == int(JointType.ROD))),
+            distances=bool(np.any(types == int(JointType.DISTANCE))),
         )
 
 
@@ -243,6 +252,9 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         free = linear_count(joints, joint)
         if wp.static(0 in linear):
             if free == 0:
+                return offset
+        if wp.static(kinds.distances):
+            if is_point(joints, joint):
                 return offset
         if wp.static(1 in linear):
             if free == 1:
