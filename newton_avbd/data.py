@@ -587,6 +587,8 @@ class History:
     """Multiplier of friction on a degree of freedom outside of trees [N or N m]."""
     falling: wp.array[float]
     """Share of its free acceleration that a body had in the last step, 0 to 1."""
+    step: wp.array[float]
+    """Length of the last step [s], shape (world_count,)."""
     age: wp.array[wp.int32]
     """Steps since the world's multipliers were reset, shape (world_count,)."""
 

@@ -680,7 +680,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._forget_contacts()
             # graphs that were captured before go on using the old arrays
             self._retired.append((self._worlds, self._history.parity))
-            self._retired.append((self._history.filling, self._history.age))
+            self._retired.append((self._history.filling, self._history.step, self._history.age))
             self._retired.append((self._tree, self._loops))
             self._retired.append((self._history.loop_force, self._history.loop_torque))
         self._launch.forget()
@@ -706,6 +706,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
             self._history.parity = wp.zeros(self._world_count, dtype=wp.int32)
             self._history.filling = wp.zeros((self._world_count, 2), dtype=wp.int32)
+            self._history.step = wp.zeros(self._world_count, dtype=float)
             self._history.age = wp.zeros(self._world_count, dtype=wp.int32)
 
         self._allocate_trees(topology)

@@ -51,6 +51,8 @@ COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
 """How many times more those steps sweep: a stack of 20 boxes then starts without a wave."""
+LONGER = wp.constant(1.5)
+"""A step this many times as long as the last one is as the first after a reset."""
 
 
 @wp.func
@@ -809,6 +811,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
         # Rows: linearised at state_in, warm-started from the last step.
         scale = measure_world(world, h, model, worlds, work)
+        # forces that stopped something within a short step would push too long in a longer one
+        if h > LONGER * history.step[world]:
+            history.age[world] = 0
+        history.step[world] = h
         deepest = float(0.0)
         has_impacts = bool(False)
         if wp.static(effects.contact):

@@ -211,12 +211,12 @@ BODIES.add(
 
 @BODIES.declare(
     "overlap_ground",
-    "three boxes rest within each other and half in the ground",
+    "three boxes within each other and half in the ground; until those that came up topple",
     # Slower than a fall from the depth
     Bounds(drift=math.sqrt(2.0 * 9.81 * 0.25)),
     drift=fastest,
     drift_unit="m/s",
-    seconds=2.0,
+    seconds=0.4,
 )
 def _(builder: newton.ModelBuilder) -> None:
     add_ground(builder, mu=0.5)

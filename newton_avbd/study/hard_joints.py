@@ -328,8 +328,10 @@ def _(builder: newton.ModelBuilder) -> None:
         WORLD,
         body,
         angular_axes=[
-            axis(axis=a, target_q=q, target_ke=5.0, target_kd=0.1)
-            for a, q in (("X", 0.0), ("Y", 0.5 * math.pi), ("Z", 0.0))
+            axis(axis="X"),
+            # where the other two are no coordinates, a spring on them would have no energy
+            axis(axis="Y", target_q=0.5 * math.pi, target_ke=5.0, target_kd=0.1),
+            axis(axis="Z"),
         ],
         parent_xform=at(0.0, 0.0, 1.0),
         child_xform=wp.transform(-arm, wp.quat_identity()),

@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Hard cases that SolverAVBD withstands, and the command that runs them.
+
+Those that take longer, and those that it does not withstand yet, are left to
+``newton-avbd stability``; docs/stability.md has the numbers of all.
+"""
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import newton
+import pytest
+
+from newton_avbd.commands import stability
+from newton_avbd.io import UserError
+from newton_avbd.study import stability_page
+from newton_avbd.study.hard_case import Bounds, Case, Outcome, try_case
+from newton_avbd.study.hard_cases import CASES, GROUPS
+
+QUICK = {
+    "stack_20": 1.0,
+    "arch": 0.5,
+    "card_house": 0.5,
+    "heavy_on_light_100": 1.0,
+    "pendulum_50_50000": 2.0,
+    "collinear_anchors": 2.0,
+    "zero_length": 2.0,
+    "zero_distance": 1.0,
+    "crushed_stack": 2.0,
+    "needle": 1.0,
+    "top_10": 1.0,
+    "top_10000": 1.0,
+    "overlap_free": 0.5,
+    "overlap_ground": 0.4,
+    "same_place": 0.5,
+    "bullet": 0.1,
+    "bullet_box": 0.1,
+    "sizes": 0.5,
+    "resets": 1.5,
+}
+"""Seconds to simulate in these tests, of the cases that take the least."""
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_solver_withstands(name: str) -> None:
+    case = dataclasses.replace(CASES[name], seconds=QUICK[name])
+    outcome = try_case(case, "avbd")
+    assert outcome.failures(case.bounds) == [], outcome
+    assert outcome.seconds == pytest.approx(case.seconds, rel=0.02)
+
+
+def _moved(dt: Callable[[int], float]) -> float:
+    """How far boxes of a stack of ten get from their places within a second [m]."""
+    case = dataclasses.replace(CASES["stack_10"], dt=dt, seconds=1.0)
+    drift = try_case(case, "avbd").drift
+    assert drift is not None
+    return drift
+
+
+def test_short_steps_between_long_ones_do_no_harm() -> None:
+    """A stack stands as it does with the long steps alone, which take its weight up in one sag."""
+    long = _moved(lambda step: 1 / 60)
+    assert _moved(lambda step: 1 / 240 if step % 2 else 1 / 60) < 1.1 * long
+
+
+def test_every_case_bounds_something_and_has_one_name() -> None:
+    assert len(CASES) == sum(len(group) for group in GROUPS.values())
+    for case in CASES.values():
+        assert any(value is not None for value in dataclasses.astuple(case.bounds))
+
+
+def _fall(builder: newton.ModelBuilder) -> None:
+    body = builder.add_body()
+    builder.add_shape_sphere(body, radius=0.1)
+
+
+FALL = Case("fall", "a ball falls", _fall, Bounds(gain=1e-4, drift=0.1), seconds=0.5)
+
+
+def test_what_is_over_a_bound_is_a_failure() -> None:
+    """A ball falls by 1.2 m in half a second, and backward Euler takes energy from it."""
+    outcome = try_case(FALL, "avbd")
+    assert outcome.failures(FALL.bounds) == ["drift"]
+    assert outcome.drift == pytest.approx(0.5 * 9.81 * 0.5**2, rel=0.02)
+    assert outcome.gain is not None and outcome.gain <= 1e-6
+    assert outcome.energies[-1] < 0.0
+
+
+def test_energy_that_an_intervention_puts_in_is_no_gain() -> None:
+    def throw(trial: object, step: int) -> bool:
+        if step == 60:
+            trial.place(0, (0, 0, 0, 0, 0, 0, 1), (0, 0, 10, 0, 0, 0))  # type: ignore[attr-defined]
+        return step == 60
+
+    free = Bounds(gain=1e-4)
+    assert try_case(dataclasses.replace(FALL, act=throw, bounds=free), "avbd").failures(free) == []
+    unsaid = dataclasses.replace(
+        FALL, act=lambda trial, step: throw(trial, step) and False, bounds=free
+    )
+    assert try_case(unsaid, "avbd").failures(free) == ["gain"]
+
+
+def test_solver_that_refuses_says_why() -> None:
+    def build(builder: newton.ModelBuilder) -> None:
+        builder.add_body(mass=-1.0)
+
+    outcome = try_case(dataclasses.replace(FALL, build=build), "avbd")
+    assert not outcome.finite and "Error" in outcome.note
+    assert outcome.failures(FALL.bounds) == [outcome.note]
+
+
+def test_budget_ends_a_run_and_says_so() -> None:
+    outcome = try_case(FALL, "avbd", budget=0.0)
+    assert outcome.seconds < FALL.seconds and outcome.note.startswith("stopped")
+
+
+def _command(*arguments: str) -> int:
+    parser = argparse.ArgumentParser()
+    stability.add_arguments(parser)
+    return stability.main(parser.parse_args(arguments))
+
+
+def test_command_prints_a_line_a_case_and_writes_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _command("top_10", "--solver", "avbd", "mujoco", "--output", str(tmp_path)) == 1
+    lines = capsys.readouterr().out.splitlines()
+    names = [name for name in CASES if name.startswith("top_10")]
+    assert [line.split()[:2] for line in lines] == [
+        [name, solver] for name in names for solver in ("avbd", "mujoco")
+    ]
+    page = (tmp_path / "index.html").read_text()
+    for name in names:
+        assert f"src='{name}.png'" in page and (tmp_path / f"{name}.png").stat().st_size > 1000
+
+
+def test_unknown_case_lists_what_there_is() -> None:
+    with pytest.raises(UserError, match="no case 'stak'; there are: stack_10"):
+        _command("stak")
+
+
+def test_line_marks_what_failed() -> None:
+    case = dataclasses.replace(FALL, bounds=Bounds(penetration=1e-3))
+    good = Outcome("fall", "avbd", finite=True, penetration=5e-4, milliseconds=1.0)
+    assert "ok" in stability_page.line(case, good)
+    bad = dataclasses.replace(good, penetration=math.nan)
+    assert "FAIL" in stability_page.line(case, bad) and "penetration" in bad.failures(case.bounds)
