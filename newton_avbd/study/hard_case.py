@@ -25,7 +25,7 @@ DT = 1.0 / 240.0
 G = 9.81
 """Gravity where a case sets none, along -z, and what energies are divided by [m/s^2]."""
 
-SAMPLES = 60
+SAMPLES = 240
 """States of a run in which penetrations are detected and joints looked at, evenly spread, beside
 those after each of the first :data:`FIRST` steps, in which a pile finds its forces."""
 
