@@ -761,9 +761,9 @@ def make_trees(
                 mismatch = wp.max(mismatch, off)
         if wp.static(effects.closures):
             close_tree(first, end, recovery, h, model, joints, worlds, work, tree, loops, history)
-        # Newton's method leaves about the angle times the update, or what the joint forces of the
+        # Newton's method leaves half of the angle times the update, or what the joint forces of the
         # last step are off by in the first iteration; contacts converge by a factor.
-        largest = float(mismatch * mismatch)
+        largest = float(4.0 * mismatch * mismatch)
         is_newton = bool(True)
         wrong = int(0)
         for i in range(first, end):
@@ -783,7 +783,7 @@ def make_trees(
             farthest = wp.inf
             if wp.static(effects.laws):
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
-        left = wp.where(is_newton, wp.min(largest, 1.0), 1.0)
+        left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
