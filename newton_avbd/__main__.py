@@ -13,7 +13,7 @@ import warp as wp
 
 from newton_avbd.commands import compare, run, stability
 from newton_avbd.io import UserError
-from newton_avbd.study import bench
+from newton_avbd.study import bench, properties
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -53,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         ("compare", compare, "simulate a scene with two solvers and compare them"),
         ("bench", bench, "measure time and quality on a set of scenes"),
         ("stability", stability, "run cases that are hard to keep stable"),
+        ("properties", properties, "try solvers on what a scene can author"),
     ):
         command = commands.add_parser(
             name,
