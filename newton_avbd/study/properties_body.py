@@ -138,7 +138,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
     def measure(trial: Trial) -> float:
         trial.run(0.5)
-        return 2.0 * math.acos(min(1.0, abs(free_top(0.5) @ trial.rotation())))
+        return 2.0 * math.acos(min(1.0, abs(float(free_top(0.5) @ trial.rotation()))))
 
     return measure
 

@@ -148,9 +148,9 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     return measure
 
 
-def stops(trial: Trial, component: int, start: float) -> float:
+def stops(trial: Trial, component: int, start: float, seconds: float = 0.8) -> float:
     """Time until a component of a velocity is down to 5 % of its start [s]; infinite if never."""
-    return trial.moment(lambda: trial.velocity()[component] - 0.05 * start, 0.8)
+    return trial.moment(lambda: trial.velocity()[component] - 0.05 * start, seconds)
 
 
 def turned(axis: tuple[float, float, float]) -> wp.quat:
@@ -278,23 +278,23 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
 
 def add_sliding_box(builder: newton.ModelBuilder, mu: float, mu_ground: float) -> None:
-    """Add a box that slides over the plane z = 0 at 3 m/s."""
+    """Add a flat box that slides over the plane z = 0 at 3 m/s."""
     body = add_body(builder, (0.0, 0.0, 0.02), (3.0, 0.0, 0.0))
     builder.add_shape_box(body, hx=0.1, hy=0.1, hz=0.02, cfg=material(mu=mu))
     builder.add_ground_plane(cfg=material(mu=mu_ground))
 
 
 def friction_coefficient(trial: Trial) -> float:
-    """Coefficient of friction by which a sliding box slows down."""
-    trial.run(0.1)
-    before = trial.velocity()[0]
-    trial.run(0.1)
-    return (before - trial.velocity()[0]) / (0.1 * G)
+    """Coefficient of friction that brings a box to rest in the time that it takes.
+
+    Also where the box hops: the mean of its load is its weight.
+    """
+    return 0.95 * 3.0 / (G * stops(trial, 0, 3.0, 1.5))
 
 
 @CONTACTS.declare(
     "friction: slides",
-    "A box slides at 3 m/s, mu 0.5: it slows down at mu g.",
+    "A box slides at 3 m/s, mu 0.5: the mu by which v / (mu g) is the time in which it stops.",
     expected=0.5,
     bound=0.01,
 )
@@ -306,9 +306,9 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
 @CONTACTS.declare(
     "friction: mixing rule",
-    "A box with mu 1 slides over ground with mu 0.25: which mean its deceleration shows.",
+    "A box with mu 1 slides over ground with mu 0.25: which mean the time shows in which it stops.",
     expected=math.nan,
-    bound=0.01,
+    bound=0.04,
     rules={"minimum": 0.25, "geometric mean": 0.5, "arithmetic mean": 0.625, "maximum": 1.0},
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
@@ -442,7 +442,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
 @CONTACTS.declare(
     "per-contact friction",
-    "A box slides, mu 0.5, on contacts that scale friction by 0.5: it slows down at mu g / 2.",
+    "A box slides, mu 0.5, on contacts that scale friction by 0.5: the mu by which it stops.",
     expected=0.25,
     bound=0.005,
     settings=_FRICTION,

@@ -508,8 +508,8 @@ def hang(builder: newton.ModelBuilder, authored: bool, kind: str, **settings: An
 
 def place(builder: newton.ModelBuilder, position: Sequence[float], angle: float = 0.0) -> None:
     """Set the coordinates of the last joint, one with seven: a position [m], a turn about y."""
-    turn = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), angle)
-    builder.joint_q[-7:] = [*position, *(turn[i] for i in range(4))]
+    turn = [0.0, math.sin(0.5 * angle), 0.0, math.cos(0.5 * angle)]
+    builder.joint_q[-7:] = [*position, *turn]
 
 
 @JOINTS.declare(
@@ -564,7 +564,10 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     unit="m",
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
-    hang(builder, authored, "prismatic", axis=(0.5 * math.sqrt(3.0), 0.0, -0.5))
+    tilt = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), math.pi / 6.0)
+    slope = wp.transform(wp.vec3(0.0, 0.0, 0.0), tilt)
+    settings = {"axis": (1.0, 0.0, 0.0), "parent_xform": slope, "child_xform": slope}
+    hang(builder, authored, "prismatic", **settings)
     return moved(0.5)
 
 

@@ -33,12 +33,13 @@ SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
     "avbd": ("SolverAVBD", {}),
     "vbd": ("SolverVBD", {}),
     "xpbd": ("SolverXPBD", {"iterations": 10}),
-    "mujoco": ("SolverMuJoCo", {"use_mujoco_cpu": True}),
+    "mujoco": ("SolverMuJoCo", {"use_mujoco_cpu": True, "cone": "elliptic", "impratio": 10.0}),
     "kamino": ("SolverKamino", {}),
     "steel": ("SolverSteel", {"enable_joint_limits": True, "joint_limit_activation_gap": 0.1}),
 }
-"""Class and settings of each solver, ours first. Iterations are the solvers' own defaults, 10 sweeps
-of SolverAVBD and SolverVBD; those of SolverXPBD, by default 2, are as many."""
+"""Class and settings of each solver, ours first. Iterations are the solvers' own defaults, 10
+sweeps of SolverAVBD and SolverVBD; SolverXPBD, whose default is 2, takes as many. MuJoCo has the
+friction cone that is round and hard."""
 
 
 @dataclass(frozen=True)
@@ -292,7 +293,7 @@ def _deviation(property_: Property, value: float) -> str:
 def _short(error: Exception) -> str:
     """The first sentence of an error, on one line."""
     text = re.sub(r"\s+", " ", str(error)).strip() or type(error).__name__
-    text = re.split(r"(?<=[a-z)])[.;:] ", text)[0].rstrip(".")
+    text = re.split(r"[.;] ", text)[0].rstrip(".")
     return text if len(text) <= ERROR_LENGTH else f"{text[: ERROR_LENGTH - 3].rstrip()}..."
 
 
