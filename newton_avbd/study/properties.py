@@ -9,7 +9,6 @@ CPU, at 240 steps a second.
 
 import argparse
 import json
-import sys
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
@@ -79,16 +78,20 @@ def main(args: argparse.Namespace) -> int:
         for solver in args.solvers:
             outcome = judge(property_, solver)
             known[property_.name, solver] = outcome
-            print(f"{property_.name:34} {solver:7} {outcome.verdict}", flush=True)
-    # In the order of the catalog; what is no longer there goes.
-    keys = [(name, solver) for name in PROPERTIES for solver in SOLVERS]
-    outcomes = [known[key] for key in keys if key in known]
-    if args.json:
-        text = json.dumps([asdict(outcome) for outcome in outcomes], indent=1)
-        _write(args.json, f"{text}\n")
+            print(f"{property_.name:36} {solver:7} {outcome.verdict}", flush=True)
+        # now and not at the end: some solvers take half an hour for all
+        if args.json:
+            entries = [asdict(outcome) for outcome in _in_order(known)]
+            _write(args.json, f"{json.dumps(entries, indent=1)}\n")
     if args.output:
-        _write(args.output, page(outcomes))
+        _write(args.output, page(_in_order(known)))
     return 0
+
+
+def _in_order(known: dict[tuple[str, str], Outcome]) -> list[Outcome]:
+    """Outcomes in the order of the catalog; those of properties that are no more go."""
+    keys = [(name, solver) for name in PROPERTIES for solver in SOLVERS]
+    return [known[key] for key in keys if key in known]
 
 
 def page(outcomes: Iterable[Outcome]) -> str:
@@ -147,7 +150,6 @@ def _write(path: Path, text: str) -> None:
         path.write_text(text)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error}") from error
-    print(f"wrote {path}", file=sys.stderr)
 
 
 def _row(cells: list[str]) -> str:
