@@ -76,6 +76,8 @@ MISSING = (
     "joint_effort_limit",
     "joint_effort_limit: no chatter",
     "joint_velocity_limit",
+    "joint breaking: force",
+    "joint breaking: torque",
 )
 """Properties that SolverAVBD does not honour yet."""
 

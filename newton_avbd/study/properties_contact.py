@@ -25,8 +25,11 @@ CONTACTS = Catalog()
 _NEWTON_CONTACTS = {"use_mujoco_cpu": False, "use_mujoco_contacts": False}
 
 _RESTITUTION = {"xpbd": {"enable_restitution": True}}
-_TORSION = {"mujoco": {"attributes": {"condim": 4}}}
-_ROLLING = {"mujoco": {"attributes": {"condim": 6}}}
+_TORSION: dict[str, dict[str, Any]] = {
+    "avbd": {"angular_friction": True},
+    "mujoco": {"attributes": {"condim": 4}},
+}
+_ROLLING = _TORSION | {"mujoco": {"attributes": {"condim": 6}}}
 _BELT = {"mujoco": _NEWTON_CONTACTS}
 _COMPLIANT: dict[str, dict[str, Any]] = {
     "avbd": {"compliant_contacts": True},

@@ -492,6 +492,42 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     return lambda trial: trial.moment(trial.turn, 1.5)
 
 
+def breaking(kind: str, authored: bool, builder: newton.ModelBuilder) -> Measure:
+    """A body fixed to the world under a growing load; measures the load at which it comes off.
+
+    ``kind`` is ``"force"`` or ``"torque"``. The limit is an attribute of SolverAVBD's own.
+    """
+    from newton_avbd import SolverAVBD
+
+    weightless(builder)
+    SolverAVBD.register_custom_attributes(builder)
+    limit = {f"avbd:joint_break_{kind}": 50.0} if authored else {}
+    joint = builder.add_joint_fixed(-1, add_link(builder), custom_attributes=limit)
+    builder.add_articulation([joint])
+
+    def measure(trial: Trial) -> float:
+        for index in range(360):
+            load = (0.0, 0.2 * index, 0.0)
+            trial.push(**{kind: load})
+            trial.step()
+            if np.abs(trial.velocity()).max() > 0.1:
+                return 0.2 * index
+        return math.inf
+
+    return measure
+
+
+for _kind, _unit in (("force", "N"), ("torque", "N m")):
+    JOINTS.declare(
+        f"joint breaking: {_kind}",
+        f"A body is fixed by a joint that breaks at 50 {_unit}; the load grows by 48 {_unit}/s: "
+        "the load at which it comes off.",
+        expected=50.0,
+        bound=1.0,
+        unit=_unit,
+    )(lambda builder, authored, kind=_kind: breaking(kind, authored, builder))
+
+
 def hang(builder: newton.ModelBuilder, authored: bool, kind: str, **settings: Any) -> int:
     """Add a body of 1 kg on a joint of a kind to the world, or on a FREE joint if not authored.
 
