@@ -4,7 +4,7 @@
 """Properties of joints, mostly on sliders and hinges of 1 kg or 1 kg m^2 without gravity."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import newton
@@ -492,29 +492,33 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     return lambda trial: trial.moment(trial.turn, 1.5)
 
 
-def breaking(kind: str, authored: bool, builder: newton.ModelBuilder) -> Measure:
-    """A body fixed to the world under a growing load; measures the load at which it comes off.
+def breaking(kind: str) -> Callable[[newton.ModelBuilder, bool], Measure]:
+    """Builder of a body fixed to the world; measures the load at which it comes off.
 
     ``kind`` is ``"force"`` or ``"torque"``. The limit is an attribute of SolverAVBD's own.
     """
-    from newton_avbd import SolverAVBD
 
-    weightless(builder)
-    SolverAVBD.register_custom_attributes(builder)
-    limit = {f"avbd:joint_break_{kind}": 50.0} if authored else {}
-    joint = builder.add_joint_fixed(-1, add_link(builder), custom_attributes=limit)
-    builder.add_articulation([joint])
+    def build(builder: newton.ModelBuilder, authored: bool) -> Measure:
+        from newton_avbd import SolverAVBD
 
-    def measure(trial: Trial) -> float:
-        for index in range(360):
-            load = (0.0, 0.2 * index, 0.0)
-            trial.push(**{kind: load})
-            trial.step()
-            if np.abs(trial.velocity()).max() > 0.1:
-                return 0.2 * index
-        return math.inf
+        weightless(builder)
+        SolverAVBD.register_custom_attributes(builder)
+        limit = {f"avbd:joint_break_{kind}": 50.0} if authored else {}
+        joint = builder.add_joint_fixed(-1, add_link(builder), custom_attributes=limit)
+        builder.add_articulation([joint])
 
-    return measure
+        def measure(trial: Trial) -> float:
+            for index in range(360):
+                load = (0.0, 0.2 * index, 0.0)
+                trial.push(**{kind: load})  # type: ignore[arg-type]
+                trial.step()
+                if np.abs(trial.velocity()).max() > 0.1:
+                    return 0.2 * index
+            return math.inf
+
+        return measure
+
+    return build
 
 
 for _kind, _unit in (("force", "N"), ("torque", "N m")):
@@ -525,7 +529,7 @@ for _kind, _unit in (("force", "N"), ("torque", "N m")):
         expected=50.0,
         bound=1.0,
         unit=_unit,
-    )(lambda builder, authored, kind=_kind: breaking(kind, authored, builder))
+    )(breaking(_kind))
 
 
 def hang(builder: newton.ModelBuilder, authored: bool, kind: str, **settings: Any) -> int:
