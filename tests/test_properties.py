@@ -15,6 +15,13 @@ from newton_avbd.study.properties import PROPERTIES
 from newton_avbd.study.property import Measure, Property, Trial, judge
 
 HONOURED = (
+    "restitution: rebound",
+    "restitution: comes to rest",
+    "restitution: cradle",
+    "mu_torsional: sphere",
+    "mu_torsional: disc",
+    "mu_rolling: sphere",
+    "mu_rolling: disc",
     "surface velocity: takes along",
     "surface velocity: carries",
     "friction: slides",
@@ -60,13 +67,6 @@ HONOURED = (
 )
 
 MISSING = (
-    "restitution: rebound",
-    "restitution: comes to rest",
-    "restitution: cradle",
-    "mu_torsional: sphere",
-    "mu_torsional: disc",
-    "mu_rolling: sphere",
-    "mu_rolling: disc",
     "joint_friction: holds",
     "joint_friction: moves",
     "joint_friction: slows down",

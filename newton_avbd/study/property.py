@@ -26,7 +26,7 @@ IGNORED = 0.05
 """A solver ignores a property if authoring it makes less than this part of the difference that it
 should make."""
 
-ERROR_LENGTH = 90
+ERROR_LENGTH = 120
 """Characters of an error that a table shows."""
 
 SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
