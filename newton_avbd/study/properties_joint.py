@@ -423,7 +423,7 @@ def passes_bottom(trial: Trial) -> float:
 
 @JOINTS.declare(
     "loop: MuJoCo CONNECT",
-    "A body with a free joint, held to the world at 0.5 m from its center by <connect>: "
+    "A body with a free joint, held to the world at 0.5 m from its center by `connect`: "
     "a pendulum; a quarter of its period.",
     expected=SWING,
     bound=0.01 * SWING,
@@ -442,7 +442,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
 @JOINTS.declare(
     "loop: MuJoCo WELD",
-    "A free body of 1 kg, held by <weld> beside a slider of 1 kg that 2 N push: F t^2 / 2 (2 m).",
+    "A free body of 1 kg, held by `weld` beside a slider of 1 kg that 2 N push: F t^2 / 2 (2 m).",
     expected=0.125,
     bound=0.02 * 0.125,
     unit="m",
@@ -524,8 +524,8 @@ def breaking(kind: str) -> Callable[[newton.ModelBuilder, bool], Measure]:
 for _kind, _unit in (("force", "N"), ("torque", "N m")):
     JOINTS.declare(
         f"joint breaking: {_kind}",
-        f"A body is fixed by a joint that breaks at 50 {_unit}; the load grows by 48 {_unit}/s: "
-        "the load at which it comes off.",
+        f"A body is fixed by a joint that breaks at 50 {_unit} (`avbd:joint_break_{_kind}`, which "
+        f"is SolverAVBD's own); the load grows by 48 {_unit}/s: the load at which it comes off.",
         expected=50.0,
         bound=1.0,
         unit=_unit,
