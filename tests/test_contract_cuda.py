@@ -4,9 +4,9 @@
 
 import dataclasses
 import importlib
+import os
 import pkgutil
 import typing
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -19,42 +19,52 @@ from newton_avbd.rows.joint import JointKinds
 HOPPER = 90
 """Compute capability that is compiled for: sm_90, a current data-center GPU."""
 
-CALLED_FOR = ("contact", "friction", "gyroscopic", "joint_force")
-"""Effects that scenes call for; the others are chosen, and compiled one at a time here."""
-
-EVERYTHING = Effects(**dict.fromkeys(CALLED_FOR, True))
-
 ALL_KINDS = JointKinds(linear=(0, 1, 2, 3), angular=(0, 1, 2, 3), euler=True, balls=True, rods=True)
 
-JOINTED = dataclasses.replace(EVERYTHING, kinds=ALL_KINDS)
+BARE = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False)
+
+BODIES = dataclasses.replace(BARE, friction=True, gyroscopic=True, joint_force=True)
+
+HINGED = Effects(
+    contact=False,
+    friction=False,
+    gyroscopic=False,
+    joint_force=False,
+    kinds=JointKinds(linear=(0,), angular=(1,)),
+)
+
+JOINTED = dataclasses.replace(
+    BODIES,
+    kinds=ALL_KINDS,
+    drives=True,
+    limits=True,
+    loops=True,
+    closures=True,
+)
+
+
+def with_all(effects: Effects, names: str) -> Effects:
+    """The effects and those named, too."""
+    return dataclasses.replace(effects, **dict.fromkeys(names.split(), True))
+
 
 VARIANTS = {
-    "everything": EVERYTHING,
-    "bare contact": Effects(contact=True, friction=False, gyroscopic=False, joint_force=False),
-    "hinges": Effects(
-        contact=False,
-        friction=False,
-        gyroscopic=False,
-        joint_force=False,
-        kinds=JointKinds(linear=(0,), angular=(1,)),
+    "bare contact": BARE,
+    "hinges": HINGED,
+    "driven hinges": with_all(HINGED, "drives limits armature springs"),
+    "contacts": with_all(
+        BODIES, "restitution angular_friction matching moving_surfaces contact_materials"
     ),
-    "joints": JOINTED,
-    "articulations": dataclasses.replace(JOINTED, drives=True, limits=True, loops=True),
-    "compliant articulations": dataclasses.replace(
-        JOINTED, drives=True, limits=True, loops=True, compliance=True
+    "compliance": with_all(BODIES, "compliance matching contact_materials"),
+    "ramp": with_all(BODIES, "ramp matching contact_materials"),
+    "articulations": with_all(
+        JOINTED,
+        "flipped reaction mimics springs armature joint_friction effort_limits velocity_limits "
+        "breaking restitution",
     ),
-} | {
-    name: dataclasses.replace(EVERYTHING, **{name: True})
-    for name in (
-        "compliance",
-        "ramp",
-        "restitution",
-        "angular_friction",
-        "matching",
-        "moving_surfaces",
-        "contact_materials",
-    )
+    "compliant articulations": with_all(JOINTED, "compliance"),
 }
+"""Effects that go together; all of them occur."""
 
 MODULES = [
     importlib.import_module(f"newton_avbd.execute.{module.name}")
@@ -86,13 +96,32 @@ def compiles(kernel: wp.Kernel, folder: Path) -> None:
     assert Path(binary).stat().st_size > 0
 
 
-@pytest.mark.parametrize("variant", VARIANTS)
-@pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
+LONG = pytest.mark.skipif(
+    "COMPILE_ALL" not in os.environ, reason="takes minutes; set COMPILE_ALL=1 to compile it"
+)
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [pytest.param(name, marks=LONG if effects.loops else ()) for name, effects in VARIANTS.items()],
+)
+def test_the_solve_compiles_for_a_gpu(variant: str, tmp_path: Path) -> None:
+    compiles(MAKERS["make_solve"](VARIANTS[variant]), tmp_path)
+
+
+@pytest.mark.parametrize("variant", ["contacts", "driven hinges"])
+@pytest.mark.parametrize("make", [name for name in MAKERS if name != "make_solve"])
 def test_a_kernel_with_chosen_effects_compiles_for_a_gpu(
-    make: Callable[[Effects], wp.Kernel], variant: str, tmp_path: Path
+    make: str, variant: str, tmp_path: Path
 ) -> None:
-    """Prediction, free motion and the solve, in each way that effects can be compiled in."""
-    compiles(make(VARIANTS[variant]), tmp_path)
+    """Prediction, free motion, observables."""
+    compiles(MAKERS[make](VARIANTS[variant]), tmp_path)
+
+
+def test_the_variants_hold_all_effects() -> None:
+    for field in dataclasses.fields(Effects):
+        if field.name != "friction_mix":
+            assert any(getattr(effects, field.name) for effects in VARIANTS.values()), field.name
 
 
 @pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS)
