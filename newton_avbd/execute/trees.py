@@ -164,9 +164,7 @@ class TreeFunctions:
     put_together: wp.Function
 
 
-def make_trees(
-    effects: Effects, gather: wp.Function, close_tree: wp.Function | None
-) -> TreeFunctions:
+def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -> TreeFunctions:
     """Device functions: how joints stand, and one Newton iteration on a tree.
 
     Args:
