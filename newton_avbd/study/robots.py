@@ -63,7 +63,7 @@ def add_cartpole(builder: newton.ModelBuilder) -> None:
     for shape in range(builder.shape_count):
         builder.shape_flags[shape] &= ~newton.ShapeFlags.COLLIDE_SHAPES
     builder.joint_q[-3:] = [0.0, 0.3, 0.0]
-    _place(builder)
+    place(builder)
 
 
 def add_humanoid_usd(builder: newton.ModelBuilder) -> None:
@@ -104,7 +104,7 @@ def add_fourbar(builder: newton.ModelBuilder) -> None:
             builder.joint_target_kd[dof] = 0.001
     builder.joint_q[2] += 0.1
     builder.joint_q[3:7] = [0.0, math.sin(0.1), 0.0, math.cos(0.1)]
-    _place(builder)
+    place(builder)
 
 
 def add_ant_worlds(builder: newton.ModelBuilder) -> None:
@@ -150,11 +150,11 @@ def _center_hinges(builder: newton.ModelBuilder) -> None:
 
 def _finish(builder: newton.ModelBuilder) -> None:
     """Place the bodies and add a floor."""
-    _place(builder)
+    place(builder)
     builder.add_ground_plane(cfg=builder.default_shape_cfg)
 
 
-def _place(builder: newton.ModelBuilder) -> None:
+def place(builder: newton.ModelBuilder) -> None:
     """Move all bodies to where the joint coordinates put them."""
     model = builder.finalize(device="cpu")
     state = model.state()

@@ -1,0 +1,213 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Solvers whose accuracy is measured, and the settings that buy it."""
+
+import itertools
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import newton
+from newton.solvers import SolverBase
+
+from newton_avbd.study.peers import MJ_STEP
+
+SMOOTH = ("avbd", "vbd", "xpbd", MJ_STEP, "mujoco_warp", "kamino", "featherstone")
+"""Solvers for scenes without contacts."""
+
+CONTACT = ("avbd", "vbd", "xpbd", MJ_STEP, "mujoco_warp", "kamino")
+"""Solvers for scenes with contacts: those that hold bodies apart by more than an explicit spring."""
+
+RESTITUTION = ("avbd", "xpbd", "kamino")
+"""Solvers that honour the shapes' restitution."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a user chooses between speed and accuracy.
+
+    Attributes:
+        substeps: Steps in a frame of 1/60 s.
+        iterations: Iterations of a step; None for the solver's own number.
+        tolerance: Where iterations end early, in the solver's own units; None for its own.
+        scheme: Time integration, where the solver has more than one; None for its own.
+    """
+
+    substeps: int
+    iterations: int | None = None
+    tolerance: float | None = None
+    scheme: str | None = None
+
+    def __str__(self) -> str:
+        parts = [f"{self.substeps}x"]
+        parts += [] if self.iterations is None else [f"{self.iterations} it"]
+        parts += [] if self.tolerance is None else [f"tol {self.tolerance:.0e}"]
+        parts += [] if self.scheme is None else [self.scheme]
+        return " ".join(parts)
+
+    def given(self, **names: str) -> dict[str, Any]:
+        """Arguments of a constructor, those that are set, by what it calls them."""
+        values = {argument: getattr(self, name) for name, argument in names.items()}
+        return {argument: value for argument, value in values.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """Values of settings, all of which are tried with each other.
+
+    Attributes:
+        substeps: Steps a frame.
+        iterations: Iterations a step.
+        tolerances: Tolerances.
+        schemes: Time integrations.
+    """
+
+    substeps: tuple[int, ...]
+    iterations: tuple[int | None, ...] = (None,)
+    tolerances: tuple[float | None, ...] = (None,)
+    schemes: tuple[str | None, ...] = (None,)
+
+    def settings(self) -> list[Setting]:
+        """All of them, those with the fewest iterations in a frame first."""
+        every = itertools.product(self.substeps, self.iterations, self.tolerances, self.schemes)
+        return sorted((Setting(*values) for values in every), key=_effort)
+
+
+def _effort(setting: Setting) -> tuple[float, int]:
+    return setting.substeps * (setting.iterations or 1), setting.substeps
+
+
+SUBSTEPS = (1, 2, 4, 8, 16, 32, 64)
+ITERATIONS = (2, 5, 10, 20, 40)
+
+
+@dataclass(frozen=True)
+class MeasuredSolver:
+    """A solver and what is tried with it.
+
+    Attributes:
+        title: What plots call it.
+        make: Constructs it for a model; None for MuJoCo's own ``mj_step``.
+        smooth: Settings to try where nothing touches.
+        contact: Settings to try where bodies touch.
+        stiff: Whether it takes :attr:`AccuracyScene.vbd_ke`.
+    """
+
+    title: str
+    make: Callable[[newton.Model, Setting], SolverBase] | None
+    smooth: tuple[Sweep, ...]
+    contact: tuple[Sweep, ...]
+    stiff: bool = False
+
+    def settings(self, *, touching: bool, sweeps: bool, quick: bool) -> list[Setting]:
+        """Settings to try, cheapest first.
+
+        Args:
+            touching: Whether bodies touch.
+            sweeps: Whether iterations make a difference to SolverAVBD.
+            quick: Only a few, of the first sweep.
+        """
+        chosen = self.contact if touching else self.smooth
+        if not sweeps:
+            chosen = tuple(Sweep(s.substeps, (None,), (None,), s.schemes) for s in chosen[:1])
+        if quick:
+            first = chosen[0]
+            chosen = (Sweep(first.substeps[::2], first.iterations[::2], schemes=first.schemes),)
+        found = {setting: None for sweep in chosen for setting in sweep.settings()}
+        return sorted(found, key=_effort)
+
+
+def _avbd(model: newton.Model, setting: Setting) -> SolverBase:
+    from newton_avbd import SolverAVBD
+
+    names = {"iterations": "iterations", "tolerance": "tolerance", "scheme": "scheme"}
+    return SolverAVBD(model, **setting.given(**names))
+
+
+def _vbd(model: newton.Model, setting: Setting) -> SolverBase:
+    return newton.solvers.SolverVBD(model, **setting.given(iterations="iterations"))
+
+
+def _xpbd(model: newton.Model, setting: Setting) -> SolverBase:
+    bouncy = bool((model.shape_material_restitution.numpy() > 0.0).any())
+    return newton.solvers.SolverXPBD(
+        model, enable_restitution=bouncy, **setting.given(iterations="iterations")
+    )
+
+
+MUJOCO_HARD = {"solref": (2.0, 1.0), "solimp": (0.99, 0.999, 0.001, 0.5, 2.0)}
+"""The hardest contacts that MuJoCo documents as stable: a time constant of two steps."""
+
+MUJOCO_OPTIONS: dict[str, Any] = {"cone": "elliptic", "impratio": 10.0}
+"""The friction cone that is round, and its rows ten times as hard as the normal ones."""
+
+
+def _mujoco_warp(model: newton.Model, setting: Setting) -> SolverBase:
+    # Told to use Newton's contacts it insists on some, also where nothing can collide.
+    return newton.solvers.SolverMuJoCo(
+        model,
+        use_mujoco_contacts=not model.shape_contact_pair_count,
+        **MUJOCO_OPTIONS,
+        **setting.given(iterations="iterations", tolerance="tolerance", scheme="integrator"),
+    )
+
+
+def _kamino(model: newton.Model, setting: Setting) -> SolverBase:
+    config = newton.solvers.SolverKamino.Config.from_model(model)
+    if setting.iterations is not None:
+        config.padmm.max_iterations = setting.iterations
+    if setting.tolerance is not None:
+        for residual in ("primal", "dual", "compl"):
+            setattr(config.padmm, f"{residual}_tolerance", setting.tolerance)
+    return newton.solvers.SolverKamino(model, config)
+
+
+def _featherstone(model: newton.Model, setting: Setting) -> SolverBase:
+    return newton.solvers.SolverFeatherstone(model, angular_damping=0.0)
+
+
+AVBD_SCHEMES: tuple[str | None, ...] = (None,)
+"""Time integrations of SolverAVBD."""
+
+_MUJOCO_SMOOTH = (Sweep(SUBSTEPS, schemes=("implicitfast", "rk4")),)
+_MUJOCO_CONTACT = (
+    Sweep(SUBSTEPS),
+    Sweep(SUBSTEPS, iterations=(3,)),
+    Sweep(SUBSTEPS, tolerances=(1e-5,)),
+)
+_KAMINO = (Sweep(SUBSTEPS, tolerances=(1e-4, 1e-6)),)
+
+MEASURED: dict[str, MeasuredSolver] = {
+    "avbd": MeasuredSolver(
+        "SolverAVBD",
+        _avbd,
+        smooth=(Sweep((*SUBSTEPS, 128, 256), (2, 10), schemes=AVBD_SCHEMES),),
+        contact=(
+            Sweep(SUBSTEPS, ITERATIONS, schemes=AVBD_SCHEMES),
+            Sweep(SUBSTEPS, (40,), (1e-4, 1e-5, 1e-6), AVBD_SCHEMES),
+        ),
+    ),
+    "vbd": MeasuredSolver(
+        "SolverVBD",
+        _vbd,
+        smooth=(Sweep(SUBSTEPS, ITERATIONS),),
+        contact=(Sweep(SUBSTEPS, ITERATIONS),),
+        stiff=True,
+    ),
+    "xpbd": MeasuredSolver(
+        "SolverXPBD",
+        _xpbd,
+        smooth=(Sweep(SUBSTEPS, ITERATIONS),),
+        contact=(Sweep(SUBSTEPS, ITERATIONS),),
+    ),
+    MJ_STEP: MeasuredSolver("mj_step", None, _MUJOCO_SMOOTH, _MUJOCO_CONTACT),
+    "mujoco_warp": MeasuredSolver(
+        "SolverMuJoCo Warp", _mujoco_warp, _MUJOCO_SMOOTH, _MUJOCO_CONTACT
+    ),
+    "kamino": MeasuredSolver("SolverKamino", _kamino, _KAMINO, _KAMINO),
+    "featherstone": MeasuredSolver(
+        "SolverFeatherstone", _featherstone, (Sweep((*SUBSTEPS, 128, 256)),), ()
+    ),
+}
+"""Solvers by name, ours first."""
