@@ -18,12 +18,22 @@ import newton
 import numpy as np
 import warp as wp
 
-from newton_avbd.study.accuracy_scene import AccuracyScene, Path
-from newton_avbd.study.accuracy_solvers import MEASURED, MUJOCO_HARD, MUJOCO_OPTIONS, Setting
+from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, Path
+from newton_avbd.study.accuracy_solvers import (
+    INTEGRATORS,
+    MEASURED,
+    MUJOCO_CONTACTS,
+    MUJOCO_OPTIONS,
+    STIFF,
+    Setting,
+)
 from newton_avbd.study.contestants import Contestant, NewtonContestant
 from newton_avbd.study.measure import Array, Bodies
 from newton_avbd.study.mujoco_native import MujocoContestant
 from newton_avbd.study.peers import Peer
+
+OUT_OF_TIME = "out of time"
+"""Note of a point that was not reached."""
 
 EAGER_STEPS = 12
 """Plain steps that are timed, after two that load kernels."""
@@ -138,17 +148,12 @@ class _MujocoRunner(MujocoContestant):
         import mujoco
 
         model, option = self._mj_model, self._mj_model.opt
-        integrators = {"implicitfast": "IMPLICITFAST", "rk4": "RK4"}
-        if setting.scheme is not None:
-            option.integrator = getattr(
-                mujoco.mjtIntegrator, f"mjINT_{integrators[setting.scheme]}"
-            )
+        if setting.scheme in INTEGRATORS:
+            name = f"mjINT_{setting.scheme.upper()}"
+            option.integrator = getattr(mujoco.mjtIntegrator, name)
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         option.impratio = MUJOCO_OPTIONS["impratio"]
-        option.iterations = setting.iterations or option.iterations
-        option.tolerance = setting.tolerance or option.tolerance
-        model.geom_solref[:] = _solref(self.scene.dt)
-        model.geom_solimp[:] = MUJOCO_HARD["solimp"]
+        model.geom_solref[:], model.geom_solimp[:] = _mujoco_contacts(setting)
         self._substeps = setting.substeps
         self._touching = bool(self.model.shape_contact_pair_count)
 
@@ -178,12 +183,13 @@ def measure(
     begin = time.monotonic()
 
     def found(**more: Any) -> Point:
-        return Point(
-            scene.name, solver, setting, wall=round(time.monotonic() - begin, 3), **more
-        )
+        wall = round(time.monotonic() - begin, 3)
+        return Point(scene.name, solver, setting, wall=wall, **more)
 
     try:
         eager = _eager(scene, solver, setting)
+        # Loading and compiling kernels is nobody's fault.
+        begin = time.monotonic()
         runs = []
         for _ in range(repeats):
             runner = _runner(scene, solver, setting)
@@ -192,7 +198,7 @@ def measure(
             if time.monotonic() - begin > 0.5 * budget:
                 break
     except OutOfTime:
-        return found(note="out of time")
+        return found(note=OUT_OF_TIME)
     except Exception as exception:
         # Whatever keeps one solver from running must not keep the others from it.
         return found(note=f"{type(exception).__name__}: {exception}".splitlines()[0][:200])
@@ -215,15 +221,18 @@ def _make(solver: str, model: newton.Model, setting: Setting) -> newton.solvers.
     assert make is not None
     made = make(model, setting)
     if solver == "mujoco_warp":
-        made.mjw_model.geom_solref.fill_(wp.vec2(*_solref(1.0 / (60.0 * setting.substeps))))
-        made.mjw_model.geom_solimp.fill_(type(made.mjw_model.geom_solimp.dtype())(*MUJOCO_HARD["solimp"]))
+        solref, solimp = _mujoco_contacts(setting)
+        made.mjw_model.geom_solref.fill_(wp.vec2(*solref))
+        made.mjw_model.geom_solimp.fill_(made.mjw_model.geom_solimp.dtype(*solimp))
     return made
 
 
-def _solref(dt: float) -> tuple[float, float]:
-    """MuJoCo's time constant [s] and damping ratio of contacts, for a step [s]."""
-    constant, ratio = MUJOCO_HARD["solref"]
-    return constant * dt, ratio
+def _mujoco_contacts(setting: Setting) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """MuJoCo's ``solref`` and ``solimp`` of contacts."""
+    solref, solimp = MUJOCO_CONTACTS.get(setting.scheme or STIFF, MUJOCO_CONTACTS[STIFF])
+    if solref is None:
+        return (0.02, 1.0), solimp
+    return (solref[0] * FRAME / setting.substeps, solref[1]), solimp
 
 
 def _runner(scene: AccuracyScene, solver: str, setting: Setting) -> _Runner:
@@ -251,7 +260,7 @@ def _run(scene: AccuracyScene, runner: _Runner, deadline: float) -> tuple[Path, 
 
     sample()
     for frame in range(scene.frames):
-        wrench = None if scene.wrench is None else scene.wrench(frame / 60.0, bodies)
+        wrench = None if scene.wrench is None else scene.wrench(frame * FRAME, bodies)
         elapsed += runner.frame(wrench)
         sample()
         if time.monotonic() > deadline:
@@ -269,4 +278,4 @@ def _eager(scene: AccuracyScene, solver: str, setting: Setting) -> float | None:
         return None
     assert isinstance(runner, Contestant)
     times = [runner.advance() for _ in range(EAGER_STEPS + 2)][2:]
-    return 1e3 * median(times) * 60.0 * setting.substeps
+    return 1e3 * median(times) * setting.substeps / FRAME

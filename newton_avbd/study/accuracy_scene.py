@@ -4,7 +4,7 @@
 """What a scene with a known answer is, and how far a simulated path is from it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import newton
@@ -46,7 +46,7 @@ class Path:
     @cached_property
     def times(self) -> Array:
         """Times of the states [s], shape [k]."""
-        return FRAME * np.arange(len(self.body_q))
+        return np.arange(len(self.body_q), dtype=float) * FRAME
 
     @cached_property
     def centers(self) -> Array:
@@ -83,8 +83,8 @@ class AccuracyScene:
         seconds: Time to simulate [s], a whole number of frames.
         error: Relative error of a path.
         solvers: Solvers to which the scene means something.
-        sweeps: Whether SolverAVBD sweeps, so that its iterations make a difference: not where
-            bodies neither touch nor hang together.
+        touching: Whether bodies touch.
+        sweeps: Whether iterations make a difference: not to bodies alone.
         wrench: Force [N] and torque [N m] on body 0, of the time at which a frame begins [s] and
             the bodies; constant in each frame.
         vbd_ke: Contact stiffness for SolverVBD [N/m], see :class:`Scene`.
@@ -98,6 +98,7 @@ class AccuracyScene:
     seconds: float
     error: Callable[[Path], float]
     solvers: tuple[str, ...]
+    touching: bool = True
     sweeps: bool = True
     wrench: Callable[[float, Bodies], Array] | None = None
     vbd_ke: float | None = None
@@ -110,10 +111,6 @@ class AccuracyScene:
     def scene(self, substeps: int) -> Scene:
         """The scene in steps of a frame's ``substeps``-th part."""
         return Scene(self.name, self.summary, self.build, FRAME / substeps, vbd_ke=self.vbd_ke)
-
-    def lasting(self, seconds: float) -> "AccuracyScene":
-        """The same scene, simulated for another time [s]."""
-        return replace(self, seconds=seconds)
 
 
 def off_path(belongs: Callable[[Path], Array]) -> Callable[[Path], float]:

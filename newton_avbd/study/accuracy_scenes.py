@@ -74,7 +74,7 @@ def oscillator(path: Path) -> Array:
 def add_top(builder: newton.ModelBuilder) -> None:
     """Add a body with three different moments of inertia that spins about the middle axis."""
     builder.gravity = (0.0, 0.0, 0.0)
-    set_velocity(builder, add_mass(builder, *MOMENTS), angular=tuple(map(float, SPIN)))
+    set_velocity(builder, add_mass(builder, *MOMENTS), angular=(SPIN[0], SPIN[1], SPIN[2]))
 
 
 def top_error(path: Path) -> float:
@@ -103,6 +103,7 @@ def _pendulum(links: int, seconds: float) -> AccuracyScene:
         seconds,
         error,
         SMOOTH,
+        touching=False,
     )
 
 
@@ -260,12 +261,22 @@ def _known(
     belongs: Callable[[Path], Array],
     solvers: tuple[str, ...],
     *,
+    touching: bool = True,
     sweeps: bool = True,
     vbd_ke: float | None = None,
 ) -> AccuracyScene:
-    error = off_path(belongs)
     return AccuracyScene(
-        name, summary, reference, PATH, build, seconds, error, solvers, sweeps, vbd_ke=vbd_ke
+        name,
+        summary,
+        reference,
+        PATH,
+        build,
+        seconds,
+        off_path(belongs),
+        solvers,
+        touching,
+        sweeps,
+        vbd_ke=vbd_ke,
     )
 
 
@@ -280,6 +291,7 @@ ACCURACY_SCENES: dict[str, AccuracyScene] = {
             0.8,
             projectile,
             SMOOTH,
+            touching=False,
             sweeps=False,
         ),
         _known(
@@ -290,6 +302,7 @@ ACCURACY_SCENES: dict[str, AccuracyScene] = {
             1.0,
             oscillator,
             SMOOTH,
+            touching=False,
         ),
         AccuracyScene(
             "top",
@@ -300,6 +313,7 @@ ACCURACY_SCENES: dict[str, AccuracyScene] = {
             0.5,
             top_error,
             SMOOTH,
+            touching=False,
             sweeps=False,
         ),
         _pendulum(2, 2.0),

@@ -32,9 +32,7 @@ CLOSED = "SimBenchmark's closed form"
 CONSERVED = "conserved, as in SimBenchmark"
 
 
-def ball_material(
-    radius: float, mass: float, **settings: float
-) -> newton.ModelBuilder.ShapeConfig:
+def ball_material(radius: float, mass: float, **settings: float) -> newton.ModelBuilder.ShapeConfig:
     """Surface of a ball of a radius [m], and the density that gives it a mass [kg]."""
     return material(density=mass / (4.0 / 3.0 * math.pi * radius**3), **settings)
 
@@ -240,6 +238,7 @@ def _energy() -> AccuracyScene:
         3.0,
         error,
         SMOOTH,
+        touching=False,
         wrench=lift,
     )
 

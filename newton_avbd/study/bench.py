@@ -148,11 +148,11 @@ def main(args: argparse.Namespace) -> int:
         UserError: A scene or solver does not exist.
     """
     effort = QUICK if args.quick else FULL
-    scenes = _chosen("benchmark scene", args.scenes, tuple(BENCHMARKS))
+    scenes = chosen("benchmark scene", args.scenes, tuple(BENCHMARKS))
     named = args.solvers.split(",") if args.solvers else []
-    solvers = _chosen("solver", named, (*PEERS, MJ_STEP))
+    solvers = chosen("solver", named, (*PEERS, MJ_STEP))
     silence()
-    with _pinned() as core:
+    with pinned() as core:
         machine = describe_machine(core)
         print("\n".join(f"{name}: {value}" for name, value in machine.items()), end="\n\n")
         results = []
@@ -251,7 +251,7 @@ def _apart(worlds: Contestant, alone: Contestant) -> float:
     return float(np.max(np.linalg.norm(offset, axis=2)))
 
 
-def _chosen(kind: str, names: list[str], known: tuple[str, ...]) -> tuple[str, ...]:
+def chosen(kind: str, names: list[str], known: tuple[str, ...]) -> tuple[str, ...]:
     """The names asked for, in the order of ``known``; all of them when none was.
 
     Raises:
@@ -264,7 +264,7 @@ def _chosen(kind: str, names: list[str], known: tuple[str, ...]) -> tuple[str, .
 
 
 @contextmanager
-def _pinned() -> Iterator[int | None]:
+def pinned() -> Iterator[int | None]:
     """Pin this process to a core; yield which, or None where the system has no such call."""
     if not hasattr(os, "sched_setaffinity"):
         yield None

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What measured points say: fronts, the cheapest setting for an accuracy, and who is cheapest."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from newton_avbd.study.accuracy_run import Point
+from newton_avbd.study.accuracy_solvers import Setting
+
+OURS = "avbd"
+
+LEVELS = (1e-2, 1e-3, 1e-4)
+"""Relative errors that somebody may want to reach."""
+
+WITHIN = 2.0
+"""Cost relative to the cheapest solver's that is still as good."""
+
+
+def usable(points: Iterable[Point]) -> list[Point]:
+    """Points with an error and a cost."""
+    return [point for point in points if point.error is not None and point.cost is not None]
+
+
+def front(points: Iterable[Point]) -> list[Point]:
+    """Pareto front: points than which none is both cheaper and more accurate, cheapest first."""
+    best: list[Point] = []
+    for point in sorted(usable(points), key=lambda point: (point.cost, point.error)):
+        if not best or point.error < best[-1].error:  # type: ignore[operator]
+            best.append(point)
+    return best
+
+
+def cheapest(points: Iterable[Point], error: float) -> Point | None:
+    """The cheapest point that reaches an error; None where none does."""
+    reached = [point for point in front(points) if point.error <= error]  # type: ignore[operator]
+    return reached[0] if reached else None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Who reaches an accuracy on a scene at which cost.
+
+    Attributes:
+        scene: Name of the scene.
+        level: Relative error to reach.
+        best: Cheapest point that reaches it, by solver; solvers that do not are left out.
+    """
+
+    scene: str
+    level: float
+    best: dict[str, Point]
+
+    @property
+    def rival(self) -> Point | None:
+        """The cheapest point of another solver."""
+        others = [point for solver, point in self.best.items() if solver != OURS]
+        return min(others, key=_cost, default=None)
+
+    @property
+    def ratio(self) -> float:
+        """Our cost relative to the cheapest rival's: 0 where no rival, infinite where not we
+        reach the level."""
+        ours, rival = self.best.get(OURS), self.rival
+        if ours is None:
+            return math.inf
+        return 0.0 if rival is None else _cost(ours) / _cost(rival)
+
+
+def verdicts(points: Iterable[Point], levels: Iterable[float] = LEVELS) -> list[Verdict]:
+    """A verdict for each scene and level that any solver reaches."""
+    scenes: dict[str, dict[str, list[Point]]] = {}
+    for point in points:
+        scenes.setdefault(point.scene, {}).setdefault(point.solver, []).append(point)
+    found = []
+    for scene, solvers in scenes.items():
+        for level in levels:
+            best = {solver: cheapest(group, level) for solver, group in solvers.items()}
+            reached = {solver: point for solver, point in best.items() if point is not None}
+            if reached:
+                found.append(Verdict(scene, level, reached))
+    return found
+
+
+def shares(found: Iterable[Verdict]) -> tuple[float, float]:
+    """Shares of verdicts in which we are the cheapest, and within :data:`WITHIN` of it."""
+    ratios = [verdict.ratio for verdict in found]
+    if not ratios:
+        return math.nan, math.nan
+    return sum(ratio <= 1.0 for ratio in ratios) / len(ratios), sum(
+        ratio <= WITHIN for ratio in ratios
+    ) / len(ratios)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Iterations against substeps at the cost of a setting.
+
+    Attributes:
+        base: The setting's point.
+        iterations: Of points in larger steps that cost as much at most, the most accurate one.
+        substeps: The same in smaller steps.
+    """
+
+    base: Point
+    iterations: Point | None
+    substeps: Point | None
+
+
+def split(points: Iterable[Point], base: Setting, slack: float = 1.1) -> Split | None:
+    """Compare ways to spend a cost on one scene with one solver.
+
+    Args:
+        points: Its points.
+        base: The setting whose cost is spent.
+        slack: What counts as equal cost.
+
+    Returns:
+        The comparison; None where the setting was not measured.
+    """
+    points = [point for point in usable(points) if point.setting.tolerance is None]
+    found = next((point for point in points if point.setting == base), None)
+    if found is None:
+        return None
+    affordable = [point for point in points if _cost(point) <= slack * _cost(found)]
+
+    def best(those: list[Point]) -> Point | None:
+        return min(those, key=lambda point: point.error or 0.0, default=None)
+
+    return Split(
+        found,
+        best([p for p in affordable if p.setting.substeps < base.substeps]),
+        best([p for p in affordable if p.setting.substeps > base.substeps]),
+    )
+
+
+def _cost(point: Point) -> float:
+    return math.inf if point.cost is None else point.cost
