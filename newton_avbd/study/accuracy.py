@@ -10,7 +10,7 @@ from pathlib import Path as File
 from typing import Any
 
 from newton_avbd.io.errors import UserError
-from newton_avbd.study.accuracy_run import OUT_OF_TIME, Point, measure
+from newton_avbd.study.accuracy_run import OUT_OF_TIME, Point, Runner, measure, runner
 from newton_avbd.study.accuracy_scene import AccuracyScene
 from newton_avbd.study.accuracy_solvers import MEASURED, Setting
 
@@ -143,18 +143,19 @@ def run(
 def _try_settings(scene: AccuracyScene, solver: str, results: Results) -> Iterator[Point]:
     """Try the settings of a solver on a scene, until there is no time left."""
     effort, spent = results.effort, 0.0
+    worker: Runner | None = None
     settings = MEASURED[solver].settings(
         touching=scene.touching, sweeps=scene.sweeps, quick=effort.quick
     )
     for setting in settings:
         point = results.get((scene.name, solver, setting))
         if point is None:
-            point = measure(
-                scene, solver, setting, repeats=effort.repeats, budget=effort.budget - spent
-            )
+            worker = worker or runner(scene, solver)
+            left = effort.budget - spent
+            point = measure(worker, solver, setting, repeats=effort.repeats, budget=left)
             results.add(point)
         yield point
-        spent += point.wall
+        spent += point.spent
         # A setting that fails for another reason than time says nothing of the next one.
         if spent >= effort.budget or point.note == OUT_OF_TIME:
             return

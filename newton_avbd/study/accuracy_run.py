@@ -10,9 +10,12 @@ MuJoCo's ``mj_step`` finds its own contacts, whose time is measured apart and ta
 
 import math
 import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from statistics import median
-from typing import Any, Protocol
+from typing import Any
 
 import newton
 import numpy as np
@@ -27,16 +30,15 @@ from newton_avbd.study.accuracy_solvers import (
     STIFF,
     Setting,
 )
-from newton_avbd.study.contestants import Contestant, NewtonContestant
 from newton_avbd.study.measure import Array, Bodies
 from newton_avbd.study.mujoco_native import MujocoContestant
-from newton_avbd.study.peers import Peer
+from newton_avbd.study.peers import MJ_STEP
 
 OUT_OF_TIME = "out of time"
 """Note of a point that was not reached."""
 
-EAGER_STEPS = 12
-"""Plain steps that are timed, after two that load kernels."""
+EAGER_STEPS = 14
+"""Plain steps, of which all but the first two are timed."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +54,7 @@ class Point:
         cost: Median processor time for a simulated second [ms], replayed.
         eager: The same for plain steps; None for ``mj_step``, which has no others.
         note: Why there is no error, or nothing.
-        wall: Time that it took to find this out [s].
+        spent: Processor time that it took to find this out [s].
     """
 
     scene: str
@@ -62,7 +64,7 @@ class Point:
     cost: float | None = None
     eager: float | None = None
     note: str = ""
-    wall: float = 0.0
+    spent: float = 0.0
 
     @property
     def key(self) -> tuple[str, str, Setting]:
@@ -74,149 +76,237 @@ class OutOfTime(Exception):
     """A run takes longer than there is time for."""
 
 
-class _Runner(Protocol):
-    """A contestant that goes frame by frame."""
+class Runner(ABC):
+    """A solver at work on a scene, one setting after the other.
 
-    model: newton.Model
+    Attributes:
+        scene: The scene.
+        model: Its model.
+    """
 
+    def __init__(self, scene: AccuracyScene, model: newton.Model):
+        self.scene = scene
+        self.model = model
+        self.bodies = Bodies.of(model)
+
+    @abstractmethod
+    def restart(self, setting: Setting) -> None:
+        """Go back to the start with a new solver."""
+
+    @abstractmethod
     def frame(self, wrench: Array | None) -> float:
         """Simulate a frame under a wrench on body 0; processor time of the solver [s]."""
 
+    @abstractmethod
     def observe(self) -> newton.State:
         """The state reached."""
 
+    def eager(self) -> float | None:
+        """Processor time of a plain step [s]; None where there is none but the replayed one."""
+        return None
+
     def gave_up(self) -> bool:
         """Whether the solver says that it could not go on."""
+        return False
+
+    def run(self, setting: Setting, deadline: float = math.inf) -> tuple[Path, float]:
+        """Simulate the scene.
+
+        Args:
+            setting: What to ask of the solver.
+            deadline: Processor time of this process after which to stop [s].
+
+        Returns:
+            The states and the processor time of the solver [s].
+
+        Raises:
+            OutOfTime: It is not done at the deadline.
+        """
+        self.restart(setting)
+        poses, velocities, elapsed = [], [], 0.0
+
+        def sample() -> None:
+            state = self.observe()
+            poses.append(state.body_q.numpy().astype(float))
+            velocities.append(state.body_qd.numpy().astype(float))
+
+        sample()
+        for frame in range(self.scene.frames):
+            wrench = self.scene.wrench
+            elapsed += self.frame(wrench and wrench(frame * FRAME, self.bodies))
+            sample()
+            if time.process_time() > deadline:
+                raise OutOfTime
+        return Path(self.model, np.array(poses), np.array(velocities)), elapsed
 
 
-class _NewtonRunner(NewtonContestant):
+class _NewtonRunner(Runner):
     """One of Newton's solvers, replayed."""
 
-    def __init__(self, scene: AccuracyScene, solver: str, setting: Setting):
-        measured = MEASURED[solver]
-        peer = Peer(measured.title, lambda model: _make(solver, model, setting), measured.stiff)
-        super().__init__(scene.scene(setting.substeps), peer)
-        self._substeps = setting.substeps
-        self._graphs: dict[tuple[str, int], wp.Graph] = {}
+    def __init__(self, scene: AccuracyScene, solver: str):
+        self._solver_name = solver
+        ke = scene.vbd_ke if MEASURED[solver].stiff else None
+        super().__init__(scene, scene.scene(1).model(ke=ke, device="cpu"))
+        self._states = self.model.state(), self.model.state()
+        self._control = self.model.control()
+        self._contacts: newton.Contacts | None = None
+        if self.model.shape_contact_pair_count:
+            pipeline = newton.CollisionPipeline(self.model)
+            self._contacts = pipeline.contacts()
+            self._collide = [
+                _record(partial(pipeline.collide, state, self._contacts)) for state in self._states
+            ]
+
+    def restart(self, setting: Setting) -> None:
+        self._solver = _make(self._solver_name, self.model, setting)
+        self._setting = setting
+        start = self.model.state()
+        for state in self._states:
+            for name in ("body_q", "body_qd", "body_f", "joint_q", "joint_qd"):
+                array = getattr(state, name)
+                if array is not None:
+                    wp.copy(array, getattr(start, name))
+        self._steps: dict[int, wp.Graph] = {}
+        self._now = 0
+
+    def observe(self) -> newton.State:
+        return self._states[self._now]
 
     def frame(self, wrench: Array | None) -> float:
         if wrench is not None:
-            for state in (self.state, self._next):
+            for state in self._states:
                 forces = state.body_f.numpy().copy()
                 forces[0] = wrench
                 state.body_f.assign(forces)
-        if self._pipeline is None:
-            return self._timed(self._substeps)
+        if self._contacts is None:
+            return self._replay(self._setting.substeps)
         elapsed = 0.0
-        for _ in range(self._substeps):
-            wp.capture_launch(self._graph_of("collide", self._collide))
-            elapsed += self._timed(1)
+        for _ in range(self._setting.substeps):
+            wp.capture_launch(self._collide[self._now])
+            elapsed += self._replay(1)
         return elapsed
 
-    def _timed(self, steps: int) -> float:
-        """Replay ``steps`` steps; their processor time [s]."""
+    def eager(self) -> float:
+        times = []
+        for _ in range(EAGER_STEPS):
+            if self._contacts is not None:
+                wp.capture_launch(self._collide[self._now])
+            begin = time.process_time()
+            self._step()
+            times.append(time.process_time() - begin)
+        # The first two load kernels.
+        return median(times[2:])
 
-        def record() -> None:
-            for _ in range(steps):
-                self._step()
+    def gave_up(self) -> bool:
+        status = getattr(self._solver, "status", None)
+        return bool(np.any(getattr(status, "held_steps", 0)))
 
-        start, following = self.state, self._next
-        graph = self._graph_of("step", record)
-        if steps % 2:
-            self.state, self._next = following, start
-        else:
-            self.state, self._next = start, following
+    def _step(self) -> None:
+        now, following = self._states[self._now], self._states[1 - self._now]
+        dt = FRAME / self._setting.substeps
+        self._solver.step(now, following, self._control, self._contacts, dt)
+        self._now = 1 - self._now
+
+    def _replay(self, steps: int) -> float:
+        """Replay a number of steps, always the same; their processor time [s]."""
+        start = self._now
+        if start not in self._steps:
+            self._steps[start] = _record(self._step, steps)
         begin = time.process_time()
-        wp.capture_launch(graph)
-        return time.process_time() - begin
-
-    def _graph_of(self, name: str, record: Any) -> wp.Graph:
-        """Commands from the current state on, recorded once for each of the two states."""
-        key = (name, id(self.state))
-        if key not in self._graphs:
-            with wp.ScopedCapture(device="cpu") as capture:
-                record()
-            self._graphs[key] = capture.graph
-        return self._graphs[key]
+        wp.capture_launch(self._steps[start])
+        elapsed = time.process_time() - begin
+        self._now = (start + steps) % 2
+        return elapsed
 
 
-class _MujocoRunner(MujocoContestant):
+class _MujocoRunner(Runner):
     """MuJoCo without Newton around it."""
 
-    def __init__(self, scene: AccuracyScene, setting: Setting):
-        super().__init__(scene.scene(setting.substeps))
+    def __init__(self, scene: AccuracyScene):
+        self._contestant = MujocoContestant(scene.scene(1))
+        super().__init__(scene, self._contestant.model)
+
+    def restart(self, setting: Setting) -> None:
         import mujoco
 
-        model, option = self._mj_model, self._mj_model.opt
+        self._setting = setting
+        model = self._contestant.mj_model
+        option = model.opt
+        option.timestep = FRAME / setting.substeps
         if setting.scheme in INTEGRATORS:
             name = f"mjINT_{setting.scheme.upper()}"
             option.integrator = getattr(mujoco.mjtIntegrator, name)
         option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
         option.impratio = MUJOCO_OPTIONS["impratio"]
         model.geom_solref[:], model.geom_solimp[:] = _mujoco_contacts(setting)
-        self._substeps = setting.substeps
-        self._touching = bool(self.model.shape_contact_pair_count)
+        self._contestant.restart()
+
+    def observe(self) -> newton.State:
+        return self._contestant.observe()
 
     def frame(self, wrench: Array | None) -> float:
-        (data,) = self._data
         if wrench is not None:
-            data.xfrc_applied[1] = wrench
-        if self._touching:
-            return sum(self.advance() for _ in range(self._substeps))
-        begin = time.process_time()
-        self._mujoco.mj_step(self._mj_model, data, self._substeps)
-        return time.process_time() - begin
+            self._contestant.push(wrench)
+        if self.scene.touching:
+            return sum(self._contestant.advance() for _ in range(self._setting.substeps))
+        return self._contestant.advance_freely(self._setting.substeps)
 
 
-def measure(
-    scene: AccuracyScene, solver: str, setting: Setting, *, repeats: int, budget: float
-) -> Point:
+def runner(scene: AccuracyScene, solver: str) -> Runner:
+    """Set a solver up on a scene."""
+    return _MujocoRunner(scene) if solver == MJ_STEP else _NewtonRunner(scene, solver)
+
+
+def measure(worker: Runner, solver: str, setting: Setting, *, repeats: int, budget: float) -> Point:
     """Try a setting.
 
     Args:
-        scene: The scene.
-        solver: Name of the solver.
+        worker: The solver at work on its scene.
+        solver: Its name.
         setting: What to ask of it.
         repeats: Runs, all alike, whose median cost counts.
-        budget: Time after which to stop [s].
+        budget: Processor time after which to stop [s].
     """
-    begin = time.monotonic()
+    scene, begin = worker.scene, time.process_time()
 
     def found(**more: Any) -> Point:
-        wall = round(time.monotonic() - begin, 3)
-        return Point(scene.name, solver, setting, wall=wall, **more)
+        spent = round(time.process_time() - begin, 3)
+        return Point(scene.name, solver, setting, spent=spent, **more)
 
     try:
-        eager = _eager(scene, solver, setting)
+        worker.restart(setting)
+        eager = worker.eager()
         # Loading and compiling kernels is nobody's fault.
-        begin = time.monotonic()
-        runs = []
-        for _ in range(repeats):
-            runner = _runner(scene, solver, setting)
-            path, cost = _run(scene, runner, begin + budget)
-            runs.append(cost)
-            if time.monotonic() - begin > 0.5 * budget:
-                break
+        begin = time.process_time()
+        costs: list[float] = []
+        while len(costs) < repeats and (not costs or time.process_time() - begin < 0.5 * budget):
+            path, cost = worker.run(setting, begin + budget)
+            costs.append(1e3 * cost / scene.seconds)
     except OutOfTime:
         return found(note=OUT_OF_TIME)
     except Exception as exception:
         # Whatever keeps one solver from running must not keep the others from it.
         return found(note=f"{type(exception).__name__}: {exception}".splitlines()[0][:200])
-    cost = 1e3 * median(runs) / scene.seconds
+    times = {"cost": median(costs)}
+    if eager is not None:
+        times["eager"] = 1e3 * eager * setting.substeps / FRAME
     with np.errstate(all="ignore"):
         error = scene.error(path)
-    if runner.gave_up() or not math.isfinite(error):
-        return found(cost=cost, eager=eager, note="not finite")
-    return found(error=error, cost=cost, eager=eager)
+    if worker.gave_up() or not math.isfinite(error):
+        return found(note="not finite", **times)
+    return found(error=error, **times)
 
 
-def simulate(scene: AccuracyScene, solver: str, setting: Setting) -> Path:
-    """States of a solver that goes through a scene."""
-    return _run(scene, _runner(scene, solver, setting), math.inf)[0]
+def _record(command: Callable[[], None], times: int = 1) -> wp.Graph:
+    """Capture a command, some times in a row."""
+    with wp.ScopedCapture(device="cpu") as capture:
+        for _ in range(times):
+            command()
+    return capture.graph
 
 
 def _make(solver: str, model: newton.Model, setting: Setting) -> newton.solvers.SolverBase:
-    """A solver of Newton's with a setting; MuJoCo's contacts as hard as the step allows."""
+    """A solver of Newton's with a setting; MuJoCo's contacts as the setting says."""
     make = MEASURED[solver].make
     assert make is not None
     made = make(model, setting)
@@ -233,49 +323,3 @@ def _mujoco_contacts(setting: Setting) -> tuple[tuple[float, ...], tuple[float, 
     if solref is None:
         return (0.02, 1.0), solimp
     return (solref[0] * FRAME / setting.substeps, solref[1]), solimp
-
-
-def _runner(scene: AccuracyScene, solver: str, setting: Setting) -> _Runner:
-    if MEASURED[solver].make is None:
-        return _MujocoRunner(scene, setting)
-    return _NewtonRunner(scene, solver, setting)
-
-
-def _run(scene: AccuracyScene, runner: _Runner, deadline: float) -> tuple[Path, float]:
-    """Simulate a scene.
-
-    Returns:
-        The states and the processor time of the solver [s].
-
-    Raises:
-        OutOfTime: It is not done at the deadline.
-    """
-    bodies = Bodies.of(runner.model)
-    poses, velocities, elapsed = [], [], 0.0
-
-    def sample() -> None:
-        state = runner.observe()
-        poses.append(state.body_q.numpy().astype(float))
-        velocities.append(state.body_qd.numpy().astype(float))
-
-    sample()
-    for frame in range(scene.frames):
-        wrench = None if scene.wrench is None else scene.wrench(frame * FRAME, bodies)
-        elapsed += runner.frame(wrench)
-        sample()
-        if time.monotonic() > deadline:
-            raise OutOfTime
-    return Path(runner.model, np.array(poses), np.array(velocities)), elapsed
-
-
-def _eager(scene: AccuracyScene, solver: str, setting: Setting) -> float | None:
-    """Processor time of plain steps for a simulated second [ms]; None for ``mj_step``.
-
-    It also loads the kernels that the run after it replays.
-    """
-    runner = _runner(scene, solver, setting)
-    if not isinstance(runner, NewtonContestant):
-        return None
-    assert isinstance(runner, Contestant)
-    times = [runner.advance() for _ in range(EAGER_STEPS + 2)][2:]
-    return 1e3 * median(times) * setting.substeps / FRAME

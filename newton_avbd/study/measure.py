@@ -7,6 +7,7 @@ Plain NumPy in double precision, on copies of device data; not for use inside a 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import newton
@@ -176,14 +177,18 @@ class Probe:
     def __init__(self, model: newton.Model):
         self.model = model
         self.bodies = Bodies.of(model)
+
+    @cached_property
+    def _detection(self) -> tuple[newton.CollisionPipeline, newton.Contacts]:
         # Sweep and prune: the default tests all pairs, which many bodies make slow.
-        self._pipeline = newton.CollisionPipeline(model, broad_phase="sap", publish_capacity=False)
-        self._contacts = self._pipeline.contacts()
+        pipeline = newton.CollisionPipeline(self.model, broad_phase="sap", publish_capacity=False)
+        return pipeline, pipeline.contacts()
 
     def separations(self, state: newton.State) -> Array:
         """Gaps [m] between shapes in ``state``, see :func:`separations`."""
-        self._pipeline.collide(state, self._contacts)
-        return separations(self.model, self.bodies, state, self._contacts)
+        pipeline, contacts = self._detection
+        pipeline.collide(state, contacts)
+        return separations(self.model, self.bodies, state, contacts)
 
     def energy(self, state: newton.State) -> float:
         """Energy [J] of ``state``, see :func:`total_energy`."""

@@ -32,6 +32,9 @@ class MujocoContestant(Contestant):
 
     Each Newton world is an ``mjData`` of the same ``mjModel``, stepped one after the other. Free
     bodies go with MuJoCo's default options, joints with what ``SolverMuJoCo`` makes of them.
+
+    Attributes:
+        mj_model: The ``mjModel``, whose options may be changed before :meth:`restart`.
     """
 
     def __init__(self, scene: Scene):
@@ -46,21 +49,37 @@ class MujocoContestant(Contestant):
         self._mujoco = mujoco
         free = np.all(self.model.joint_type.numpy() == newton.JointType.FREE)
         self._translation = (_FreeBodies if free else Articulated)(self.model)
-        self._mj_model = self._translation.mj_model
-        self._mj_model.opt.timestep = scene.dt
+        self.mj_model = self._translation.mj_model
+        self.mj_model.opt.timestep = scene.dt
+        self.restart()
+
+    def restart(self) -> None:
+        """Go back to the start."""
         worlds = max(1, self.model.world_count)
-        self._data = [mujoco.MjData(self._mj_model) for _ in range(worlds)]
+        self._data = [self._mujoco.MjData(self.mj_model) for _ in range(worlds)]
         for world, data in enumerate(self._data):
             self._translation.start(data, world)
+
+    def push(self, wrench: Array) -> None:
+        """Set the force [N] and torque [N m] on the first body of each world."""
+        for data in self._data:
+            data.xfrc_applied[1] = wrench
+
+    def advance_freely(self, steps: int) -> float:
+        """Make steps in which nothing touches; return their CPU time [s]."""
+        begin = time.process_time()
+        for data in self._data:
+            self._mujoco.mj_step(self.mj_model, data, steps)
+        return time.process_time() - begin
 
     def advance(self) -> float:
         begin = time.process_time()
         for data in self._data:
-            self._mujoco.mj_step(self._mj_model, data)
+            self._mujoco.mj_step(self.mj_model, data)
         elapsed = time.process_time() - begin
         begin = time.process_time()
         for data in self._data:
-            self._mujoco.mj_collision(self._mj_model, data)
+            self._mujoco.mj_collision(self.mj_model, data)
         return elapsed - (time.process_time() - begin)
 
     def replay(self) -> float:
