@@ -69,7 +69,7 @@ def main(args: argparse.Namespace) -> int:
             for point in run(scenes, solvers, results):
                 print(accuracy_page.line(point), flush=True)
                 points.append(point)
-        print(f"\n{accuracy_page.summary(points)}")
+        print(f"\n{accuracy_page.summary(scenes, points)}")
         if args.output:
             for scene in scenes:
                 file = args.output / f"{scene.name}.svg"

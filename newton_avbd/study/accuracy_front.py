@@ -4,7 +4,7 @@
 """What measured points say: fronts, the cheapest setting for an accuracy, and who is cheapest."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from newton_avbd.study.accuracy_run import Point
@@ -69,14 +69,24 @@ class Verdict:
         return 0.0 if rival is None else _cost(ours) / _cost(rival)
 
 
-def verdicts(points: Iterable[Point], levels: Iterable[float] = LEVELS) -> list[Verdict]:
-    """A verdict for each scene and level that any solver reaches."""
+def verdicts(
+    points: Iterable[Point], resolutions: Mapping[str, float] | None = None
+) -> list[Verdict]:
+    """A verdict for each scene and level that any solver reaches.
+
+    Args:
+        points: Points of any scenes and solvers.
+        resolutions: Relative errors of the scenes' references, by scene; smaller levels are not
+            judged.
+    """
     scenes: dict[str, dict[str, list[Point]]] = {}
     for point in points:
         scenes.setdefault(point.scene, {}).setdefault(point.solver, []).append(point)
     found = []
     for scene, solvers in scenes.items():
-        for level in levels:
+        for level in LEVELS:
+            if level < (resolutions or {}).get(scene, 0.0):
+                continue
             best = {solver: cheapest(group, level) for solver, group in solvers.items()}
             reached = {solver: point for solver, point in best.items() if point is not None}
             if reached:

@@ -89,9 +89,9 @@ def write_plot(scene: AccuracyScene, points: list[Point], file: File) -> None:
         figure.savefig(file, format="svg", metadata={"Date": None})
 
 
-def level_table(points: list[Point], level: float) -> str:
+def level_table(every: list[Verdict], level: float) -> str:
     """Cost of the cheapest setting that reaches a level, by scene and solver, in Markdown."""
-    found = [verdict for verdict in verdicts(points) if verdict.level == level]
+    found = [verdict for verdict in every if verdict.level == level]
     solvers = [name for name in MEASURED if any(name in verdict.best for verdict in found)]
     rows = [["scene", *(MEASURED[name].title for name in solvers), "ours / cheapest other"]]
     for verdict in found:
@@ -134,7 +134,7 @@ def page(
     machine: dict[str, str], effort: str, scenes: list[AccuracyScene], points: list[Point]
 ) -> str:
     """All results in Markdown, to stand beside the plots."""
-    found = verdicts(points)
+    found = verdicts(points, {scene.name: scene.resolution for scene in scenes})
     cheapest, close = shares(found)
     lost = [verdict for verdict in found if verdict.ratio > 1.0]
     parts = [
@@ -166,7 +166,7 @@ def page(
         "Milliseconds of computing for a simulated second and, in brackets, the setting: steps in "
         "a frame of 1/60 s, iterations, scheme. Empty: not reached by any setting in the time "
         "given, or the scene means nothing to the solver.",
-        *(f"Relative error {level:.0e}:\n\n{level_table(points, level)}" for level in LEVELS),
+        *(f"Relative error {level:.0e}:\n\n{level_table(found, level)}" for level in LEVELS),
         "## Iterations against substeps",
         f"SolverAVBD, at most the cost of {EQUAL_COST} and a tenth.",
         split_table(points),
@@ -192,11 +192,11 @@ def line(point: Point) -> str:
     return f"{name} error {point.error:.1e} at {_number(point.cost)} ms/s{eager}"
 
 
-def summary(points: list[Point]) -> str:
+def summary(scenes: list[AccuracyScene], points: list[Point]) -> str:
     """What a terminal shows at the end."""
-    found = verdicts(points)
+    found = verdicts(points, {scene.name: scene.resolution for scene in scenes})
     cheapest, close = shares(found)
-    tables = [f"relative error {level:.0e}\n{level_table(points, level)}" for level in LEVELS]
+    tables = [f"relative error {level:.0e}\n{level_table(found, level)}" for level in LEVELS]
     verdict = (
         f"SolverAVBD is the cheapest on {cheapest:.0%} of {len(found)} pairs of a scene and an "
         f"error, within {WITHIN:g}x on {close:.0%}"

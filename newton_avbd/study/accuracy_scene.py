@@ -88,6 +88,7 @@ class AccuracyScene:
         wrench: Force [N] and torque [N m] on body 0, of the time at which a frame begins [s] and
             the bodies; constant in each frame.
         vbd_ke: Contact stiffness for SolverVBD [N/m], see :class:`Scene`.
+        resolution: Relative error of the reference itself; smaller ones mean nothing.
     """
 
     name: str
@@ -102,6 +103,7 @@ class AccuracyScene:
     sweeps: bool = True
     wrench: Callable[[float, Bodies], Array] | None = None
     vbd_ke: float | None = None
+    resolution: float = 0.0
 
     @property
     def frames(self) -> int:

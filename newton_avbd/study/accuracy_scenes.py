@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd.study import pendulums
-from newton_avbd.study.accuracy_scene import AccuracyScene, Path, farthest, off_path
+from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, Path, farthest, off_path
 from newton_avbd.study.accuracy_simbench import SIMBENCH
 from newton_avbd.study.accuracy_solvers import CONTACT, RESTITUTION, SMOOTH
 from newton_avbd.study.chains import add_chain
@@ -193,18 +193,33 @@ _REACH = math.sqrt(0.5) * EDGE
 """Distance of its center from the edge [m]."""
 
 
-def add_tipping(builder: newton.ModelBuilder) -> None:
-    """Add a cube that stands on an edge, a little past its balance, and rough ground."""
+def add_cube_on_edge(builder: newton.ModelBuilder, tilt: float, height: float = 0.0) -> None:
+    """Add a cube above rough ground, an edge along y lowest.
+
+    Args:
+        builder: Builder to add to.
+        tilt: Angle of the center past its balance above that edge [rad].
+        height: Height of the edge [m].
+    """
     surface = material(mu=1.0, density=1000.0)
-    turn = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), 0.25 * math.pi + TILT)
-    center = (_REACH * math.sin(TILT), 0.0, _REACH * math.cos(TILT))
+    turn = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), 0.25 * math.pi + tilt)
+    center = (_REACH * math.sin(tilt), 0.0, _REACH * math.cos(tilt) + height)
     box = add_body(builder, center, rotation=turn)
     builder.add_shape_box(box, hx=0.5 * EDGE, hy=0.5 * EDGE, hz=0.5 * EDGE, cfg=surface)
     builder.add_ground_plane(cfg=surface)
 
 
-def tipping(path: Path) -> Array:
-    """Center of the cube, a pendulum on its edge: I a = m g r sin(angle), I = 4/3 m r^2 [m]."""
+def tipped(times: Array, angle: float, rate: float) -> Array:
+    """Center of a cube that turns about an edge at the origin: 4/3 m r^2 a = m g r sin(angle).
+
+    Args:
+        times: Times [s], from 0, shape [k].
+        angle: Angle of the center to the vertical above the edge [rad], at the start.
+        rate: Its rate [rad/s].
+
+    Returns:
+        Centers [m], shape [k, 1, 3].
+    """
     from scipy.integrate import solve_ivp
 
     def slope(_: float, y: Array) -> list[float]:
@@ -212,15 +227,33 @@ def tipping(path: Path) -> Array:
 
     found = solve_ivp(
         slope,
-        (0.0, path.times[-1]),
-        [TILT, 0.0],
-        t_eval=path.times,
+        (0.0, times[-1]),
+        [angle, rate],
+        t_eval=times,
         method="DOP853",
         rtol=1e-11,
         atol=1e-12,
     )
-    angle = found.y[0]
-    return _REACH * np.stack([np.sin(angle), 0.0 * angle, np.cos(angle)], axis=1)[:, None]
+    angles = found.y[0]
+    return _REACH * np.stack([np.sin(angles), 0.0 * angles, np.cos(angles)], axis=1)[:, None]
+
+
+LANDING_TILT, LANDING_HEIGHT = 0.5, 0.2
+"""Tilt [rad] of the cube that lands on its edge, and the height of the edge [m]."""
+
+
+def landing(path: Path) -> Array:
+    """Center of a cube that falls on an edge, which sticks, and goes on about it [m].
+
+    The blow leaves the angular momentum about the edge: 4/3 m r^2 w = m v r sin(tilt).
+    """
+    speed = math.sqrt(2.0 * G * LANDING_HEIGHT)
+    lands = speed / G
+    rate = 0.75 * speed * math.sin(LANDING_TILT) / _REACH
+    falls = path.times < lands
+    way = _up(-0.5 * G * path.times[falls] ** 2)
+    after = tipped(np.append(0.0, path.times[~falls] - lands), LANDING_TILT, rate)
+    return np.concatenate([path.centers[0] + way, after[1:]])
 
 
 def _along_x(path: Path, way: Array) -> Array:
@@ -353,9 +386,19 @@ ACCURACY_SCENES: dict[str, AccuracyScene] = {
             "tipping",
             "a cube tips over an edge, mu 1",
             INTEGRATED,
-            add_tipping,
+            partial(add_cube_on_edge, tilt=TILT),
             0.35,
-            tipping,
+            lambda path: tipped(path.times, TILT, 0.0),
+            CONTACT,
+            vbd_ke=1e6,
+        ),
+        _known(
+            "landing",
+            f"a cube falls {LANDING_HEIGHT} m on an edge and goes on about it, mu 1",
+            INTEGRATED,
+            partial(add_cube_on_edge, tilt=LANDING_TILT, height=LANDING_HEIGHT),
+            14.0 * FRAME,
+            landing,
             CONTACT,
             vbd_ke=1e6,
         ),
