@@ -97,11 +97,11 @@ def verdicts(
 def shares(found: Iterable[Verdict]) -> tuple[float, float]:
     """Shares of verdicts in which we are the cheapest, and within :data:`WITHIN` of it."""
     ratios = [verdict.ratio for verdict in found]
-    if not ratios:
-        return math.nan, math.nan
-    return sum(ratio <= 1.0 for ratio in ratios) / len(ratios), sum(
-        ratio <= WITHIN for ratio in ratios
-    ) / len(ratios)
+
+    def share(bound: float) -> float:
+        return sum(ratio <= bound for ratio in ratios) / max(1, len(ratios))
+
+    return share(1.0), share(WITHIN)
 
 
 @dataclass(frozen=True)

@@ -135,7 +135,6 @@ def page(
 ) -> str:
     """All results in Markdown, to stand beside the plots."""
     found = verdicts(points, {scene.name: scene.resolution for scene in scenes})
-    cheapest, close = shares(found)
     lost = [verdict for verdict in found if verdict.ratio > 1.0]
     parts = [
         "# Accuracy and cost: results",
@@ -143,9 +142,7 @@ def page(
         f"[accuracy.md](../accuracy.md). Effort: {effort}.",
         "```\n" + "\n".join(f"{name}: {value}" for name, value in machine.items()) + "\n```",
         "## Who is cheapest",
-        f"Of {len(found)} pairs of a scene and a relative error ({_levels()}) that any solver "
-        f"reaches, SolverAVBD is the cheapest on {cheapest:.0%} and within {WITHIN:g}x of the "
-        f"cheapest on {close:.0%}. It is not on these:",
+        f"{_standing(found)} It is not the cheapest on these:",
         _markdown(
             [
                 ["scene", "error", "ours / cheapest", "cheapest", "with"],
@@ -195,13 +192,18 @@ def line(point: Point) -> str:
 def summary(scenes: list[AccuracyScene], points: list[Point]) -> str:
     """What a terminal shows at the end."""
     found = verdicts(points, {scene.name: scene.resolution for scene in scenes})
-    cheapest, close = shares(found)
     tables = [f"relative error {level:.0e}\n{level_table(found, level)}" for level in LEVELS]
-    verdict = (
-        f"SolverAVBD is the cheapest on {cheapest:.0%} of {len(found)} pairs of a scene and an "
-        f"error, within {WITHIN:g}x on {close:.0%}"
+    return "\n\n".join([*tables, _standing(found)])
+
+
+def _standing(found: list[Verdict]) -> str:
+    """How often we are the cheapest, in a sentence."""
+    cheapest, close = shares(found)
+    return (
+        f"Of {len(found)} pairs of a scene and a relative error ({_levels()}) that any solver "
+        f"reaches, SolverAVBD is the cheapest on {cheapest:.0%} and within {WITHIN:g}x of the "
+        f"cheapest on {close:.0%}."
     )
-    return "\n\n".join([*tables, verdict])
 
 
 def _coordinates(points: list[Point]) -> tuple[Array, Array]:

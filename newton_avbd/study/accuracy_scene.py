@@ -115,21 +115,22 @@ class AccuracyScene:
         return Scene(self.name, self.summary, self.build, FRAME / substeps, vbd_ke=self.vbd_ke)
 
 
-def off_path(belongs: Callable[[Path], Array]) -> Callable[[Path], float]:
+@dataclass(frozen=True)
+class OffPath:
     """Error of centers of mass: the largest distance from where they belong, at any time.
 
-    Args:
-        belongs: Centers at the times of a path [m], shape [k, n, 3].
+    It is relative to how far the fastest body belongs from its start.
 
-    Returns:
-        The error, relative to how far the fastest body belongs from its start.
+    Attributes:
+        belongs: Centers at the times of a path [m], shape [k, n, 3].
     """
 
-    def error(path: Path) -> float:
-        right = belongs(path)
-        return farthest(path.centers - right) / farthest(right - right[0])
+    belongs: Callable[[Path], Array]
 
-    return error
+    def __call__(self, path: Path) -> float:
+        """The error of a path."""
+        right = self.belongs(path)
+        return farthest(path.centers - right) / farthest(right - right[0])
 
 
 def farthest(offsets: Array) -> float:

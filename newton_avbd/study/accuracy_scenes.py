@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd.study import pendulums
-from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, Path, farthest, off_path
+from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, OffPath, Path, farthest
 from newton_avbd.study.accuracy_simbench import SIMBENCH
 from newton_avbd.study.accuracy_solvers import CONTACT, RESTITUTION, SMOOTH
 from newton_avbd.study.chains import add_chain
@@ -305,7 +305,7 @@ def _known(
         PATH,
         build,
         seconds,
-        off_path(belongs),
+        OffPath(belongs),
         solvers,
         touching,
         sweeps,

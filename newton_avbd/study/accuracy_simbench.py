@@ -245,8 +245,7 @@ def _energy() -> AccuracyScene:
 
 STANDING = 0.46136
 """Height at which the robot's trunk comes to rest [m]: mj_step with stiff contacts has it at
-0.46137
-with 3,840 and with 7,680 steps a second, SolverXPBD(40) at 0.46134 with 3,840."""
+0.46137 with 3,840 and with 7,680 steps a second, SolverXPBD(40) at 0.46134 with 3,840."""
 
 
 def standing_error(path: Path) -> float:
