@@ -269,14 +269,15 @@ def test_verdicts_count_what_is_reached() -> None:
 
 def test_equal_cost_is_split_both_ways() -> None:
     points = [
-        _point(OURS, 10.0, 0.03, substeps=4, iterations=10),
-        _point(OURS, 10.5, 0.02, substeps=16, iterations=2),
+        _point(OURS, 10.0, 0.03, substeps=16, iterations=10),
+        _point(OURS, 10.5, 0.02, substeps=64, iterations=2),
         _point(OURS, 9.0, 0.04, substeps=1, iterations=40),
+        _point(OURS, 9.0, 0.05, substeps=4, iterations=20),
         _point(OURS, 20.0, 0.001, substeps=1, iterations=80),
     ]
-    found = split(points, Setting(4, 10))
-    assert found is not None and found.iterations is not None and found.substeps is not None
-    assert (found.base.error, found.iterations.error, found.substeps.error) == (0.03, 0.04, 0.02)
+    found = split(points, Setting(16, 10))
+    assert found is not None
+    assert (found.iterations.error, found.substeps.error) == (0.04, 0.02)
     assert split(points, Setting(2, 10)) is None
 
 

@@ -83,18 +83,15 @@ class Results:
         self._points[point.scene][point.key] = point
         if self._folder is None:
             return
-        text = json.dumps(
-            {
-                "machine": self.machine,
-                "effort": self.effort.name,
-                "points": [asdict(point) for point in self.of(point.scene)],
-            },
-            indent=0,
+        points = ",\n".join(json.dumps(asdict(known)) for known in self.of(point.scene))
+        text = (
+            f'{{\n"machine": {json.dumps(self.machine)},\n"effort": "{self.effort.name}",\n'
+            f'"points": [\n{points}\n]\n}}\n'
         )
         file = self._file(point.scene)
         # Written aside first: an interrupted run leaves a whole file behind.
         aside = file.with_suffix(".part")
-        aside.write_text(text + "\n")
+        aside.write_text(text)
         aside.replace(file)
 
     def _file(self, scene: str) -> File:

@@ -106,44 +106,50 @@ def shares(found: Iterable[Verdict]) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Split:
-    """Iterations against substeps at the cost of a setting.
+    """Two ways to spend the cost of a setting.
 
     Attributes:
-        base: The setting's point.
-        iterations: Of points in larger steps that cost as much at most, the most accurate one.
-        substeps: The same in smaller steps.
+        iterations: The most accurate point with fewer steps and more iterations.
+        substeps: The most accurate one with as many steps or more, and no more iterations.
     """
 
-    base: Point
-    iterations: Point | None
-    substeps: Point | None
+    iterations: Point
+    substeps: Point
 
 
 def split(points: Iterable[Point], base: Setting, slack: float = 1.1) -> Split | None:
-    """Compare ways to spend a cost on one scene with one solver.
+    """Compare iterations and substeps at equal cost on one scene with one solver.
 
     Args:
         points: Its points.
-        base: The setting whose cost is spent.
+        base: The setting whose cost may be spent.
         slack: What counts as equal cost.
 
     Returns:
-        The comparison; None where the setting was not measured.
+        The comparison; None where there are no points for it.
     """
     points = [point for point in usable(points) if point.setting.tolerance is None]
-    found = next((point for point in points if point.setting == base), None)
-    if found is None:
+    costs = [_cost(point) for point in points if point.setting == base]
+    most = base.iterations
+    if not costs or most is None:
         return None
-    affordable = [point for point in points if _cost(point) <= slack * _cost(found)]
+    fewer: list[Point] = []
+    more: list[Point] = []
+    for point in points:
+        substeps, iterations = point.setting.substeps, point.setting.iterations
+        if iterations is None or _cost(point) > slack * costs[0]:
+            continue
+        if substeps < base.substeps and iterations > most:
+            fewer.append(point)
+        if substeps >= base.substeps and iterations <= most:
+            more.append(point)
+    if not fewer:
+        return None
+    return Split(min(fewer, key=_error), min(more, key=_error))
 
-    def best(those: list[Point]) -> Point | None:
-        return min(those, key=lambda point: point.error or 0.0, default=None)
 
-    return Split(
-        found,
-        best([p for p in affordable if p.setting.substeps < base.substeps]),
-        best([p for p in affordable if p.setting.substeps > base.substeps]),
-    )
+def _error(point: Point) -> float:
+    return math.inf if point.error is None else point.error
 
 
 def _cost(point: Point) -> float:

@@ -175,7 +175,7 @@ def energy_error(path: Path) -> float:
 
 
 def add_quadruped(builder: newton.ModelBuilder) -> None:
-    """Add Newton's quadruped 2 m up, legs bent, without drives, limits and contacts of its own."""
+    """Add Newton's quadruped 2 m up, legs bent; its joints are free, limits as if not authored."""
     builder.default_joint_cfg.armature = 0.0
     builder.add_urdf(
         newton.examples.get_asset("quadruped.urdf"),
@@ -189,7 +189,8 @@ def add_quadruped(builder: newton.ModelBuilder) -> None:
         builder.joint_target_ke[dof] = builder.joint_target_kd[dof] = 0.0
         builder.joint_target_mode[dof] = int(newton.JointTargetMode.NONE)
         builder.joint_damping[dof] = builder.joint_friction[dof] = 0.0
-        builder.joint_limit_lower[dof], builder.joint_limit_upper[dof] = -1e6, 1e6
+        builder.joint_limit_lower[dof], builder.joint_limit_upper[dof] = -1e10, 1e10
+        builder.joint_velocity_limit[dof] = 1e6
     builder.joint_q[-12:] = [0.03, 0.4, -0.8, -0.03, 0.4, -0.8, 0.03, -0.4, 0.8, -0.03, -0.4, 0.8]
     robots.place(builder)
 
