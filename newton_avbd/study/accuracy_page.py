@@ -4,6 +4,7 @@
 """Plots of error against cost, and the tables that follow from them."""
 
 import math
+from dataclasses import replace
 from pathlib import Path as File
 
 import numpy as np
@@ -25,13 +26,13 @@ from newton_avbd.study.accuracy_solvers import MEASURED, Setting
 from newton_avbd.study.measure import Array
 
 PRESETS: dict[str, Setting] = {
-    "fast": Setting(1, 10),
+    "resting": Setting(1, 40),
     "everyday": Setting(4, 10),
-    "accurate": Setting(16, 40),
+    "moving": Setting(16, 10),
 }
 """Settings of SolverAVBD that are recommended."""
 
-EQUAL_COST = Setting(16, 10)
+EQUAL_COST = PRESETS["moving"]
 """Setting at whose cost iterations and substeps are compared."""
 
 COLORS = {
@@ -78,11 +79,18 @@ def write_plot(scene: AccuracyScene, points: list[Point], file: File) -> None:
                 for name, preset in PRESETS.items():
                     point = _at(group, preset)
                     if point is not None:
-                        axes.annotate(name, (point.cost, point.error), fontsize=8)
+                        axes.annotate(
+                            name,
+                            (point.cost, point.error),
+                            xytext=(3.0, 3.0),
+                            textcoords="offset points",
+                            fontsize=8,
+                        )
         axes.set(xscale="log", yscale="log")
         axes.set_xlabel("computing for a simulated second [ms]")
         axes.set_ylabel("relative error")
         axes.set_title(f"{scene.name}: {scene.summary}", fontsize=9)
+        axes.minorticks_off()
         axes.grid(alpha=0.3)
         if axes.get_legend_handles_labels()[0]:
             axes.legend(fontsize=8)
@@ -214,13 +222,11 @@ def _coordinates(points: list[Point]) -> tuple[Array, Array]:
 
 
 def _at(points: list[Point], setting: Setting) -> Point | None:
-    """The point of a setting; where iterations make no difference, of any number of them."""
-    for point in points:
-        if point.setting == setting:
-            return point
-    if any((p.setting.iterations or 0) >= (setting.iterations or 0) for p in points):
-        return None
-    return next((p for p in points if p.setting.substeps == setting.substeps), None)
+    """The point of a setting; with the only number of iterations, where only one was tried."""
+    iterations = {point.setting.iterations for point in points}
+    if len(iterations) == 1:
+        setting = replace(setting, iterations=iterations.pop())
+    return next((point for point in points if point.setting == setting), None)
 
 
 def _scenes(points: list[Point]) -> list[str]:
