@@ -510,6 +510,31 @@ class LoopWork:
 
 
 @wp.struct
+class PileWork:
+    """Free bodies that contacts link, as a forest; by body slot unless it says otherwise."""
+
+    parent: wp.array[wp.int32]
+    """Slot of the body that a body is linked to; -1 at a root, -2 outside of piles."""
+    order: wp.array[wp.int32]
+    """Bodies of the piles of a world from its first place on, each after its parent."""
+    end: wp.array[wp.int32]
+    """Where the list of each world ends, shape (world_count,)."""
+    mass: wp.array[float]
+    """Mass of the body and of all that is linked behind it [kg]."""
+    ll: wp.array[wp.mat33]
+    """Block of the body and of what is linked behind it, without the link to its parent."""
+    al: wp.array[wp.mat33]
+    aa: wp.array[wp.mat33]
+    link_ll: wp.array[wp.mat33]
+    """Curvature of the link to the parent, about the COM of the body."""
+    link_al: wp.array[wp.mat33]
+    link_aa: wp.array[wp.mat33]
+    push: wp.array[wp.spatial_vector]
+    """Wrench on the body and on what is linked behind it [N, N m]."""
+    update: wp.array[wp.spatial_vector]
+
+
+@wp.struct
 class RowWork:
     """Contact rows of the step; see the module docstring for the order of rows."""
 
@@ -540,6 +565,7 @@ class RowWork:
     other_start: wp.array[wp.int32]
     other_end: wp.array[wp.int32]
     other_rows: wp.array[wp.int32]
+    piles: PileWork
 
 
 @wp.struct

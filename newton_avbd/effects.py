@@ -57,6 +57,8 @@ class Effects:
     """A joint that breaks at some force or torque."""
     compliance: bool = False
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
+    piles: bool = False
+    """Free bodies in contact are solved at once."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
     friction_mix: str = "geometric_average"
@@ -78,6 +80,7 @@ class Effects:
         model: newton.Model,
         topology: Topology,
         *,
+        piles: bool,
         compliance: bool,
         ramp: bool,
         friction_mix: str,
@@ -91,6 +94,7 @@ class Effects:
         mu = model.shape_material_mu.numpy() if contact else np.zeros(0)
         return cls(
             contact=contact,
+            piles=piles and contact and not ramp,
             friction=bool(np.any(mu > 0.0)),
             gyroscopic=_has_unequal_moments(model),
             joint_force=bool(np.any(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))),
@@ -169,6 +173,7 @@ class Effects:
         return dataclasses.replace(
             self,
             contact=False,
+            piles=False,
             friction=False,
             angular_friction=False,
             restitution=False,

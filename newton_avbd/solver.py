@@ -30,6 +30,7 @@ from .execute.observables import (
     export_contact_force,
     make_export_parent_force,
 )
+from .execute.piles import OUTSIDE
 from .execute.world import make_solve
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
@@ -666,6 +667,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self.effects = Effects.of_model(
             self.model,
             topology,
+            piles=self._blocks == "articulation",
             compliance=self._compliance,
             ramp=self._ramp,
             friction_mix=self._friction_mix,
@@ -709,9 +711,28 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._history.step = wp.zeros(self._world_count, dtype=float)
             self._history.age = wp.zeros(self._world_count, dtype=wp.int32)
 
+        self._allocate_piles()
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
+
+    def _allocate_piles(self) -> None:
+        """Buffers for the piles of free bodies, by body slot."""
+        if not self.effects.piles:
+            return
+        piles = data.PileWork()
+        slots = self.model.body_count + 1
+        with wp.ScopedDevice(self.device):
+            # the static world, in the last slot, is in no pile
+            piles.parent = wp.full(slots, value=OUTSIDE, dtype=wp.int32)
+            piles.order = wp.zeros(slots, dtype=wp.int32)
+            piles.end = wp.zeros(self._world_count, dtype=wp.int32)
+            piles.mass = wp.zeros(slots, dtype=float)
+            for block in ("ll", "al", "aa", "link_ll", "link_al", "link_aa"):
+                setattr(piles, block, wp.zeros(slots, dtype=wp.mat33))
+            piles.push = wp.zeros(slots, dtype=wp.spatial_vector)
+            piles.update = wp.zeros(slots, dtype=wp.spatial_vector)
+        self._rows.piles = piles
 
     def _allocate_trees(self, topology: Topology) -> None:
         """Buffers for the trees of joints, by body slot."""

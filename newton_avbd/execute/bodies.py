@@ -141,6 +141,14 @@ def make_wrench(effects: Effects) -> wp.Function:
 
 
 @wp.func
+def moved_by(body: int, update: wp.spatial_vector, work: BodyWork) -> float:
+    """Square of how far an update moves a body [m^2], a turn by its radius of gyration."""
+    shift = wp.spatial_top(update)
+    turn = wp.spatial_bottom(update)
+    return wp.dot(shift, shift) + wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
+
+
+@wp.func
 def has_rows(rows: RowWork, body: int) -> bool:
     """Whether anything touches the body."""
     return (

@@ -27,6 +27,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from .piles import mass_behind
 
 FAR = wp.constant(0.2)
 """An anchor that moved more than this share of its lever arm is another contact's."""
@@ -189,8 +190,8 @@ def override(value: float, default: float) -> float:
 
 
 @functools.cache
-def make_build_rows(effects: Effects) -> wp.Function:
-    """Device function that builds the rows that a body owns, warm-started and penalised."""
+def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
+    """Device functions that build the rows of a body, and give them their penalties."""
     mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
 
     @wp.func
@@ -283,6 +284,10 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     rows.spin[index] = spin
                 rows.rows[index] = row
                 history.records[1 - side, index] = record
+                if work.inv_mass[row.b] > 0.0:
+                    other = rows.other_end[row.b]
+                    rows.other_rows[other] = index
+                    rows.other_end[row.b] = other + 1
                 index += 1
         rows.owned_end[body] = index
 
@@ -322,13 +327,9 @@ def make_build_rows(effects: Effects) -> wp.Function:
         rows: RowWork,
         history: History,
     ) -> float:
-        """Gives a body's rows their penalties, drops those that cannot matter, lists the rest.
-
-        Returns the deepest penetration [m].
-        """
+        """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
         side = 1 - history.parity[world]
         deepest = float(0.0)
-        index = int(rows.owned_start[body])
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
             record = history.records[side, i]
@@ -344,10 +345,10 @@ def make_build_rows(effects: Effects) -> wp.Function:
             if wp.static(effects.moving_surfaces):
                 drift = scale.h * contacts.surface_velocity[contact]
                 drift -= row.normal * wp.dot(row.normal, drift)
-                rows.drift[index] = wp.where(row.contact >= 0, drift, -drift)
-                u += rows.drift[index]
+                rows.drift[i] = wp.where(row.contact >= 0, drift, -drift)
+                u += rows.drift[i]
             elif wp.static(effects.restitution):
-                rows.drift[index] = wp.vec3(0.0)
+                rows.drift[i] = wp.vec3(0.0)
             stiffness = float(0.0)
             damping = float(0.0)
             if wp.static(effects.ramp or effects.compliance):
@@ -358,8 +359,8 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     damping = override(contacts.damping[contact], damping)
             if wp.static(effects.ramp):
                 row.k_n = ramp_rows.warm_penalty(record.penalty, stiffness)
-                rows.stiffness[index] = stiffness
-                rows.damping[index] = damping
+                rows.stiffness[i] = stiffness
+                rows.damping[i] = damping
             else:
                 mass = contact_rows.effective_mass(
                     row.normal,
@@ -369,10 +370,12 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     work.inv_inertia[body],
                     work.inv_inertia[row.b],
                 )
+                if wp.static(effects.piles):
+                    mass = wp.max(mass, contact_rows.LINK_WEIGHT * mass_behind(row, work, rows))
                 load = contact_rows.carried_mass(row, scale)
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(row, mass, load, u, stiffness, damping, scale)
-                    rows.share[index] = share
+                    rows.share[i] = share
                 else:
                     row = contact_rows.penalise(row, mass, load, u, scale)
                 if wp.static(effects.angular_friction):
@@ -383,7 +386,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
                     spin.mu_roll = mixed_friction(
                         shapes.mu_rolling[record.shape0], shapes.mu_rolling[record.shape1]
                     )
-                    rows.spin[index] = spin_rows.penalise(
+                    rows.spin[i] = spin_rows.penalise(
                         spin,
                         row.normal,
                         work.inv_inertia[body] + work.inv_inertia[row.b],
@@ -391,24 +394,14 @@ def make_build_rows(effects: Effects) -> wp.Function:
                         contact_rows.expected_force(row, mass, u, scale.h),
                         scale.h,
                     )
-
-            if row.k_n > 0.0:
-                rows.rows[index] = row
-                if index < i:
-                    history.records[side, index] = record
-                if wp.static(effects.matching):
-                    history.row_of_contact[side, contact] = index
-                if work.inv_mass[row.b] > 0.0:
-                    other = rows.other_end[row.b]
-                    rows.other_rows[other] = index
-                    rows.other_end[row.b] = other + 1
-                deepest = wp.max(deepest, -row.gap)
-                index += 1
-        rows.owned_end[body] = index
+            rows.rows[i] = row
+            if wp.static(effects.matching):
+                history.row_of_contact[side, contact] = i
+            deepest = wp.max(deepest, -row.gap)
         return deepest
 
     @wp.func
-    def build_rows(
+    def find_rows(
         world: int,
         body: int,
         scale: WorldScale,
@@ -419,17 +412,16 @@ def make_build_rows(effects: Effects) -> wp.Function:
         work: BodyWork,
         rows: RowWork,
         history: History,
-    ) -> float:
-        """Builds the rows that a body owns; returns their deepest penetration [m]."""
+    ):
+        """Builds the rows that a body owns, with what is remembered of their forces."""
         linearise_rows(world, body, scale, body_q, model, shapes, contacts, work, rows, history)
         if wp.static(effects.matching):
             if not is_matched(history, world, contacts):
                 recall_multipliers(world, body, rows, history)
         else:
             recall_multipliers(world, body, rows, history)
-        return penalise_rows(world, body, scale, shapes, contacts, work, rows, history)
 
-    return build_rows
+    return find_rows, penalise_rows
 
 
 @wp.func

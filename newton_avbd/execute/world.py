@@ -28,14 +28,15 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
-from .bodies import has_rows, pose_sum, report_held, vector_sum
+from .bodies import has_rows, moved_by, pose_sum, report_held, vector_sum
 from .breaking import make_break_joints
 from .closures import make_closures
-from .contacts import make_build_rows
+from .contacts import make_rows
 from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
 from .islands import begin_island, join_islands, keep_momentum
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
+from .piles import in_pile, is_link, make_piles
 from .trees import ROUNDING, is_linked, make_trees, place_body
 
 FUSED = "-ffp-contract=fast"
@@ -65,27 +66,6 @@ def is_tree(first: int, end: int, body: int, tree: TreeWork) -> bool:
 def is_same_block(worlds: WorldWork, a: int, b: int) -> bool:
     """Whether two bodies move at once."""
     return worlds.block_end[worlds.rank[a]] == worlds.block_end[worlds.rank[b]]
-
-
-@wp.func
-def shared_row(row: ContactRow, worlds: WorldWork) -> ContactRow:
-    """The row as the block of one of its bodies sees it.
-
-    Where both bodies belong to one block they move at once. Leaving out what couples them, twice
-    the curvature on each is still an upper bound: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2.
-    """
-    out = row
-    if is_same_block(worlds, row.a, row.b):
-        out.k_n = 2.0 * row.k_n
-        out.k_t = 2.0 * row.k_t
-    return out
-
-
-@wp.func
-def spin_curvature(i: int, row: ContactRow, worlds: WorldWork, rows: RowWork) -> wp.mat33:
-    """Curvature of a row's torsional and rolling friction, shared as in :func:`shared_row`."""
-    share = wp.where(is_same_block(worlds, row.a, row.b), 2.0, 1.0)
-    return share * spin_rows.curvature(rows.spin[i], row.normal)
 
 
 @wp.func
@@ -334,10 +314,7 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
         work.increment[body] = work.increment[body] + update
         if wp.static(effects.loops):
             place_body(body, body_q, work, tree)
-        shift = wp.spatial_top(update)
-        turn = wp.spatial_bottom(update)
-        turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
-        return wp.dot(shift, shift) + turned
+        return moved_by(body, update, work)
 
     return sweep
 
@@ -346,7 +323,7 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
 def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     measure_world = make_measure_world(effects)
-    build_rows = make_build_rows(effects)
+    find_rows, penalise_rows = make_rows(effects)
     impacts = make_impacts(effects)
     find_impacts = impacts.find_impacts
     release_impacts = impacts.release_impacts
@@ -357,6 +334,24 @@ def make_solve(effects: Effects) -> wp.Kernel:
     loop_curvature = loop_functions.loop_curvature
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+
+    @wp.func
+    def share_of(row: ContactRow, worlds: WorldWork, rows: RowWork) -> float:
+        """What the block of one of its bodies sees of a row's curvature.
+
+        The link of a pile is solved for itself. Where both bodies move at once all the same, twice
+        the curvature on each is an upper bound of what couples them: (u_b - u_a)^2 <= 2 u_a^2 +
+        2 u_b^2.
+        """
+        if wp.static(effects.piles):
+            if is_link(row, rows):
+                return 0.0
+            if in_pile(rows, row.a) and in_pile(rows, row.b):
+                return 2.0
+        if wp.static(effects.joints):
+            if is_same_block(worlds, row.a, row.b):
+                return 2.0
+        return 1.0
 
     @wp.func
     def assemble_body(
@@ -380,19 +375,22 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if wp.static(effects.contact):
             for i in range(rows.owned_start[body], rows.owned_end[body]):
                 row = rows.rows[i]
-                if wp.static(effects.joints):
-                    row = shared_row(row, worlds)
+                share = share_of(row, worlds, rows)
+                row.k_n *= share
+                row.k_t *= share
                 h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
                 if wp.static(effects.angular_friction):
-                    h_aa += spin_curvature(i, row, worlds, rows)
+                    h_aa += share * spin_rows.curvature(rows.spin[i], row.normal)
             for i in range(rows.other_start[body], rows.other_end[body]):
                 row = rows.rows[rows.other_rows[i]]
                 arm = row.arm + (work.com[row.a] - work.com[body])
-                if wp.static(effects.joints):
-                    row = shared_row(row, worlds)
+                share = share_of(row, worlds, rows)
+                row.k_n *= share
+                row.k_t *= share
                 h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
                 if wp.static(effects.angular_friction):
-                    h_aa += spin_curvature(rows.other_rows[i], row, worlds, rows)
+                    spin = rows.spin[rows.other_rows[i]]
+                    h_aa += share * spin_rows.curvature(spin, row.normal)
         if wp.static(effects.loops):
             for k in range(loops.body_start[body], loops.body_start[body + 1]):
                 item = loops.items[k]
@@ -417,6 +415,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     sweep_body = make_sweep(effects, gather)
+    piles = make_piles(effects, gather)
+    link_piles = piles.link_piles
+    factor_piles = piles.factor_piles
+    sweep_piles = piles.sweep_piles
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
     begin_closures = closures.begin_closures
@@ -595,6 +597,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 is_held = has_rows(rows, body)
             if wp.static(effects.loops):
                 is_held = is_held or has_loops(loops, body)
+            if wp.static(effects.piles):
+                is_held = is_held and not in_pile(rows, body)
             if work.inv_mass[body] > 0.0 and is_held:
                 if wp.static(effects.ramp):
                     sweep_body_ramped(body, h, model, work, rows)
@@ -619,6 +623,27 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         ),
                     )
             first = end
+        if wp.static(effects.piles):
+            farthest = wp.max(
+                farthest,
+                sweep_piles(
+                    world,
+                    has_dual,
+                    recovery,
+                    slop,
+                    h,
+                    body_q,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                ),
+            )
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 loop_wrench(
@@ -825,21 +850,24 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if contact_count > 0:
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
-                    deepest = wp.max(
-                        deepest,
-                        build_rows(
-                            world,
-                            body,
-                            scale,
-                            body_q,
-                            model,
-                            shapes,
-                            contacts,
-                            work,
-                            rows,
-                            history,
-                        ),
+                    find_rows(
+                        world,
+                        body,
+                        scale,
+                        body_q,
+                        model,
+                        shapes,
+                        contacts,
+                        work,
+                        rows,
+                        history,
                     )
+                if wp.static(effects.piles):
+                    link_piles(world, model, worlds, work, rows, tree)
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    depth = penalise_rows(world, body, scale, shapes, contacts, work, rows, history)
+                    deepest = wp.max(deepest, depth)
             if wp.static(effects.restitution):
                 if contact_count > 0:
                     has_impacts = find_impacts(
@@ -912,7 +940,15 @@ def make_solve(effects: Effects) -> wp.Kernel:
                             tree.own_al[body] = h_al
                             tree.own_aa[body] = h_aa
                     else:
-                        work.factor[body] = factor_block(h_ll, h_al, h_aa)
+                        is_alone = bool(True)
+                        if wp.static(effects.piles):
+                            if in_pile(rows, body):
+                                is_alone = False
+                                rows.piles.ll[body] = h_ll
+                                rows.piles.al[body] = h_al
+                                rows.piles.aa[body] = h_aa
+                        if is_alone:
+                            work.factor[body] = factor_block(h_ll, h_al, h_aa)
                 if wp.static(effects.joints and effects.contact):
                     if tree.joint[body] >= 0:
                         join_islands(islands, worlds, work, body, tree.parent[body])
@@ -923,6 +959,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     if wp.static(effects.gyroscopic):
                         # constraints see the mean spin over the step, and so does the velocity
                         work.spin_gain[body] = wp.vec3(0.0)
+        if wp.static(effects.piles):
+            factor_piles(world, worlds, work, rows)
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps

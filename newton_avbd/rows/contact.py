@@ -15,6 +15,7 @@ lambda <- F. Penalties are constant during a step, so the curvature k J^T J of a
 not, majorises the objective and each body's block is factored once a step.
 """
 
+
 import warp as wp
 
 from ..data import ContactRow, WorldScale
@@ -23,6 +24,8 @@ PENALTY = wp.constant(10.0)
 """Normal penalty in units of effective mass / h^2."""
 LOAD_WEIGHT = wp.constant(0.1)
 """Weight of the carried mass (multiplier over gravity) against the effective mass."""
+LINK_WEIGHT = wp.constant(float(os.environ.get("LINKW", "0.3")))
+"""Weight of the mass behind a link of a pile against the effective mass."""
 TANGENT_RATIO = wp.constant(0.3)
 """Tangential penalty over normal penalty."""
 RELEASE_RATIO = wp.constant(0.15)
@@ -170,7 +173,7 @@ def slides(row: ContactRow, k_t: float, u: wp.vec3, f_n: float) -> bool:
 
 @wp.func
 def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: WorldScale):
-    """The row with its penalties for this step; k_n = 0 where the row cannot matter.
+    """The row with its penalties for this step.
 
     The row is classified once a step, by the motion that the bodies would have without it: the
     curvature of rows that are about to open, or to slide, would only hold the bodies back.
@@ -190,8 +193,6 @@ def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: World
     if f_n <= 0.0:
         out.force = wp.vec3(0.0)
         k = RELEASE_RATIO * k
-        if row.gap + wp.min(u_n, 0.0) > scale.reach:
-            k = 0.0
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
     if f_n > 0.0 and slides(row, out.k_t, u, f_n):
@@ -243,8 +244,6 @@ def comply(
     if row.gap + wp.min(u_n, 0.0) > 0.0:
         out.force = wp.vec3(0.0)
         k = RELEASE_RATIO * k
-        if row.gap + wp.min(u_n, 0.0) > scale.reach:
-            k = 0.0
     total = stiffness + damping / scale.h
     if total <= 0.0:
         out.k_n = 0.0

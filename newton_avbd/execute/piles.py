@@ -1,0 +1,316 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Piles: free bodies that contacts link are one block.
+
+Body by body a load goes one contact further in each sweep and halves on the way: ten light boxes
+under a heavy one do not feel it for dozens of sweeps. So all bodies of a pile move at once. Its
+contacts make a graph; breadth first from what the ground carries, each body is linked to the one it
+was reached from. The rows of a link act on the motion of the body against its parent's,
+
+    d = delta - T delta_p,    Q = sum of k J^T J of the link's rows,
+
+and elimination from the outermost bodies inwards solves the forest of links in time proportional to
+its size. With H the block of a body and of what is linked behind it, less the link itself, what its
+parent feels of both is
+
+    Q - Q (H + Q)^-1 Q = H (H + Q)^-1 Q,
+
+the two in series. Rows that are no link are seen by both bodies as if the other stood still, with
+twice their curvature, which is an upper bound: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2.
+
+Since nothing has to travel, the penalty of a link can be as large as the mass behind it asks for.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..algebra.block import factor_block, solve_block
+from ..blocks.tree import carried, handed_down, span_block, times_block
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ContactRow,
+    ControlInput,
+    History,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from ..rows import spin as spin_rows
+from .bodies import moved_by
+from .trees import place_body
+
+ROOT = wp.constant(-1)
+"""Parent of a body from which its pile was reached."""
+OUTSIDE = wp.constant(-2)
+"""Parent of a body that belongs to no pile."""
+_UNSEEN = wp.constant(-3)
+
+
+@wp.func
+def in_pile(rows: RowWork, slot: int) -> bool:
+    """Whether a body moves with a pile."""
+    return rows.piles.parent[slot] >= ROOT
+
+
+@wp.func
+def is_link(row: ContactRow, rows: RowWork) -> bool:
+    """Whether the row belongs to the link of one of its bodies to the other."""
+    return rows.piles.parent[row.b] == row.a or rows.piles.parent[row.a] == row.b
+
+
+@wp.func
+def mass_behind(row: ContactRow, work: BodyWork, rows: RowWork) -> float:
+    """Mass that the ground, or the rest of the pile, holds by this row [kg]; 0 if it is no link."""
+    if rows.piles.parent[row.b] == row.a:
+        return rows.piles.mass[row.b]
+    parent = rows.piles.parent[row.a]
+    if parent == row.b or (parent == ROOT and work.inv_mass[row.b] == 0.0):
+        return rows.piles.mass[row.a]
+    return 0.0
+
+
+@wp.func
+def row_count(body: int, rows: RowWork) -> int:
+    """Number of rows of a body."""
+    owned = rows.owned_end[body] - rows.owned_start[body]
+    return owned + rows.other_end[body] - rows.other_start[body]
+
+
+@wp.func
+def row_of(body: int, i: int, rows: RowWork) -> int:
+    """The i-th row of a body: first those it owns, then the others."""
+    owned = rows.owned_end[body] - rows.owned_start[body]
+    if i < owned:
+        return rows.owned_start[body] + i
+    return rows.other_rows[rows.other_start[body] + i - owned]
+
+
+@wp.func
+def is_grounded(body: int, work: BodyWork, rows: RowWork) -> bool:
+    """Whether a body has a contact with something that the solver does not move."""
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        if work.inv_mass[rows.rows[i].b] == 0.0:
+            return True
+    return False
+
+
+@wp.func
+def reach(slot: int, parent: int, at: int, rows: RowWork) -> int:
+    """Links a body to its parent, if it has not been reached before; returns where to list more."""
+    if rows.piles.parent[slot] != _UNSEEN:
+        return at
+    rows.piles.parent[slot] = parent
+    rows.piles.order[at] = slot
+    return at + 1
+
+
+@dataclass(frozen=True)
+class PileFunctions:
+    """Device functions for the piles of a world, which ``order`` lists from its first place on."""
+
+    link_piles: wp.Function
+    """Finds the piles of a world and the mass behind each link."""
+    factor_piles: wp.Function
+    """Eliminates the bodies of all piles, whose own blocks have been assembled."""
+    sweep_piles: wp.Function
+    """Moves all piles to the minimum of their quadratic model.
+
+    Returns the square of how far that moved a body [m^2], a turn by its radius of gyration.
+    """
+
+
+def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
+    """Device functions that solve piles; ``gather`` sums what pulls a body."""
+
+    @wp.func
+    def is_alone(first: int, i: int, worlds: WorldWork, tree: TreeWork) -> bool:
+        """Whether the i-th body is no part of a tree of joints."""
+        if wp.static(not effects.joints):
+            return True
+        is_first = i == first or worlds.block_end[i - 1] == i
+        return is_first and worlds.block_end[i] == i + 1 and tree.joint[worlds.bodies[i]] < 0
+
+    @wp.func
+    def link_piles(
+        world: int,
+        model: BodyModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+    ):
+        first = worlds.body_start[world]
+        last = worlds.body_start[world + 1]
+        for i in range(first, last):
+            body = worlds.bodies[i]
+            rows.piles.parent[body] = OUTSIDE
+            if work.inv_mass[body] > 0.0 and row_count(body, rows) > 0:
+                if is_alone(first, i, worlds, tree):
+                    rows.piles.parent[body] = _UNSEEN
+                    rows.piles.mass[body] = model.mass[body]
+        end = int(first)
+        for i in range(first, last):
+            if is_grounded(worlds.bodies[i], work, rows):
+                end = reach(worlds.bodies[i], ROOT, end, rows)
+        at = int(first)
+        for i in range(first, last):
+            # what the ground does not carry starts from its first body
+            if at == end:
+                end = reach(worlds.bodies[i], ROOT, end, rows)
+            while at < end:
+                body = rows.piles.order[at]
+                for k in range(row_count(body, rows)):
+                    row = rows.rows[row_of(body, k, rows)]
+                    end = reach(row.a + row.b - body, body, end, rows)
+                at += 1
+        while at > first:
+            at -= 1
+            body = rows.piles.order[at]
+            parent = rows.piles.parent[body]
+            if parent >= 0:
+                rows.piles.mass[parent] = rows.piles.mass[parent] + rows.piles.mass[body]
+        rows.piles.end[world] = end
+
+    @wp.func
+    def link_block(body: int, work: BodyWork, rows: RowWork):
+        """Curvature of the rows that link a body to its parent, about its COM."""
+        ll = wp.mat33(0.0)
+        al = wp.mat33(0.0)
+        aa = wp.mat33(0.0)
+        parent = rows.piles.parent[body]
+        for i in range(row_count(body, rows)):
+            k = row_of(body, i, rows)
+            row = rows.rows[k]
+            if row.a + row.b - body == parent:
+                arm = row.arm + (work.com[row.a] - work.com[body])
+                ll, al, aa = contact_rows.curvature(row, arm, ll, al, aa)
+                if wp.static(effects.angular_friction):
+                    aa += spin_rows.curvature(rows.spin[k], row.normal)
+        return ll, al, aa
+
+    @wp.func
+    def factor_piles(world: int, worlds: WorldWork, work: BodyWork, rows: RowWork):
+        piles = rows.piles
+        at = int(piles.end[world])
+        while at > worlds.body_start[world]:
+            at -= 1
+            body = piles.order[at]
+            parent = piles.parent[body]
+            h_ll = piles.ll[body]
+            h_al = piles.al[body]
+            h_aa = piles.aa[body]
+            if parent < 0:
+                work.factor[body] = factor_block(h_ll, h_al, h_aa)
+            else:
+                q_ll, q_al, q_aa = link_block(body, work, rows)
+                piles.link_ll[body] = q_ll
+                piles.link_al[body] = q_al
+                piles.link_aa[body] = q_aa
+                factor = factor_block(h_ll + q_ll, h_al + q_al, h_aa + q_aa)
+                work.factor[body] = factor
+                ll = wp.mat33(0.0)
+                al = wp.mat33(0.0)
+                aa = wp.mat33(0.0)
+                for axis in range(3):
+                    unit = wp.vec3(0.0)
+                    unit[axis] = 1.0
+                    along = solve_block(factor, q_ll * unit, q_al * unit)
+                    around = solve_block(factor, wp.transpose(q_al) * unit, q_aa * unit)
+                    along = times_block(h_ll, h_al, h_aa, along)
+                    around = times_block(h_ll, h_al, h_aa, around)
+                    ll += wp.outer(wp.spatial_top(along), unit)
+                    al += wp.outer(wp.spatial_bottom(along), unit)
+                    aa += wp.outer(wp.spatial_bottom(around), unit)
+                # symmetric but for rounding
+                ll = 0.5 * (ll + wp.transpose(ll))
+                aa = 0.5 * (aa + wp.transpose(aa))
+                ll, al, aa = span_block(work.com[body] - work.com[parent], ll, al, aa)
+                piles.ll[parent] = piles.ll[parent] + ll
+                piles.al[parent] = piles.al[parent] + al
+                piles.aa[parent] = piles.aa[parent] + aa
+
+    @wp.func
+    def link_wrench(body: int, motion: wp.spatial_vector, rows: RowWork) -> wp.spatial_vector:
+        """Wrench that a motion in its link makes at the COM of a body."""
+        piles = rows.piles
+        return times_block(piles.link_ll[body], piles.link_al[body], piles.link_aa[body], motion)
+
+    @wp.func
+    def sweep_piles(
+        world: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ) -> float:
+        first = worlds.body_start[world]
+        end = rows.piles.end[world]
+        if end == first:
+            return 0.0
+        # in the order of visits, which says who owns a row and updates it
+        for i in range(first, worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if in_pile(rows, body):
+                rows.piles.push[body] = gather(
+                    body,
+                    has_dual,
+                    recovery,
+                    slop,
+                    h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+        at = int(end)
+        while at > first:
+            at -= 1
+            body = rows.piles.order[at]
+            parent = rows.piles.parent[body]
+            push = rows.piles.push[body]
+            alone = solve_block(work.factor[body], wp.spatial_top(push), wp.spatial_bottom(push))
+            rows.piles.update[body] = alone
+            if parent >= 0:
+                span = work.com[body] - work.com[parent]
+                load = handed_down(span, link_wrench(body, alone, rows))
+                rows.piles.push[parent] = rows.piles.push[parent] + load
+        farthest = float(0.0)
+        while at < end:
+            body = rows.piles.order[at]
+            parent = rows.piles.parent[body]
+            update = rows.piles.update[body]
+            if parent >= 0:
+                span = work.com[body] - work.com[parent]
+                pull = link_wrench(body, carried(span, rows.piles.update[parent]), rows)
+                update += solve_block(
+                    work.factor[body], wp.spatial_top(pull), wp.spatial_bottom(pull)
+                )
+                rows.piles.update[body] = update
+            work.increment[body] = work.increment[body] + update
+            if wp.static(effects.loops):
+                place_body(body, body_q, work, tree)
+            farthest = wp.max(farthest, moved_by(body, update, work))
+            at += 1
+        return farthest
+
+    return PileFunctions(link_piles, factor_piles, sweep_piles)
