@@ -24,7 +24,7 @@ PENALTY = wp.constant(10.0)
 """Normal penalty in units of effective mass / h^2."""
 LOAD_WEIGHT = wp.constant(0.1)
 """Weight of the carried mass (multiplier over gravity) against the effective mass."""
-LINK_WEIGHT = wp.constant(float(os.environ.get("LINKW", "0.3")))
+LINK_WEIGHT = wp.constant(0.3)
 """Weight of the mass behind a link of a pile against the effective mass."""
 TANGENT_RATIO = wp.constant(0.3)
 """Tangential penalty over normal penalty."""
