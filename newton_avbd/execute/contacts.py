@@ -27,7 +27,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
-from .piles import mass_behind
+from .piles import LINK_WEIGHT, mass_behind
 
 FAR = wp.constant(0.2)
 """An anchor that moved more than this share of its lever arm is another contact's."""
@@ -371,7 +371,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     work.inv_inertia[row.b],
                 )
                 if wp.static(effects.piles):
-                    mass = wp.max(mass, contact_rows.LINK_WEIGHT * mass_behind(row, work, rows))
+                    mass = wp.max(mass, LINK_WEIGHT * mass_behind(row, work, rows))
                 load = contact_rows.carried_mass(row, scale)
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(row, mass, load, u, stiffness, damping, scale)

@@ -51,6 +51,9 @@ OUTSIDE = wp.constant(-2)
 """Parent of a body that belongs to no pile."""
 _UNSEEN = wp.constant(-3)
 
+LINK_WEIGHT = wp.constant(0.3)
+"""Weight of the mass behind a link against the effective mass of the link's rows."""
+
 
 @wp.func
 def in_pile(rows: RowWork, slot: int) -> bool:
@@ -73,6 +76,14 @@ def mass_behind(row: ContactRow, work: BodyWork, rows: RowWork) -> float:
     if parent == row.b or (parent == ROOT and work.inv_mass[row.b] == 0.0):
         return rows.piles.mass[row.a]
     return 0.0
+
+
+@wp.func
+def has_joints(i: int, worlds: WorldWork, tree: TreeWork) -> bool:
+    """Whether the i-th body moves with others that joints link to it."""
+    if tree.joint[worlds.bodies[i]] >= 0 or worlds.block_end[i] > i + 1:
+        return True
+    return i > 0 and worlds.block_end[i - 1] == i + 1
 
 
 @wp.func
@@ -129,14 +140,6 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
     """Device functions that solve piles; ``gather`` sums what pulls a body."""
 
     @wp.func
-    def is_alone(first: int, i: int, worlds: WorldWork, tree: TreeWork) -> bool:
-        """Whether the i-th body is no part of a tree of joints."""
-        if wp.static(not effects.joints):
-            return True
-        is_first = i == first or worlds.block_end[i - 1] == i
-        return is_first and worlds.block_end[i] == i + 1 and tree.joint[worlds.bodies[i]] < 0
-
-    @wp.func
     def link_piles(
         world: int,
         model: BodyModel,
@@ -149,11 +152,11 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
         last = worlds.body_start[world + 1]
         for i in range(first, last):
             body = worlds.bodies[i]
-            rows.piles.parent[body] = OUTSIDE
-            if work.inv_mass[body] > 0.0 and row_count(body, rows) > 0:
-                if is_alone(first, i, worlds, tree):
-                    rows.piles.parent[body] = _UNSEEN
-                    rows.piles.mass[body] = model.mass[body]
+            rows.piles.mass[body] = model.mass[body]
+            is_loose = work.inv_mass[body] > 0.0 and row_count(body, rows) > 0
+            if wp.static(effects.joints):
+                is_loose = is_loose and not has_joints(i, worlds, tree)
+            rows.piles.parent[body] = wp.where(is_loose, _UNSEEN, OUTSIDE)
         end = int(first)
         for i in range(first, last):
             if is_grounded(worlds.bodies[i], work, rows):

@@ -862,8 +862,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         rows,
                         history,
                     )
-                if wp.static(effects.piles):
-                    link_piles(world, model, worlds, work, rows, tree)
+            if wp.static(effects.piles):
+                link_piles(world, model, worlds, work, rows, tree)
+            if contact_count > 0:
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
                     depth = penalise_rows(world, body, scale, shapes, contacts, work, rows, history)

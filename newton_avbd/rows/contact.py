@@ -15,7 +15,6 @@ lambda <- F. Penalties are constant during a step, so the curvature k J^T J of a
 not, majorises the objective and each body's block is factored once a step.
 """
 
-
 import warp as wp
 
 from ..data import ContactRow, WorldScale
@@ -24,8 +23,6 @@ PENALTY = wp.constant(10.0)
 """Normal penalty in units of effective mass / h^2."""
 LOAD_WEIGHT = wp.constant(0.1)
 """Weight of the carried mass (multiplier over gravity) against the effective mass."""
-LINK_WEIGHT = wp.constant(0.3)
-"""Weight of the mass behind a link of a pile against the effective mass."""
 TANGENT_RATIO = wp.constant(0.3)
 """Tangential penalty over normal penalty."""
 RELEASE_RATIO = wp.constant(0.15)
