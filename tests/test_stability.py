@@ -24,6 +24,10 @@ from newton_avbd.study.hard_cases import CASES, GROUPS
 QUICK = {
     "stack_20": 0.5,
     "heavy_on_light_100": 0.5,
+    "heavy_on_ten_1000": 0.5,
+    "heavy_dropped_1000": 0.6,
+    "light_between_heavy_100000": 0.5,
+    "alternating_steps": 0.5,
     "pendulum_50_50000": 1.0,
     "zero_distance": 0.5,
     "crushed_stack": 1.5,

@@ -193,3 +193,19 @@ for power in (3, 5):
         _stands(ratio, 5),
         vbd_ke=1e6,
     )
+
+
+def _drop_heavy(builder: newton.ModelBuilder, ratio: int) -> None:
+    add_stack(builder, count=10, densities=(10.0,))
+    add_box(builder, (0.0, 0.0, 5.55), (0.5, 0.5, 0.5), mu=0.5, density=10.0 * ratio)
+
+
+for power in (3, 6):
+    ratio = 10**power
+    PILES.add(
+        f"heavy_dropped_{ratio}",
+        f"a box of {ratio:,} times their mass falls 30 cm onto ten boxes",
+        partial(_drop_heavy, ratio=ratio),
+        Bounds(penetration=SUNK, gain=SUNK, drift=0.301),
+        vbd_ke=1e6,
+    )
