@@ -370,14 +370,17 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     work.inv_inertia[body],
                     work.inv_inertia[row.b],
                 )
-                if wp.static(effects.piles):
-                    mass = wp.max(mass, LINK_WEIGHT * mass_behind(row, work, rows))
                 load = contact_rows.carried_mass(row, scale)
+                held = float(0.0)
+                if wp.static(effects.piles):
+                    held = LINK_WEIGHT * mass_behind(row, work, rows)
                 if wp.static(effects.compliance):
-                    row, share = contact_rows.comply(row, mass, load, u, stiffness, damping, scale)
+                    row, share = contact_rows.comply(
+                        row, wp.max(mass, held), load, u, stiffness, damping, scale
+                    )
                     rows.share[i] = share
                 else:
-                    row = contact_rows.penalise(row, mass, load, u, scale)
+                    row = contact_rows.penalise(row, mass, load, held, u, scale)
                 if wp.static(effects.angular_friction):
                     spin = rows.spin[i]
                     spin.mu_twist = mixed_friction(

@@ -169,7 +169,7 @@ def slides(row: ContactRow, k_t: float, u: wp.vec3, f_n: float) -> bool:
 
 
 @wp.func
-def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: WorldScale):
+def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3, scale: WorldScale):
     """The row with its penalties for this step.
 
     The row is classified once a step, by the motion that the bodies would have without it: the
@@ -179,17 +179,20 @@ def penalise(row: ContactRow, mass: float, load: float, u: wp.vec3, scale: World
         row: The row, with its multiplier warm-started.
         mass: Effective mass [kg].
         load: Mass that the row carried in the last step [kg].
+        held: Mass that the row has to hold at once [kg], unless it opens by more than the slop.
         u: Slip that the bodies would have without constraints [m].
         scale: The world's scale.
     """
     out = row
-    k = PENALTY * wp.max(mass, LOAD_WEIGHT * load) / (scale.h * scale.h)
+    unit = PENALTY / (scale.h * scale.h)
+    least = unit * wp.max(mass, LOAD_WEIGHT * load)
+    k = wp.max(least, unit * held)
     lambda_n = wp.dot(row.normal, row.force)
-    u_n = wp.dot(row.normal, u)
-    f_n = lambda_n - k * (u_n + wp.max(row.gap, 0.0))
+    opening = wp.dot(row.normal, u) + wp.max(row.gap, 0.0)
+    f_n = lambda_n - k * opening
     if f_n <= 0.0:
         out.force = wp.vec3(0.0)
-        k = RELEASE_RATIO * k
+        k = RELEASE_RATIO * wp.where(opening > scale.slop, least, k)
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
     if f_n > 0.0 and slides(row, out.k_t, u, f_n):
