@@ -252,6 +252,12 @@ class BodyWork:
     finite: wp.array[wp.int32]
     """1 when the body's input is finite."""
     factor: wp.array[BlockFactor]
+    wrench: wp.array[wp.spatial_vector]
+    """BDF2: external force [N] and torque [N m], without gravity."""
+    lead: wp.array[wp.spatial_vector]
+    """BDF2: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
+    coasting: wp.array[wp.spatial_vector]
+    """BDF2: increment of a body that nothing accelerates."""
 
 
 @wp.struct
@@ -274,6 +280,8 @@ class WorldWork:
     update: wp.array[float]
     """How far the last sweep of the last step still moved a body [m], a turn by its radius of
     gyration."""
+    step: wp.array[float]
+    """BDF2: the step that inertia sees [s]."""
     overflow: wp.array[wp.int32]
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
 
@@ -543,6 +551,21 @@ class RowWork:
 
 
 @wp.struct
+class LastStep:
+    """How a body moved in the last step, for BDF2."""
+
+    increment: wp.spatial_vector
+    """Pose increment (dx [m], dtheta [rad]), without the recovery."""
+    gain: wp.spatial_vector
+    """Change of the velocity [m/s, rad/s]."""
+    spun: wp.vec3
+    """Change of the angular momentum about the COM [N m s], where moments of inertia differ."""
+    velocity: wp.spatial_vector
+    """Velocity at the end of the step [m/s, rad/s]."""
+    pose: wp.transform
+
+
+@wp.struct
 class History:
     """Kept between steps; arrays of two sides have shape (2, ...)."""
 
@@ -591,6 +614,14 @@ class History:
     """Length of the last step [s], shape (world_count,)."""
     age: wp.array[wp.int32]
     """Steps since the world's multipliers were reset, shape (world_count,)."""
+    last: wp.array[LastStep]
+    """BDF2: the last step of each body slot."""
+    smooth: wp.array[wp.int32]
+    """BDF2: 1 where no velocity of a world jumped in the last step, shape (world_count,)."""
+    coordinate: wp.array[float]
+    """BDF2: coordinate of each degree of freedom at the start of the last step [m or rad]."""
+    rate: wp.array[float]
+    """BDF2: velocity of each degree of freedom then [m/s or rad/s], with the lag."""
 
 
 @wp.struct
@@ -599,6 +630,10 @@ class WorldScale:
 
     h: float
     """Time step [s]."""
+    step: float
+    """The step that inertia sees [s]: h, less with BDF2."""
+    ahead: float
+    """Share of the last step's motion by which BDF2 starts ahead; 0 for backward Euler."""
     mass: float
     """Mass of all bodies that move [kg]: no contact at rest carries more."""
     gravity: float

@@ -57,6 +57,8 @@ class Effects:
     """A joint that breaks at some force or torque."""
     compliance: bool = False
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
+    bdf2: bool = False
+    """Asked for: second order in time."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
     friction_mix: str = "geometric_average"
@@ -82,6 +84,7 @@ class Effects:
         ramp: bool,
         friction_mix: str,
         angular_friction: bool,
+        bdf2: bool,
     ) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
@@ -109,6 +112,7 @@ class Effects:
             velocity_limits=_is_limited(model, "joint_velocity_limit", axes, 0.0),
             breaking=bool(break_limits(model)),
             compliance=compliance,
+            bdf2=bdf2,
             ramp=ramp,
             friction_mix=friction_mix,
             angular_friction=angular_friction and contact and _has_spin(model),
@@ -144,7 +148,7 @@ class Effects:
     @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
-        return self.moving_surfaces or self.restitution
+        return self.moving_surfaces or self.restitution or (self.bdf2 and self.friction)
 
     def for_any_values(self) -> "Effects":
         """These effects and those that other values in the same arrays of the model could ask for.

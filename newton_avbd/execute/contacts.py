@@ -346,7 +346,7 @@ def make_build_rows(effects: Effects) -> wp.Function:
                 drift -= row.normal * wp.dot(row.normal, drift)
                 rows.drift[index] = wp.where(row.contact >= 0, drift, -drift)
                 u += rows.drift[index]
-            elif wp.static(effects.restitution):
+            elif wp.static(effects.drift):
                 rows.drift[index] = wp.vec3(0.0)
             stiffness = float(0.0)
             damping = float(0.0)
