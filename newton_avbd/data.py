@@ -562,6 +562,8 @@ class LastStep:
     """Change of the angular momentum about the COM [N m s], where moments of inertia differ."""
     velocity: wp.spatial_vector
     """Velocity at the end of the step [m/s, rad/s]."""
+    wrench: wp.spatial_vector
+    """External force [N] and torque [N m]."""
     pose: wp.transform
 
 
@@ -616,6 +618,8 @@ class History:
     """Steps since the world's multipliers were reset, shape (world_count,)."""
     last: wp.array[LastStep]
     """BDF2: the last step of each body slot."""
+    pushing: wp.array[wp.int32]
+    """BDF2: contacts that pushed in the last step, by owner."""
     smooth: wp.array[wp.int32]
     """BDF2: 1 where no velocity of a world jumped in the last step, shape (world_count,)."""
     coordinate: wp.array[float]
@@ -634,6 +638,9 @@ class WorldScale:
     """The step that inertia sees [s]: h, less with BDF2."""
     ahead: float
     """Share of the last step's motion by which BDF2 starts ahead; 0 for backward Euler."""
+    lag: float
+    """How far velocities lag behind the parabola of the positions, as a share of h: half a step
+    after backward Euler, not at all after BDF2."""
     mass: float
     """Mass of all bodies that move [kg]: no contact at rest carries more."""
     gravity: float

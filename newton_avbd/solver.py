@@ -581,6 +581,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._work.lead = wp.zeros(slots, dtype=wp.spatial_vector)
                 self._work.coasting = wp.zeros(slots, dtype=wp.spatial_vector)
                 self._history.last = wp.zeros(slots, dtype=data.LastStep)
+                self._history.pushing = wp.zeros(slots, dtype=wp.int32)
                 self._history.coordinate = wp.zeros(model.joint_dof_count, dtype=float)
                 self._history.rate = wp.zeros(model.joint_dof_count, dtype=float)
 

@@ -13,8 +13,10 @@ Wanner, "Solving Ordinary Differential Equations I", section III.5). Rotations g
 vectors of the steps, which commute to the third order of h; momenta add up in world axes.
 
 What extrapolates is wrong where the velocity jumps: a body that lands would bounce. A world takes
-backward Euler in the step of an impact and in the one after, in its first step, and where its
-state is not the one that the last step left.
+backward Euler in the step of an impact and in the one after it, where a contact lets go or an
+external force jumps, after sweeps that did not settle, in its first step, and where its state is
+not the one that the last step left. Forces that external wrenches exert count with all of their
+impulse in the step that they are given for.
 """
 
 from dataclasses import dataclass
@@ -26,6 +28,7 @@ from ..blocks.body import target_spin
 from ..data import (
     BodyModel,
     BodyWork,
+    ContactRow,
     History,
     JointModel,
     LoopWork,
@@ -43,7 +46,10 @@ from .trees import is_linked
 
 JOLT = wp.constant(0.5)
 """Closing of a contact by the velocity of the start of a step that is an impact, as a share of
-g h^2: what a smooth force changes in a step is about that."""
+g h^2: what a smooth force changes in a step is about that. Likewise the share of itself or of the
+weight by which an external force jumps."""
+LIMIT_JOLT = wp.constant(1.0e-5)
+"""How far beyond a limit a coordinate that goes on is about to meet it [m or rad]."""
 MOST_TURN = wp.constant(1.0)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing."""
 
@@ -74,15 +80,25 @@ def begin_bodies(
 
 
 @wp.func
+def jumps(now: wp.vec3, last: wp.vec3, least: float) -> bool:
+    """Whether what pushes a body has changed by half of it, or half of ``least``."""
+    most = wp.max(wp.max(wp.length_sq(now), wp.length_sq(last)), least * least)
+    return wp.length_sq(now - last) > JOLT * JOLT * most
+
+
+@wp.func
 def is_continued(
     world: int,
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
+    gravity: float,
+    model: BodyModel,
     worlds: WorldWork,
     work: BodyWork,
     history: History,
 ) -> bool:
-    """Whether all bodies of a world are as the last step left them, and turned little in it."""
+    """Whether all bodies of a world are as the last step left them, turned little in it, and are
+    pushed as they were."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0:
@@ -95,6 +111,12 @@ def is_continued(
             )
             turn = wp.length_sq(wp.spatial_bottom(last.increment))
             if not is_left or turn > MOST_TURN * MOST_TURN:
+                return False
+            force, torque = wp.spatial_top(work.wrench[body]), wp.spatial_bottom(work.wrench[body])
+            weight = gravity * model.mass[body]
+            if jumps(force, wp.spatial_top(last.wrench), weight):
+                return False
+            if jumps(torque, wp.spatial_bottom(last.wrench), 0.0):
                 return False
     return True
 
@@ -112,10 +134,30 @@ def has_impact(body: int, jolt: float, work: BodyWork, rows: RowWork) -> bool:
 
 
 @wp.func
+def is_pushing(row: ContactRow) -> bool:
+    """Whether the multiplier of a row pushes."""
+    return wp.dot(row.normal, row.force) > 0.0
+
+
+@wp.func
+def lets_go(world: int, worlds: WorldWork, rows: RowWork, history: History) -> bool:
+    """Whether a contact that pushed in the last step is gone or about to open."""
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        left = int(history.pushing[body])
+        for k in range(rows.owned_start[body], rows.owned_end[body]):
+            left -= int(is_pushing(rows.rows[k]))
+        if left > 0:
+            return True
+    return False
+
+
+@wp.func
 def is_beyond(joints: JointModel, dof: int, at: float, history: History) -> bool:
     """Whether a coordinate that goes on as in the last step would be beyond a limit."""
     goes_to = 2.0 * at - history.coordinate[dof]
-    return goes_to < joints.limit_lower[dof] or goes_to > joints.limit_upper[dof]
+    lower = joints.limit_lower[dof] - LIMIT_JOLT
+    return goes_to < lower or goes_to > joints.limit_upper[dof] + LIMIT_JOLT
 
 
 @dataclass(frozen=True)
@@ -140,14 +182,14 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         loops: LoopWork,
         history: History,
     ) -> bool:
-        """Whether a joint of a world is about to meet a limit that does not hold it yet."""
+        """Whether a joint of a world is about to meet a limit."""
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 k = tree.axis_start[body]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    if joints.type[joint] != BALL and history.piece[dof][0] == 0:
+                    if joints.type[joint] != BALL:
                         if is_beyond(joints, dof, tree.coordinate[k], history):
                             return True
                     k += 1
@@ -155,7 +197,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 joint = loops.joints[i]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    if joints.type[joint] != BALL and history.limit_force[dof] == 0.0:
+                    if joints.type[joint] != BALL:
                         if is_beyond(joints, dof, loops.coordinate[dof], history):
                             return True
         return False
@@ -213,7 +255,9 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         last = history.last[body]
         lead = scale.ahead * last.increment
         v = velocity + scale.ahead * last.gain
+        # external forces are those of the whole step: all of their impulse, none of the last one's
         wrench = work.wrench[body]
+        wrench += (scale.ahead * scale.h / step) * (wrench - last.wrench)
         dx = target_shift(model, body, v, wrench, step)
         rotation = wp.transform_get_rotation(body_q[body])
         turn = wp.spatial_bottom(lead)
@@ -290,7 +334,8 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         if (
             smooth
             and was_smooth
-            and is_continued(world, body_q, body_qd, worlds, work, history)
+            and not lets_go(world, worlds, rows, history)
+            and is_continued(world, body_q, body_qd, scale.gravity, model, worlds, work, history)
         ):
             ratio = scale.h / last_step
             out.step = scale.h * (1.0 + ratio) / (1.0 + 2.0 * ratio)
@@ -319,13 +364,20 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         start_velocity: wp.spatial_vector,
         model: BodyModel,
         work: BodyWork,
+        rows: RowWork,
         history: History,
     ):
-        """How a body has moved in the step, before anything old is recovered."""
+        """How a body has moved in the step, before anything old is recovered, and what pushes."""
+        if wp.static(effects.contact):
+            pushing = int(0)
+            for i in range(rows.owned_start[body], rows.owned_end[body]):
+                pushing += int(is_pushing(rows.rows[i]))
+            history.pushing[body] = pushing
         last = history.last[body]
         last.increment = work.increment[body]
         last.gain = velocity - start_velocity
         last.velocity = velocity
+        last.wrench = work.wrench[body]
         if wp.static(effects.gyroscopic):
             rotation = wp.transform_get_rotation(start)
             last.spun = -spin_momentum(model, body, rotation, start_velocity)

@@ -162,6 +162,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
         scale = WorldScale()
         scale.h = h
         scale.step = h
+        scale.lag = 0.5
         scale.static_slot = work.inv_mass.shape[0] - 1
         farthest = float(0.0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -802,9 +803,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         tree,
                         history,
                     )
-                if begin_loop(
-                    i, scale.ahead, h, body_q, model, joints, work, tree, loops, history
-                ):
+                if begin_loop(i, scale.ahead, h, body_q, model, joints, work, tree, loops, history):
                     is_open = True
         if wp.static(effects.mimics):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -863,6 +862,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if h > LONGER * history.step[world]:
             history.age[world] = 0
         last_step = history.step[world]
+        if wp.static(effects.bdf2):
+            if worlds.step[world] < last_step:
+                scale.lag = 0.0
         history.step[world] = h
         deepest = float(0.0)
         has_impacts = bool(False)
@@ -1023,6 +1025,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if wp.static(not effects.ramp):
                 if update <= enough * enough:
                     sweeps = sweep
+        if wp.static(effects.bdf2):
+            if update > enough * enough:
+                # what does not settle tells nothing of the next step
+                history.smooth[world] = 0
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
         side = 1 - history.parity[world]
@@ -1038,7 +1044,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
         if wp.static(effects.breaking):
-            break_joints(world, step, model, joints, control, worlds, work, rows, tree, loops, history)
+            break_joints(
+                world, step, model, joints, control, worlds, work, rows, tree, loops, history
+            )
         history.parity[world] = side
         history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
 
@@ -1063,7 +1071,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     velocity += wp.spatial_vector(wp.vec3(0.0), work.spin_gain[body])
                 if wp.static(effects.bdf2):
                     remember_motion(
-                        body, velocity, body_q[body], body_qd[body], model, work, history
+                        body, velocity, body_q[body], body_qd[body], model, work, rows, history
                     )
             body_qd_out[body] = velocity
 
