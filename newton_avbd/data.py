@@ -554,15 +554,15 @@ class RowWork:
 class LastStep:
     """How a body moved in the last step, for BDF2."""
 
-    increment: wp.spatial_vector
+    increment: wp.spatial_vectorf
     """Pose increment (dx [m], dtheta [rad]), without the recovery."""
-    gain: wp.spatial_vector
+    gain: wp.spatial_vectorf
     """Change of the velocity [m/s, rad/s]."""
     spun: wp.vec3
     """Change of the angular momentum about the COM [N m s], where moments of inertia differ."""
-    velocity: wp.spatial_vector
+    velocity: wp.spatial_vectorf
     """Velocity at the end of the step [m/s, rad/s]."""
-    wrench: wp.spatial_vector
+    wrench: wp.spatial_vectorf
     """External force [N] and torque [N m]."""
     pose: wp.transform
 
