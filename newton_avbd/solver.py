@@ -30,7 +30,8 @@ from .execute.observables import (
     export_contact_force,
     make_export_parent_force,
 )
-from .execute.world import make_solve
+from .execute.world import SETTLED, make_solve
+from .report import Report
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
 from .topology import Topology, mimics
@@ -402,6 +403,22 @@ class SolverAVBD(SolverBase, RigidCoupling):
             ),
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
         )
+
+    def report(self) -> Report:
+        """Sweeps and residual of each world in the last step; copies them from the device.
+
+        Print it for a table, for instance to choose ``iterations`` and ``tolerance``.
+        """
+        sweeps, update = self._worlds.sweeps.numpy(), self._worlds.update.numpy()
+        h, order = self._history.step.numpy(), np.ones_like(sweeps)
+        if self._bdf2:
+            order += self._worlds.step.numpy() < h
+        of_body = self._worlds.of_body.numpy()[:-1]
+        gravity = np.zeros(self._world_count)
+        pulls = np.linalg.norm(self.model.gravity.numpy(), axis=1)
+        np.maximum.at(gravity, of_body, pulls[self.model.body_world.numpy()])
+        allowed = np.maximum(self.tolerance, float(SETTLED) * gravity * h * h)
+        return Report(sweeps.copy(), update.copy(), allowed, order)
 
     def reset(
         self,
