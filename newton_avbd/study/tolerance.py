@@ -34,7 +34,7 @@ class Cost:
     """What a setting costs and how good it is."""
 
     milliseconds: float
-    """Time in the solver by simulated second."""
+    """CPU time in the solver by simulated second."""
     sweeps: float
     """Sweeps by world and step."""
     penetration: float
@@ -93,9 +93,9 @@ def _simulate(iterations: int, tolerance: float) -> Cost:
             solver.reset(state)
             spent, sweeps, deepest = 0.0, 0, 0.0
         pipeline.collide(state, contacts)
-        start = time.perf_counter()
+        start = time.process_time()
         solver.step(state, following, None, contacts, DT)
-        spent += time.perf_counter() - start
+        spent += time.process_time() - start
         state, following = following, state
         sweeps += int(np.sum(solver.report().sweeps))
         if step % 2:
