@@ -3,6 +3,7 @@
 """newton-avbd: a rigid-body solver for Newton by Augmented Vertex Block Descent."""
 
 from .effects import Effects
+from .report import Report
 from .solver import SolverAVBD, Status
 
-__all__ = ["Effects", "SolverAVBD", "Status"]
+__all__ = ["Effects", "Report", "SolverAVBD", "Status"]

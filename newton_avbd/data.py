@@ -252,6 +252,12 @@ class BodyWork:
     finite: wp.array[wp.int32]
     """1 when the body's input is finite."""
     factor: wp.array[BlockFactor]
+    wrench: wp.array[wp.spatial_vector]
+    """BDF2: external force [N] and torque [N m], without gravity."""
+    lead: wp.array[wp.spatial_vector]
+    """BDF2: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
+    coasting: wp.array[wp.spatial_vector]
+    """BDF2: increment of a body that nothing accelerates."""
 
 
 @wp.struct
@@ -274,6 +280,8 @@ class WorldWork:
     update: wp.array[float]
     """How far the last sweep of the last step still moved a body [m], a turn by its radius of
     gyration."""
+    step: wp.array[float]
+    """BDF2: the step that inertia sees [s]."""
     overflow: wp.array[wp.int32]
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
 
@@ -569,6 +577,23 @@ class RowWork:
 
 
 @wp.struct
+class LastStep:
+    """How a body moved in the last step, for BDF2."""
+
+    increment: wp.spatial_vectorf
+    """Pose increment (dx [m], dtheta [rad]), without the recovery."""
+    gain: wp.spatial_vectorf
+    """Change of the velocity [m/s, rad/s]."""
+    spun: wp.vec3
+    """Change of the angular momentum about the COM [N m s], where moments of inertia differ."""
+    velocity: wp.spatial_vectorf
+    """Velocity at the end of the step [m/s, rad/s]."""
+    wrench: wp.spatial_vectorf
+    """External force [N] and torque [N m]."""
+    pose: wp.transform
+
+
+@wp.struct
 class History:
     """Kept between steps; arrays of two sides have shape (2, ...)."""
 
@@ -617,6 +642,16 @@ class History:
     """Length of the last step [s], shape (world_count,)."""
     age: wp.array[wp.int32]
     """Steps since the world's multipliers were reset, shape (world_count,)."""
+    last: wp.array[LastStep]
+    """BDF2: the last step of each body slot."""
+    pushing: wp.array[wp.int32]
+    """BDF2: contacts that pushed in the last step, by owner."""
+    smooth: wp.array[wp.int32]
+    """BDF2: 1 where no velocity of a world jumped in the last step, shape (world_count,)."""
+    coordinate: wp.array[float]
+    """BDF2: coordinate of each degree of freedom at the start of the last step [m or rad]."""
+    rate: wp.array[float]
+    """BDF2: velocity of each degree of freedom then [m/s or rad/s], with the lag."""
 
 
 @wp.struct
@@ -625,6 +660,13 @@ class WorldScale:
 
     h: float
     """Time step [s]."""
+    step: float
+    """The step that inertia sees [s]: h, less with BDF2."""
+    ahead: float
+    """Share of the last step's motion by which BDF2 starts ahead; 0 for backward Euler."""
+    lag: float
+    """How far velocities lag behind the parabola of the positions, as a share of h: half a step
+    after backward Euler, not at all after BDF2."""
     mass: float
     """Mass of all bodies that move [kg]: no contact at rest carries more."""
     gravity: float

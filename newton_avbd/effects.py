@@ -59,6 +59,8 @@ class Effects:
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
     piles: bool = False
     """Free bodies in contact are solved at once."""
+    bdf2: bool = False
+    """Asked for: second order in time."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
     friction_mix: str = "geometric_average"
@@ -85,6 +87,7 @@ class Effects:
         ramp: bool,
         friction_mix: str,
         angular_friction: bool,
+        bdf2: bool,
     ) -> "Effects":
         """Reads from the model which effects it calls for; copies model arrays to the host."""
         contact = model.body_count > 0 and model.shape_count > 0
@@ -113,6 +116,7 @@ class Effects:
             velocity_limits=_is_limited(model, "joint_velocity_limit", axes, 0.0),
             breaking=bool(break_limits(model)),
             compliance=compliance,
+            bdf2=bdf2,
             ramp=ramp,
             friction_mix=friction_mix,
             angular_friction=angular_friction and contact and _has_spin(model),
@@ -148,7 +152,7 @@ class Effects:
     @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
-        return self.moving_surfaces or self.restitution
+        return self.moving_surfaces or self.restitution or (self.bdf2 and self.friction)
 
     def for_any_values(self) -> "Effects":
         """These effects and those that other values in the same arrays of the model could ask for.

@@ -44,6 +44,7 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
         wp.bool, "newton:avbd:angularFriction", False, name="angular_friction"
     ),
     "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
+    "scheme": SceneSetting(str, "newton:avbd:scheme", "euler", name="scheme"),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
 }
 """What a scene may author, by argument of the solver's constructor.
@@ -57,6 +58,7 @@ ITERATIONS = 10
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
     "formulation": ("augmented", "ramp"),
+    "scheme": ("euler", "bdf2"),
     "blocks": ("articulation", "body"),
 }
 
@@ -94,6 +96,7 @@ class Settings:
     friction_mix_mode: str
     angular_friction: bool
     formulation: str
+    scheme: str
     blocks: str
 
     @classmethod
@@ -133,6 +136,8 @@ class Settings:
             )
         if values["formulation"] == "ramp" and values["angular_friction"]:
             raise ValueError("formulation='ramp' has no angular_friction; leave it out.")
+        if values["formulation"] == "ramp" and values["scheme"] == "bdf2":
+            raise ValueError("formulation='ramp' is backward Euler; leave scheme='bdf2' out.")
         return cls(**values)
 
 

@@ -220,6 +220,8 @@ def make_predict(effects: Effects) -> wp.Kernel:
         dx = target_shift(model, body, velocity, wrench, h)
         dtheta = wp.vec3(0.0)
         work.inv_mass[body] = model.inv_mass[body]
+        if wp.static(effects.bdf2):
+            work.wrench[body] = wrench
         if wp.static(effects.gyroscopic):
             is_linked = bool(False)
             if wp.static(effects.joints):
@@ -353,3 +355,5 @@ def push_parents(
             push = model.inv_mass[parent] * force
             spin = work.inv_inertia[parent] * torque
             work.target[parent] = work.target[parent] - (h * h) * wp.spatial_vector(push, spin)
+            if work.wrench.shape[0] > 0:
+                work.wrench[parent] = work.wrench[parent] - wp.spatial_vector(force, torque)

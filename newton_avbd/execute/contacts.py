@@ -347,7 +347,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 drift -= row.normal * wp.dot(row.normal, drift)
                 rows.drift[i] = wp.where(row.contact >= 0, drift, -drift)
                 u += rows.drift[i]
-            elif wp.static(effects.restitution):
+            elif wp.static(effects.drift):
                 rows.drift[i] = wp.vec3(0.0)
             stiffness = float(0.0)
             damping = float(0.0)

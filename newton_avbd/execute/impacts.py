@@ -82,6 +82,7 @@ def begin_impacts(
     body: int,
     threshold: float,
     side: int,
+    lag: float,
     h: float,
     shapes: ShapeModel,
     work: BodyWork,
@@ -91,7 +92,7 @@ def begin_impacts(
     """Rows that a body owns and that close in this step; returns if there is one.
 
     A gap g closes at the speed sqrt((v + a h/2)^2 - 2 a g), after 2 g over the sum of the speeds at
-    its start and end.
+    its start and end; ``lag`` h takes the place of h/2.
     """
     found = bool(False)
     for i in range(rows.owned_start[body], rows.owned_end[body]):
@@ -108,7 +109,7 @@ def begin_impacts(
         v = parting_speed(row, work, rows, h)
         if v < -threshold and row.gap + u_n < 0.0:
             a = (u_n / h - v) / h
-            start = v + 0.5 * a * h
+            start = v + lag * a * h
             gap = wp.max(row.gap, 0.0)
             hit = wp.sqrt(wp.max(start * start - 2.0 * a * gap, 0.0))
             impact.acceleration = a
@@ -199,7 +200,7 @@ def strike_world(world: int, h: float, worlds: WorldWork, work: BodyWork, rows: 
 
 
 @wp.func
-def aim_rows(body: int, noise: float, h: float, work: BodyWork, rows: RowWork):
+def aim_rows(body: int, noise: float, lag: float, h: float, work: BodyWork, rows: RowWork):
     """Makes the rows that a body owns part as the rounds have decided.
 
     A bounce that gravity ends within the step is none.
@@ -210,7 +211,7 @@ def aim_rows(body: int, noise: float, h: float, work: BodyWork, rows: RowWork):
             row = rows.rows[i]
             # velocities of backward Euler lag half a step behind its parabola
             part = parting_speed(row, work, rows, h)
-            part += impact.acceleration * (0.5 * h - impact.wait)
+            part += impact.acceleration * ((1.0 - lag) * h - impact.wait)
             if impact.restitution > 0.0 and part >= -noise:
                 row.gap = 0.0
                 row.force = (impact.total / h) * row.normal
@@ -295,7 +296,9 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             rows.struck_at[body] = -1.0
         is_active = bool(False)
         for i in range(first, end):
-            if begin_impacts(worlds.bodies[i], threshold, side, h, shapes, work, rows, history):
+            if begin_impacts(
+                worlds.bodies[i], threshold, side, scale.lag, h, shapes, work, rows, history
+            ):
                 is_active = True
         if not is_active:
             return False
@@ -310,7 +313,7 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             rounds += 1
         for i in range(first, end):
             body = worlds.bodies[i]
-            aim_rows(body, noise, h, work, rows)
+            aim_rows(body, noise, wp.static(0.0 if effects.bdf2 else 0.5), h, work, rows)
             if rows.struck_at[body] >= 0.0:
                 work.increment[body] = h * rows.struck_qd[body]
         return True

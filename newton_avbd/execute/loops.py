@@ -165,6 +165,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     @wp.func
     def begin_loop(
         i: int,
+        ahead: float,
         h: float,
         body_q: wp.array[wp.transform],
         model: BodyModel,
@@ -234,6 +235,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 if is_carried and joints.type[joint] != BALL:
                     # a kinematic body has been put elsewhere since: what damps feels its motion
                     q = loops.coordinate[index]
+                if wp.static(effects.bdf2):
+                    moved = q - history.coordinate[index]
+                    if joints.type[joint] == BALL:
+                        moved = loops.coordinate[index]
+                    history.coordinate[index] = q
+                    q += ahead * moved
                 loops.start_coordinate[index] = q
         reach = wp.length(arm_c) + wp.length(arm_p)
         allowed = ROUNDING * (wp.length(work.com[child]) + reach)

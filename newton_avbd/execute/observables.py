@@ -97,10 +97,15 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         world = wp.tid()
         first = worlds.body_start[world]
         end = worlds.body_start[world + 1]
-        inv_h2 = 1.0 / (h * h)
+        step = h
+        if wp.static(effects.bdf2):
+            step = worlds.step[world]
+        inv_h2 = 1.0 / (step * step)
         for i in range(first, end):
             body = worlds.bodies[i]
-            lacking = h * body_qd_out[body] - work.target[body]
+            lacking = step * body_qd_out[body] - work.target[body]
+            if wp.static(effects.bdf2):
+                lacking += work.lead[body]
             wrench = wp.spatial_vector(
                 (model.mass[body] * inv_h2) * wp.spatial_top(lacking),
                 inv_h2 * (work.inertia[body] * wp.spatial_bottom(lacking)),
@@ -123,7 +128,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                 joint = loops.joints[i]
                 child = joints.child[joint]
                 force, torque, arm_c, arm_p = loop_wrench(
-                    i, 0.0, h, model, joints, control, work, tree, loops, history, False
+                    i, 0.0, step, model, joints, control, work, tree, loops, history, False
                 )
                 push = wp.spatial_vector(force, torque + wp.cross(arm_c, force))
                 tree.load[child] = tree.load[child] - push

@@ -311,6 +311,7 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
     def measure_start(
         body: int,
         static_slot: int,
+        ahead: float,
         model: BodyModel,
         joints: JointModel,
         work: BodyWork,
@@ -340,6 +341,12 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
             if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]
+            if wp.static(effects.bdf2):
+                moved = q - history.coordinate[index]
+                if joints.type[joint] == BALL:
+                    moved = tree.coordinate[tree.axis_start[body] + dof]
+                history.coordinate[index] = q
+                q += ahead * moved
             if wp.static(effects.joint_friction):
                 # what rounding moves, friction brings back
                 drift = wp.abs(q - history.held_at[index])

@@ -28,6 +28,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from .bdf2 import make_bdf2
 from .bodies import has_rows, moved_by, pose_sum, report_held, vector_sum
 from .breaking import make_break_joints
 from .closures import make_closures
@@ -114,14 +115,21 @@ def hold_world(
     history.parity[world] = 1 - history.parity[world]
 
 
-@wp.func
-def coasting_increment(
-    work: BodyWork, body_qd: wp.array[wp.spatial_vector], slot: int, h: float
-) -> wp.spatial_vector:
-    """Pose increment of a body that keeps its velocity."""
-    if work.inv_mass[slot] == 0.0:
-        return work.increment[slot]
-    return h * body_qd[slot]
+def make_coasting(effects: Effects) -> wp.Function:
+    """Device function: where a body goes that nothing accelerates."""
+
+    @wp.func
+    def coasting_increment(
+        work: BodyWork, body_qd: wp.array[wp.spatial_vector], slot: int, h: float
+    ) -> wp.spatial_vector:
+        """Pose increment of a body that keeps its velocity."""
+        if wp.static(effects.bdf2):
+            return work.coasting[slot]
+        if work.inv_mass[slot] == 0.0:
+            return work.increment[slot]
+        return h * body_qd[slot]
+
+    return coasting_increment
 
 
 def make_measure_world(effects: Effects) -> wp.Function:
@@ -133,6 +141,8 @@ def make_measure_world(effects: Effects) -> wp.Function:
     ) -> WorldScale:
         scale = WorldScale()
         scale.h = h
+        scale.step = h
+        scale.lag = 0.5
         scale.static_slot = work.inv_mass.shape[0] - 1
         farthest = float(0.0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -222,12 +232,15 @@ def make_gather(
                 tau -= wp.cross(row.arm, push)
                 if wp.static(effects.angular_friction):
                     spin = rows.spin[i]
+                    rolled = turn
+                    if wp.static(effects.bdf2):
+                        rolled -= wp.spatial_bottom(work.lead[partner] - work.lead[body])
                     if has_dual:
                         held = wp.dot(row.normal, row.force)
-                        spin.torque = spin_rows.torque(spin, row.normal, turn, held)
+                        spin.torque = spin_rows.torque(spin, row.normal, rolled, held)
                         rows.spin[i].torque = spin.torque
                     f_n = wp.dot(row.normal, push)
-                    tau -= spin_rows.torque(spin, row.normal, turn, f_n)
+                    tau -= spin_rows.torque(spin, row.normal, rolled, f_n)
             partner = int(-1)
             for i in range(rows.other_start[body], rows.other_end[body]):
                 other = rows.other_rows[i]
@@ -246,7 +259,10 @@ def make_gather(
                 tau += wp.cross(row.arm + span, push)
                 if wp.static(effects.angular_friction):
                     f_n = wp.dot(row.normal, push)
-                    tau += spin_rows.torque(rows.spin[other], row.normal, turn, f_n)
+                    rolled = turn
+                    if wp.static(effects.bdf2):
+                        rolled -= wp.spatial_bottom(work.lead[body] - work.lead[partner])
+                    tau += spin_rows.torque(rows.spin[other], row.normal, rolled, f_n)
         if wp.static(effects.loops):
             for k in range(loops.body_start[body], loops.body_start[body + 1]):
                 item = loops.items[k]
@@ -325,6 +341,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
     measure_world = make_measure_world(effects)
     find_rows, penalise_rows = make_rows(effects)
     impacts = make_impacts(effects)
+    coasting_increment = make_coasting(effects)
+    bdf2 = make_bdf2(effects)
+    begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
+    remember_pose = bdf2.remember_pose
     find_impacts = impacts.find_impacts
     release_impacts = impacts.release_impacts
     restore_impacts = impacts.restore_impacts
@@ -488,7 +508,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         history: History,
     ):
         """The last dual update of the rows that a body owns, kept for the next step."""
-        h = scale.h
+        h = scale.step
         history.start[side, body] = rows.owned_start[body]
         history.end[side, body] = rows.owned_end[body]
         joined = int(-1)
@@ -508,6 +528,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if wp.static(effects.angular_friction):
                     f_n = wp.dot(row.normal, push)
                     turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
+                    if wp.static(effects.bdf2):
+                        turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
                     torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
                     rows.spin[i].torque = torque
                 if row.b != joined and wp.length_sq(push) > 0.0:
@@ -658,6 +680,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     def begin_armature(
         joint: int,
         static_slot: int,
+        ahead: float,
         body_qd: wp.array[wp.spatial_vector],
         model: BodyModel,
         joints: JointModel,
@@ -673,7 +696,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
             joint, static_slot, body_qd, model, joints, work, tree, tree.start_velocity
         )
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            tree.start_velocity[dof] = tree.start_velocity[dof] + history.velocity_lag[dof]
+            rate = tree.start_velocity[dof] + history.velocity_lag[dof]
+            tree.start_velocity[dof] = rate
+            if wp.static(effects.bdf2):
+                tree.start_velocity[dof] = rate + ahead * (rate - history.rate[dof])
+                history.rate[dof] = rate
 
     @wp.func
     def end_armatures(
@@ -715,8 +742,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     @wp.func
     def begin_trees(
         world: int,
-        static_slot: int,
-        h: float,
+        scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         model: BodyModel,
@@ -729,6 +755,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
         history: History,
     ) -> bool:
         """Measures the joints at the start of the step; returns whether one is open."""
+        h = scale.step
+        static_slot = scale.static_slot
         is_open = bool(False)
         block_end = int(-1)
         is_free = bool(False)
@@ -755,12 +783,13 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     if wp.static(effects.loops):
                         is_free = is_free and not has_outer_loops(worlds.bodies[k], loops)
             if work.inv_mass[body] > 0.0:
+                coasting = coasting_increment(work, body_qd, body, h)
                 if is_free:
                     # keeps joints closed to the third order of h
-                    tree.update[body] = h * (body_qd[body] + h * history.acceleration[body])
+                    tree.update[body] = coasting + (h * h) * history.acceleration[body]
                 elif is_closed:
                     # keeps a mechanism in its plane, where some of its rows say nothing
-                    tree.update[body] = h * body_qd[body]
+                    tree.update[body] = coasting
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
@@ -769,19 +798,37 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if measure_misfit(body, static_slot, body_q, model, joints, work, tree, history):
                     is_open = True
                 if wp.static(effects.coordinates):
-                    if measure_start(body, static_slot, model, joints, work, tree, history):
+                    if measure_start(
+                        body, static_slot, scale.ahead, model, joints, work, tree, history
+                    ):
                         is_open = True
                 if wp.static(effects.armature):
                     begin_armature(
-                        tree.joint[body], static_slot, body_qd, model, joints, work, tree, history
+                        tree.joint[body],
+                        static_slot,
+                        scale.ahead,
+                        body_qd,
+                        model,
+                        joints,
+                        work,
+                        tree,
+                        history,
                     )
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 if wp.static(effects.armature):
                     begin_armature(
-                        loops.joints[i], static_slot, body_qd, model, joints, work, tree, history
+                        loops.joints[i],
+                        static_slot,
+                        scale.ahead,
+                        body_qd,
+                        model,
+                        joints,
+                        work,
+                        tree,
+                        history,
                     )
-                if begin_loop(i, h, body_q, model, joints, work, tree, loops, history):
+                if begin_loop(i, scale.ahead, h, body_q, model, joints, work, tree, loops, history):
                     is_open = True
         if wp.static(effects.mimics):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -839,6 +886,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
         # forces that stopped something within a short step would push too long in a longer one
         if h > LONGER * history.step[world]:
             history.age[world] = 0
+        last_step = history.step[world]
+        if wp.static(effects.bdf2):
+            if worlds.step[world] < last_step:
+                scale.lag = 0.0
         history.step[world] = h
         deepest = float(0.0)
         has_impacts = bool(False)
@@ -888,12 +939,29 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if wp.static(effects.matching):
                 history.filling[world, 0] = contacts.buffer
                 history.filling[world, 1] = contacts.generation[0]
+        if wp.static(effects.bdf2):
+            scale = begin_bdf2(
+                world,
+                last_step,
+                has_impacts,
+                scale,
+                body_q,
+                body_qd,
+                model,
+                joints,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+        step = scale.step
         is_open = bool(False)
         if wp.static(effects.joints):
             is_open = begin_trees(
                 world,
-                scale.static_slot,
-                h,
+                scale,
                 body_q,
                 body_qd,
                 model,
@@ -924,7 +992,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if is_touched and wp.static(not effects.ramp):
                     h_ll, h_al, h_aa = assemble_body(
                         body,
-                        h,
+                        step,
                         model,
                         joints,
                         control,
@@ -980,7 +1048,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 sweep > 0,
                 0.0,
                 scale.slop,
-                h,
+                step,
                 body_q,
                 model,
                 joints,
@@ -996,6 +1064,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if wp.static(not effects.ramp):
                 if update <= enough * enough:
                     sweeps = sweep
+        if wp.static(effects.bdf2):
+            if update > enough * enough:
+                # what does not settle tells nothing of the next step
+                history.smooth[world] = 0
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
         side = 1 - history.parity[world]
@@ -1011,7 +1083,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
         if wp.static(effects.breaking):
-            break_joints(world, h, model, joints, control, worlds, work, rows, tree, loops, history)
+            break_joints(
+                world, step, model, joints, control, worlds, work, rows, tree, loops, history
+            )
         history.parity[world] = side
         history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
 
@@ -1021,16 +1095,23 @@ def make_solve(effects: Effects) -> wp.Kernel:
             velocity = body_qd[body]
             if work.inv_mass[body] > 0.0:
                 increment = work.increment[body]
-                free = wp.spatial_top(work.target[body]) - h * wp.spatial_top(velocity)
-                got = wp.spatial_top(increment) - h * wp.spatial_top(velocity)
+                coasting = coasting_increment(work, body_qd, body, step)
+                free = wp.spatial_top(work.target[body] - coasting)
+                got = wp.spatial_top(increment - coasting)
                 if wp.static(effects.joints):
-                    history.acceleration[body] = (increment - h * velocity) / (h * h)
+                    history.acceleration[body] = (increment - coasting) / (step * step)
                 history.falling[body] = wp.clamp(
                     wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
                 )
-                velocity = increment / h
+                if wp.static(effects.bdf2):
+                    increment -= work.lead[body]
+                velocity = increment / step
                 if wp.static(effects.gyroscopic):
                     velocity += wp.spatial_vector(wp.vec3(0.0), work.spin_gain[body])
+                if wp.static(effects.bdf2):
+                    remember_motion(
+                        body, velocity, body_q[body], body_qd[body], model, work, rows, history
+                    )
             body_qd_out[body] = velocity
 
         if wp.static(effects.restitution):
@@ -1045,7 +1126,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
             end_armatures(
                 world,
                 scale.static_slot,
-                h,
+                step,
                 body_qd_out,
                 model,
                 joints,
@@ -1079,7 +1160,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     False,
                     contact_rows.RECOVERY,
                     scale.slop,
-                    h,
+                    step,
                     body_q,
                     model,
                     joints,
@@ -1137,6 +1218,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         history.lost[body] = shift - (after - before)
                 else:
                     report_held(worlds, world)
+                if wp.static(effects.bdf2):
+                    remember_pose(body, pose, model, history)
             body_q_out[body] = pose
 
     flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"

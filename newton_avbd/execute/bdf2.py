@@ -1,0 +1,396 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Second order in time where the motion is smooth: BDF2 on poses and velocities.
+
+    v_n+1 = (3 x_n+1 - 4 x_n + x_n-1)/(2 h),   a_n+1 = (3 v_n+1 - 4 v_n + v_n-1)/(2 h)
+
+is backward Euler with the step H = 2/3 h, which starts ahead by s = (x_n - x_n-1)/3 and with the
+velocity v_n + (v_n - v_n-1)/3. So the increment from x_n is still the unknown and is where
+constraints hold; the inertia is m/H^2, the inertial target s + H (v_n + ...) + H^2 a, and the
+velocity (dx - s)/H, which dampers and friction see. After a step of another length, with
+r = h/h_last, H = h (1 + r)/(1 + 2 r), and r^2/(1 + 2 r) takes the place of 1/3 (Hairer, Norsett,
+Wanner, "Solving Ordinary Differential Equations I", section III.5). Rotations go by the rotation
+vectors of the steps, which commute to the third order of h; momenta add up in world axes.
+
+What extrapolates is wrong where the velocity jumps: a body that lands would bounce. A world takes
+backward Euler in the step of an impact and in the one after it, where a contact lets go or an
+external force jumps, after sweeps that did not settle, in its first step, and where its state is
+not the one that the last step left. Forces that external wrenches exert count with all of their
+impulse in the step that they are given for.
+"""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..algebra.so3 import exp_quat, world_inertia
+from ..blocks.body import target_spin
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ContactRow,
+    History,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from ..rows.joint import BALL, DISTANCE, rotation_vector
+from .bodies import has_rows, target_shift, target_turn
+from .loops import has_loops
+from .trees import is_linked
+
+JOLT = wp.constant(0.5)
+"""Closing of a contact by the velocity of the start of a step that is an impact, as a share of
+g h^2: what a smooth force changes in a step is about that. Likewise the share of itself or of the
+weight by which an external force jumps."""
+LIMIT_JOLT = wp.constant(1.0e-5)
+"""How far beyond a limit a coordinate that goes on is about to meet it [m or rad]."""
+MOST_TURN = wp.constant(1.0)
+"""Turn of a body in a step [rad] beyond which extrapolation says nothing."""
+
+
+@wp.func
+def spin_momentum(
+    model: BodyModel, body: int, rotation: wp.quat, velocity: wp.spatial_vector
+) -> wp.vec3:
+    """Angular momentum of a body about its COM [N m s], world axes."""
+    return world_inertia(rotation, model.inertia[body]) * wp.spatial_bottom(velocity)
+
+
+@wp.func
+def begin_bodies(
+    world: int,
+    h: float,
+    body_qd: wp.array[wp.spatial_vector],
+    worlds: WorldWork,
+    work: BodyWork,
+):
+    """Backward Euler: nothing is ahead, and bodies coast by h v."""
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        work.coasting[body] = work.increment[body]
+        if work.inv_mass[body] > 0.0:
+            work.coasting[body] = h * body_qd[body]
+
+
+@wp.func
+def jumps(now: wp.vec3, last: wp.vec3, least: float) -> bool:
+    """Whether what pushes a body has changed by half of it, or half of ``least``."""
+    most = wp.max(wp.max(wp.length_sq(now), wp.length_sq(last)), least * least)
+    return wp.length_sq(now - last) > JOLT * JOLT * most
+
+
+@wp.func
+def is_continued(
+    world: int,
+    body_q: wp.array[wp.transform],
+    body_qd: wp.array[wp.spatial_vector],
+    gravity: float,
+    model: BodyModel,
+    worlds: WorldWork,
+    work: BodyWork,
+    history: History,
+) -> bool:
+    """Whether all bodies of a world are as the last step left them, turned little in it, and are
+    pushed as they were."""
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0:
+            last = history.last[body]
+            pose = body_q[body]
+            is_left = (
+                wp.transform_get_translation(pose) == wp.transform_get_translation(last.pose)
+                and wp.transform_get_rotation(pose) == wp.transform_get_rotation(last.pose)
+                and body_qd[body] == last.velocity
+            )
+            turn = wp.length_sq(wp.spatial_bottom(last.increment))
+            if not is_left or turn > MOST_TURN * MOST_TURN:
+                return False
+            force, torque = wp.spatial_top(work.wrench[body]), wp.spatial_bottom(work.wrench[body])
+            weight = gravity * model.mass[body]
+            if jumps(force, wp.spatial_top(last.wrench), weight):
+                return False
+            if jumps(torque, wp.spatial_bottom(last.wrench), 0.0):
+                return False
+    return True
+
+
+@wp.func
+def has_impact(body: int, jolt: float, work: BodyWork, rows: RowWork) -> bool:
+    """Whether a contact that a body owns closes by more than ``jolt`` [m] while bodies coast."""
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        span = work.com[row.a] - work.com[row.b]
+        u = contact_rows.slip(row, work.coasting[row.a], work.coasting[row.b], span)
+        if wp.dot(row.normal, u) + wp.max(row.gap, 0.0) < -jolt:
+            return True
+    return False
+
+
+@wp.func
+def is_pushing(row: ContactRow) -> bool:
+    """Whether the multiplier of a row pushes."""
+    return wp.dot(row.normal, row.force) > 0.0
+
+
+@wp.func
+def lets_go(world: int, worlds: WorldWork, rows: RowWork, history: History) -> bool:
+    """Whether a contact that pushed in the last step is gone or about to open."""
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        left = int(history.pushing[body])
+        for k in range(rows.owned_start[body], rows.owned_end[body]):
+            left -= int(is_pushing(rows.rows[k]))
+        if left > 0:
+            return True
+    return False
+
+
+@wp.func
+def is_beyond(joints: JointModel, dof: int, at: float, history: History) -> bool:
+    """Whether a coordinate that goes on as in the last step would be beyond a limit."""
+    goes_to = 2.0 * at - history.coordinate[dof]
+    lower = joints.limit_lower[dof] - LIMIT_JOLT
+    return goes_to < lower or goes_to > joints.limit_upper[dof] + LIMIT_JOLT
+
+
+@dataclass(frozen=True)
+class Bdf2Functions:
+    """Device functions of the second-order scheme, compiled for a scene's effects."""
+
+    begin_step: wp.Function
+    remember_motion: wp.Function
+    remember_pose: wp.Function
+
+
+def make_bdf2(effects: Effects) -> Bdf2Functions:
+    """Generates the functions for a scene's effects."""
+
+    @wp.func
+    def meets_limit(
+        world: int,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ) -> bool:
+        """Whether a joint of a world is about to meet a limit."""
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                k = tree.axis_start[body]
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    if joints.type[joint] != BALL:
+                        if is_beyond(joints, dof, tree.coordinate[k], history):
+                            return True
+                    k += 1
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                joint = loops.joints[i]
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    if joints.type[joint] != BALL:
+                        if is_beyond(joints, dof, loops.coordinate[dof], history):
+                            return True
+        return False
+
+    @wp.func
+    def is_smooth(
+        world: int,
+        scale: WorldScale,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ) -> bool:
+        """Whether no velocity of a world is about to jump."""
+        if wp.static(effects.contact):
+            jolt = JOLT * scale.gravity * scale.h * scale.h
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                body = worlds.bodies[i]
+                if has_impact(body, jolt, work, rows):
+                    return False
+                if wp.static(effects.compliance):
+                    # a compliant row's gap holds its damping by backward Euler
+                    if rows.owned_start[body] < rows.owned_end[body]:
+                        return False
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                if joints.type[loops.joints[i]] == DISTANCE:
+                    return False
+        if wp.static(effects.limits and not effects.compliance):
+            return not meets_limit(world, joints, worlds, work, tree, loops, history)
+        return True
+
+    @wp.func
+    def lead_body(
+        body: int,
+        is_free: bool,
+        ratio: float,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: BodyModel,
+        work: BodyWork,
+        history: History,
+    ):
+        """Lead, target and first guess of a body."""
+        step = scale.step
+        velocity = body_qd[body]
+        if work.inv_mass[body] == 0.0:
+            # goes h v, and is felt to move at v
+            work.lead[body] = (scale.h - step) * velocity
+            return
+        last = history.last[body]
+        lead = scale.ahead * last.increment
+        v = velocity + scale.ahead * last.gain
+        # external forces are those of the whole step: all of their impulse, none of the last one's
+        wrench = work.wrench[body]
+        wrench += (scale.ahead * scale.h / step) * (wrench - last.wrench)
+        dx = target_shift(model, body, v, wrench, step)
+        rotation = wp.transform_get_rotation(body_q[body])
+        turn = wp.spatial_bottom(lead)
+        dtheta = wp.vec3(0.0)
+        if wp.static(effects.gyroscopic):
+            momentum = spin_momentum(model, body, rotation, velocity)
+            momentum += scale.ahead * last.spun + step * wp.spatial_bottom(wrench)
+            if is_free:
+                start = exp_quat(turn) * rotation
+                kept = wp.quat_rotate_inv(start, momentum)
+                w = target_spin(model.inertia[body], model.inv_inertia[body], kept, step)
+                end = start * exp_quat(step * w)
+                dtheta = rotation_vector(end * wp.quat_inverse(rotation)) - turn
+                spin = model.inv_inertia[body] * wp.quat_rotate_inv(end, momentum)
+                rounded = (turn + dtheta) - turn
+                work.spin_gain[body] = wp.quat_rotate(end, spin) - rounded / step
+            else:
+                # the inertia of the end of the step, where the body goes if all stays smooth
+                spin = wp.spatial_bottom(velocity + ratio * last.gain)
+                end = exp_quat(turn + step * spin) * rotation
+                work.inertia[body] = world_inertia(end, model.inertia[body])
+                dtheta = step * (world_inertia(end, model.inv_inertia[body]) * momentum)
+        else:
+            dtheta = target_turn(model, body, rotation, v, wrench, step)
+        target = lead + wp.spatial_vector(dx, dtheta)
+        coasting = lead + step * v
+        work.lead[body] = lead
+        work.coasting[body] = coasting
+        work.target[body] = target
+        work.increment[body] = coasting + history.falling[body] * (target - coasting)
+
+    @wp.func
+    def lead_rows(body: int, scale: WorldScale, work: BodyWork, rows: RowWork):
+        """Penalties of the rows that a body owns, by the step; friction sees velocities."""
+        stiffer = (scale.h * scale.h) / (scale.step * scale.step)
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            row = rows.rows[i]
+            rows.rows[i].k_n = stiffer * row.k_n
+            rows.rows[i].k_t = stiffer * row.k_t
+            if wp.static(effects.angular_friction):
+                rows.spin[i].k_twist = stiffer * rows.spin[i].k_twist
+                rows.spin[i].k_roll = stiffer * rows.spin[i].k_roll
+            if wp.static(effects.drift):
+                span = work.com[row.a] - work.com[row.b]
+                slid = contact_rows.slip(row, work.lead[row.a], work.lead[row.b], span)
+                slid -= wp.dot(row.normal, slid) * row.normal
+                rows.drift[i] = (scale.step / scale.h) * rows.drift[i] - slid
+
+    @wp.func
+    def begin_step(
+        world: int,
+        last_step: float,
+        has_bounce: bool,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: BodyModel,
+        joints: JointModel,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+    ) -> WorldScale:
+        """Decides on the order of a world's step, and makes targets and rows those of BDF2."""
+        out = scale
+        begin_bodies(world, scale.h, body_qd, worlds, work)
+        smooth = not has_bounce and is_smooth(
+            world, scale, joints, worlds, work, rows, tree, loops, history
+        )
+        was_smooth = history.smooth[world] != 0 and history.age[world] > 0
+        history.smooth[world] = int(smooth)
+        if (
+            smooth
+            and was_smooth
+            and not lets_go(world, worlds, rows, history)
+            and is_continued(world, body_q, body_qd, scale.gravity, model, worlds, work, history)
+        ):
+            ratio = scale.h / last_step
+            out.step = scale.h * (1.0 + ratio) / (1.0 + 2.0 * ratio)
+            out.ahead = ratio * ratio / (1.0 + 2.0 * ratio)
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                body = worlds.bodies[i]
+                is_free = bool(True)
+                if wp.static(effects.contact):
+                    is_free = not has_rows(rows, body)
+                if wp.static(effects.joints):
+                    is_free = is_free and worlds.block_end[i] == i + 1 and tree.joint[body] < 0
+                if wp.static(effects.loops):
+                    is_free = is_free and not has_loops(loops, body)
+                lead_body(body, is_free, ratio, out, body_q, body_qd, model, work, history)
+            if wp.static(effects.contact):
+                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                    lead_rows(worlds.bodies[i], out, work, rows)
+        worlds.step[world] = out.step
+        return out
+
+    @wp.func
+    def remember_motion(
+        body: int,
+        velocity: wp.spatial_vector,
+        start: wp.transform,
+        start_velocity: wp.spatial_vector,
+        model: BodyModel,
+        work: BodyWork,
+        rows: RowWork,
+        history: History,
+    ):
+        """How a body has moved in the step, before anything old is recovered, and what pushes."""
+        if wp.static(effects.contact):
+            pushing = int(0)
+            for i in range(rows.owned_start[body], rows.owned_end[body]):
+                pushing += int(is_pushing(rows.rows[i]))
+            history.pushing[body] = pushing
+        last = history.last[body]
+        last.increment = work.increment[body]
+        last.gain = velocity - start_velocity
+        last.velocity = velocity
+        last.wrench = work.wrench[body]
+        if wp.static(effects.gyroscopic):
+            rotation = wp.transform_get_rotation(start)
+            last.spun = -spin_momentum(model, body, rotation, start_velocity)
+        history.last[body] = last
+
+    @wp.func
+    def remember_pose(body: int, pose: wp.transform, model: BodyModel, history: History):
+        """Where a step has left a body."""
+        last = history.last[body]
+        last.pose = pose
+        if wp.static(effects.gyroscopic):
+            rotation = wp.transform_get_rotation(pose)
+            last.spun += spin_momentum(model, body, rotation, last.velocity)
+        history.last[body] = last
+
+    return Bdf2Functions(begin_step, remember_motion, remember_pose)

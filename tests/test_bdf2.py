@@ -1,0 +1,305 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""``scheme="bdf2"``: errors fall with the square of the step, and contacts stay as they are."""
+
+from collections.abc import Callable
+from itertools import pairwise
+from typing import Any
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from contract import pile, record, snapshot
+from helpers import EPS, NO_GRAVITY, G, Simulation, add_box, add_ground, add_mass, add_sphere
+from joint_scenes import WORLD, add_link, coordinates, set_coordinates, simulate, transform
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+from test_gyroscopic import AXES, MOMENTS, reference
+
+from newton_avbd import SolverAVBD
+from newton_avbd.study.chains import add_chain
+from newton_avbd.study.pendulums import pendulum_errors
+
+STEPS = (1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0)
+
+
+def assert_second_order(error_of: Callable[[float], float], least: float = 3.4) -> None:
+    """Half the step leaves a quarter of the error, but for the next order and for rounding."""
+    errors = [error_of(dt) for dt in STEPS]
+    assert errors[0] > least * errors[1]
+    assert errors[1] > least * errors[2]
+
+
+def sliding(shape: str, dt: float, speed: float = 3.0, **settings: Any) -> Simulation:
+    """A box or a sphere that starts to slide on the ground."""
+    builder = newton.ModelBuilder()
+    add_ground(builder)
+    (add_box if shape == "box" else add_sphere)(builder, (0.0, 0.0, 0.25))
+    sim = Simulation(builder, dt=dt, **settings)
+    sim.set_velocity(0, (speed, 0.0, 0.0))
+    return sim
+
+
+def test_a_projectile_falls_short_by_the_first_step_only() -> None:
+    """That is backward Euler, g h^2 / 2 too low; what it leaves in x' settles at g h^2 / 4 more."""
+    for dt in STEPS:
+        builder = newton.ModelBuilder()
+        add_mass(builder)
+        sim = Simulation(builder, dt=dt, collide=False, scheme="bdf2")
+        sim.set_velocity(0, (1.0, 0.0, 5.0))
+        sim.run(1.0)
+        assert sim.pose[0, 2] - (5.0 - 0.5 * G) == pytest.approx(-0.75 * G * dt**2, rel=0.1)
+        assert sim.velocity[0, 2] == pytest.approx(5.0 - G, rel=200 * EPS)
+
+
+@pytest.mark.parametrize("armature", [0.0, 0.5])
+def test_a_damped_oscillator_converges_with_order_two(armature: float) -> None:
+    """A slider on a passive spring and damper in no gravity, with its closed form after 1 s."""
+    mass, stiffness, damping = 1.0, 40.0, 1.0
+
+    def error(dt: float) -> float:
+        builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+        joint = builder.add_joint_prismatic(
+            WORLD,
+            add_link(builder, mass=mass),
+            axis=(1.0, 0.0, 0.0),
+            stiffness=stiffness,
+            damping=damping,
+            armature=armature,
+        )
+        builder.add_articulation([joint])
+        set_coordinates(builder, joint, [0.3])
+        sim = simulate(builder, dt=dt, scheme="bdf2")
+        sim.run(1.0)
+        total = mass + armature
+        rate = -0.5 * damping / total
+        omega = np.sqrt(stiffness / total - rate**2)
+        belongs = 0.3 * np.exp(rate) * (np.cos(omega) - rate / omega * np.sin(omega))
+        return abs(coordinates(sim)[0][0] - belongs)
+
+    assert_second_order(error)
+
+
+@pytest.mark.parametrize("links", [1, 2, 3])
+def test_a_chain_of_hinges_converges_with_order_two(links: int) -> None:
+    """Largest distance from Lagrange's equations after 2 s; backward Euler is off 20 times more."""
+    errors = pendulum_errors(lambda m: SolverAVBD(m, scheme="bdf2"), links, STEPS)
+    assert_second_order(errors.__getitem__, least=3.0)
+    euler = pendulum_errors(SolverAVBD, links, STEPS[-1:])
+    assert euler[STEPS[-1]] > 20.0 * errors[STEPS[-1]]
+
+
+def test_an_asymmetric_top_converges_with_order_two_and_keeps_its_momentum() -> None:
+    """Orientation after 1 s; momentum to half a rounding a step and the noise of the increments."""
+    omega = np.array([1.0, 2.0, -1.5])
+    rotation, _ = reference(omega, 1.0)
+    r = AXES.as_matrix()
+
+    def error(dt: float) -> float:
+        builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+        add_mass(builder, inertia=r @ np.diag(MOMENTS) @ r.T)
+        sim = Simulation(builder, dt=dt, collide=False, scheme="bdf2")
+        sim.set_velocity(0, angular=omega)
+        before = sim.spin_momentum[0]
+        sim.run(1.0)
+        drift = np.linalg.norm(sim.spin_momentum[0] - before) / np.linalg.norm(before)
+        assert drift < EPS / dt
+        return (Rotation.from_quat(sim.pose[0, 3:]) * rotation.inv()).magnitude()
+
+    assert_second_order(error)
+
+
+def test_an_asymmetric_body_on_a_ball_joint_converges_with_order_two() -> None:
+    """It swings and spins about its pivot: Euler's equations there, with the torque of gravity."""
+    mass, moments = 2.0, np.array([0.4, 0.15, 0.3])
+    center = np.array([0.0, 0.1, -0.4])
+    spin = np.array([1.0, -2.0, 3.0])
+    pivot = np.diag(moments) + mass * (center @ center * np.eye(3) - np.outer(center, center))
+
+    def rate(_t: float, y: np.ndarray) -> np.ndarray:
+        q, w = y[:4], y[4:]
+        down = Rotation.from_quat(q).inv().apply([0.0, 0.0, -mass * G])
+        dq = 0.5 * np.append(q[3] * w + np.cross(q[:3], w), -q[:3] @ w)
+        torque = np.cross(center, down) + np.cross(pivot @ w, w)
+        return np.append(dq, np.linalg.solve(pivot, torque))
+
+    start = np.array([0.0, 0.0, 0.0, 1.0, *spin])
+    found = solve_ivp(rate, (0.0, 1.0), start, method="DOP853", rtol=1e-12, atol=1e-12).y[:, -1]
+    belongs = Rotation.from_quat(found[:4])
+
+    def error(dt: float) -> float:
+        builder = newton.ModelBuilder()
+        body = add_link(builder, mass=mass, inertia=moments)
+        joint = builder.add_joint_ball(WORLD, body, child_xform=transform(-center))
+        builder.add_articulation([joint])
+        set_coordinates(builder, joint, qd=spin)
+        sim = simulate(builder, dt=dt, scheme="bdf2")
+        sim.run(1.0)
+        return (Rotation.from_quat(sim.pose[0, 3:]) * belongs.inv()).magnitude()
+
+    assert_second_order(error)
+
+
+def test_steps_of_changing_length_keep_the_order() -> None:
+    """A pendulum by steps of 0.8 and 1.2 dt in turn, against one by steps a quarter as long."""
+
+    def angle(dt: float) -> float:
+        builder = newton.ModelBuilder()
+        add_chain(builder, 1, length=1.0, slope=0.5)
+        sim = Simulation(builder, collide=False, scheme="bdf2")
+        for i in range(round(1.0 / dt)):
+            sim.dt = dt * (0.8 if i % 2 else 1.2)
+            sim.step()
+        return float(Rotation.from_quat(sim.pose[0, 3:]).as_rotvec()[1])
+
+    belongs = angle(STEPS[-1] / 8.0)
+    assert_second_order(lambda dt: abs(angle(dt) - belongs))
+
+
+def test_a_free_chain_keeps_its_energy_where_backward_euler_loses_it() -> None:
+    """Ten links swing for 3 s at 240 Hz: below 1 % of what they can turn into motion is lost."""
+    lost = {}
+    for scheme in ("euler", "bdf2"):
+        builder = newton.ModelBuilder()
+        add_chain(builder, 10, length=0.2, slope=0.5)
+        sim = Simulation(builder, collide=False, scheme=scheme)
+        start, weight = sim.energy, G * float(sim.mass.sum())
+        sim.run(3.0)
+        lost[scheme] = (start - sim.energy) / weight  # [m]
+    assert abs(lost["bdf2"]) < 0.01
+    assert abs(lost["bdf2"]) < 0.1 * lost["euler"]
+
+
+@pytest.mark.parametrize("moments", [(0.1, 0.1, 0.1), (0.1, 0.2, 0.25)])
+def test_a_free_chain_keeps_its_momentum(moments: tuple[float, ...]) -> None:
+    """Three bodies on hinges in no gravity: linear momentum to rounding."""
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    bodies = [add_link(builder, inertia=moments) for _ in range(3)]
+    joints = [builder.add_joint_free(bodies[0])]
+    for parent, child in pairwise(bodies):
+        joints.append(
+            builder.add_joint_revolute(
+                parent,
+                child,
+                parent_xform=transform((0.3, 0.0, 0.0)),
+                child_xform=transform((-0.3, 0.0, 0.0)),
+                axis=(0.0, 1.0, 0.0),
+            )
+        )
+    builder.add_articulation(joints)
+    set_coordinates(builder, joints[0], qd=[1.0, 0.5, 0.0, 0.3, 0.2, 0.1])
+    set_coordinates(builder, joints[1], qd=[3.0])
+    sim = simulate(builder, scheme="bdf2")
+    before = sim.mass @ sim.velocity[:, :3]
+    sim.run(1.0)
+    assert sim.mass @ sim.velocity[:, :3] == pytest.approx(before, abs=1.0e-4)
+
+
+def test_a_sliding_box_converges_with_order_two_until_it_stops() -> None:
+    """v t - mu g t^2 / 2 after 0.3 s, and v^2 / (2 mu g) where it stops, within 2 mu g h^2."""
+
+    def error(dt: float) -> float:
+        sim = sliding("box", dt, scheme="bdf2")
+        sim.run(0.3)
+        return abs(sim.pose[0, 0] - (0.9 - 0.25 * G * 0.09))
+
+    assert_second_order(error)
+    for dt in STEPS:
+        sim = sliding("box", dt, scheme="bdf2")
+        sim.run(1.0)
+        assert sim.pose[0, 0] == pytest.approx(9.0 / G, abs=2.0 * G * dt**2)
+        assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+@pytest.mark.parametrize("dt", STEPS)
+def test_a_box_that_lands_stays(dt: float) -> None:
+    """From 1 m at 4.4 m/s: neither does it bounce, by more than g h, nor does it sink in."""
+    builder = newton.ModelBuilder()
+    add_ground(builder)
+    add_box(builder, (0.0, 0.0, 1.25))
+    sim = Simulation(builder, dt=dt, scheme="bdf2")
+    highest = 0.0
+    for _ in range(round(1.0 / dt)):
+        sim.step()
+        highest = max(highest, sim.velocity[0, 2])
+    assert highest < G * dt
+    assert np.abs(sim.velocity).max() < 1.0e-3
+    assert sim.pose[0, 2] == pytest.approx(0.25, abs=0.1 * G * dt**2)
+
+
+def test_an_arm_that_falls_on_its_limit_stays() -> None:
+    """At 5 rad/s: from the landing on it is within 1e-3 of the limit."""
+    builder = newton.ModelBuilder()
+    joint = builder.add_joint_revolute(
+        WORLD,
+        add_link(builder),
+        child_xform=transform((-0.4, 0.0, 0.0)),
+        axis=(0.0, 1.0, 0.0),
+        limit_upper=0.5,
+    )
+    builder.add_articulation([joint])
+    sim = simulate(builder, scheme="bdf2")
+    path = []
+    for _ in range(240):
+        sim.step()
+        path.append(coordinates(sim)[0][0])
+    landed = int(np.argmax(np.array(path) > 0.499))
+    assert 0 < landed < 120
+    assert min(path[landed:]) > 0.499
+    assert max(path) < 0.5 + 1.0e-4
+
+
+def test_a_force_gives_its_impulse_in_the_step_it_acts_in() -> None:
+    """Pushed with 2 N for ten steps, then with none: 1 kg moves at 20 h from then on."""
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    add_mass(builder)
+    sim = Simulation(builder, collide=False, scheme="bdf2")
+    sim.step(5)
+    sim.push(0, (2.0, 0.0, 0.0))
+    sim.step(10)
+    assert sim.velocity[0, 0] == pytest.approx(20.0 * sim.dt, rel=1.0e-5)
+    sim.push(0)
+    sim.step(5)
+    assert sim.velocity[0, 0] == pytest.approx(20.0 * sim.dt, rel=1.0e-5)
+
+
+def test_a_body_that_is_put_elsewhere_starts_anew() -> None:
+    """After a new velocity from outside the step is backward Euler, whatever was before."""
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    add_mass(builder)
+    sim = Simulation(builder, collide=False, scheme="bdf2")
+    sim.set_velocity(0, (5.0, 0.0, 0.0))
+    sim.step(4)
+    sim.set_velocity(0, (0.0, 1.0, 0.0))
+    x = sim.pose[0, 0]
+    sim.step(3)
+    assert sim.pose[0, 0] == x
+    assert sim.velocity[0] == pytest.approx([0.0, 1.0, 0.0, 0.0, 0.0, 0.0], abs=EPS)
+
+
+def test_a_reset_world_repeats_itself() -> None:
+    """Bit for bit the run of a new solver: nothing of the last steps is left."""
+    sim = Simulation(pile(), scheme="bdf2")
+    first = record(sim, 40)
+    sim.solver.reset(sim.state)
+    np.testing.assert_array_equal(record(sim, 40), first)
+
+
+def test_a_replayed_graph_is_the_eager_run() -> None:
+    """Captured before anything ran, three steps a graph, bit for bit."""
+    eager, replayed = (Simulation(pile(), scheme="bdf2") for _ in range(2))
+    replayed._next = replayed.state
+    with wp.ScopedCapture(device="cpu") as capture:
+        replayed.step(3)
+    for _ in range(20):
+        wp.capture_launch(capture.graph)
+    np.testing.assert_array_equal(snapshot(replayed.state), record(eager, 60)[-1])
+
+
+def test_the_ramp_is_backward_euler() -> None:
+    """Its penalties know one step only."""
+    builder = newton.ModelBuilder()
+    add_mass(builder)
+    with pytest.raises(ValueError, match="leave scheme='bdf2' out"):
+        SolverAVBD(builder.finalize(device="cpu"), formulation="ramp", scheme="bdf2")
