@@ -14,10 +14,12 @@ from ..data import BodyModel
 
 GYRO_ITERATIONS = wp.constant(5)
 """Most Newton iterations of the gyroscopic solve; one does below 0.1 rad a step."""
-GYRO_SLOW = wp.constant(2.0e-2)
-"""Relative change c of the spin within a step from which a fixed-point step does: it leaves c^2."""
-GYRO_CLOSE = wp.constant(3.0e-2)
-"""Relative residual r from which one more iteration does: it leaves about (h |w| r)^2 / 2."""
+GYRO_SLOW = wp.constant(4.0e-4)
+"""Turn of a step [rad] times relative change of the spin in it, from which a fixed-point step does:
+it leaves about as much."""
+GYRO_CLOSE = wp.constant(3.0e-3)
+"""Turn of a step [rad] times relative residual from which one more iteration does: it leaves about
+half of the square."""
 
 KINEMATIC = wp.constant(int(newton.BodyFlags.KINEMATIC))
 
@@ -46,10 +48,10 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
     # exp(-h w) L to second order
     turned = momentum - h * wp.cross(spin, momentum - (0.5 * h) * wp.cross(spin, momentum))
     w = inv_inertia * turned
-    if wp.length_sq(w - spin) <= GYRO_SLOW * GYRO_SLOW * wp.length_sq(spin):
+    if h * wp.length(w - spin) <= GYRO_SLOW:
         return w
     w = spin
-    scale = wp.dot(momentum, momentum)
+    momentum_size = wp.length(momentum)
     # the determinant of a millimetre's inertia would underflow
     unit = 1.0 / wp.trace(inertia)
     most = int(GYRO_ITERATIONS)  # not a constant: one copy of the loop's body, not five
@@ -57,8 +59,9 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
         turned = wp.quat_rotate_inv(exp_quat(h * w), momentum)
         residual = inertia * w - turned
         jacobian = inertia - h * (wp.skew(turned) * right_jacobian(h * w))
+        turn = h * wp.length(w)
         w = w - wp.inverse(unit * jacobian) * (unit * residual)
-        if wp.dot(residual, residual) <= GYRO_CLOSE * GYRO_CLOSE * scale:
+        if turn * wp.length(residual) <= GYRO_CLOSE * momentum_size:
             return w
     # No solution in reach: more than about a turn a step. The mean motion is a turn about the
     # momentum at the rate 2 E / |L|, which keeps the energy, too.
