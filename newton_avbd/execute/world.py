@@ -7,7 +7,7 @@ import functools
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..blocks.body import origin_shift, renormalised, turned
+from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
 from ..data import (
     BodyModel,
     BodyWork,
@@ -357,6 +357,19 @@ def make_solve(effects: Effects) -> wp.Kernel:
     loop_curvature = loop_functions.loop_curvature
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+
+    @wp.func
+    def only_contacts_hold(
+        rank: int, worlds: WorldWork, rows: RowWork, tree: TreeWork, loops: LoopWork
+    ) -> bool:
+        """Whether the body of this rank has contacts and no joints."""
+        body = worlds.bodies[rank]
+        result = has_rows(rows, body)
+        if wp.static(effects.joints):
+            result = result and not is_tree(rank, worlds.block_end[rank], body, tree)
+        if wp.static(effects.loops):
+            result = result and not has_loops(loops, body)
+        return result
 
     @wp.func
     def assemble_body(
@@ -991,7 +1004,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 )
                 velocity = increment / h
                 if wp.static(effects.gyroscopic):
-                    velocity += wp.spatial_vector(wp.vec3(0.0), work.spin_gain[body])
+                    gain = work.spin_gain[body]
+                    if wp.static(effects.contact):
+                        if only_contacts_hold(i, worlds, rows, tree, loops):
+                            turn = wp.spatial_bottom(increment)
+                            gain = carried_roll(turn, work.inv_inertia[body]) / h
+                    velocity += wp.spatial_vector(wp.vec3(0.0), gain)
             body_qd_out[body] = velocity
 
         if wp.static(effects.restitution):
@@ -1085,6 +1103,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     rotation = renormalised(tree.rotation[body])
                 if not is_turned:
                     rotation = turned(pose, increment)
+                    if wp.static(effects.gyroscopic and effects.contact):
+                        if only_contacts_hold(i, worlds, rows, tree, loops):
+                            rotation = rolled(pose, increment, work.inv_inertia[body])
                 shift = origin_shift(pose, model.com[body], increment, rotation)
                 if wp.static(effects.joints):
                     shift += history.lost[body]
