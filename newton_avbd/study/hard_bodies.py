@@ -98,12 +98,14 @@ def _(builder: newton.ModelBuilder) -> None:
     Bounds(penetration=5e-4, gain=1e-3),
 )
 def _(builder: newton.ModelBuilder) -> None:
-    # No plane: of a box it meets the four lowest corners only, which are those of one edge until
-    # a plate lies flatter than its thickness.
-    cfg = block(builder, mu=0.5)
-    builder.add_shape_box(-1, xform=at(0.0, 0.0, -0.5), hx=3.0, hy=3.0, hz=0.5, cfg=cfg)
+    add_ground(builder, mu=0.5, gap=0.02)
     tilt = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), math.radians(30.0))
-    add_box(builder, (0.0, 0.0, 0.6), (1.0, 1.0, 0.002), tilt, density=7800.0)
+    plate = add_box(builder, (0.0, 0.0, 0.6), (1.0, 1.0, 0.002), tilt, density=7800.0)
+    # A plane meets the four lowest corners of a box, those of one edge until the plate lies flatter
+    # than its thickness: round corners report themselves.
+    for x, y in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+        corner = at(0.499 * x, 0.499 * y, 0.0)
+        builder.add_shape_sphere(plate, xform=corner, radius=0.001, cfg=block(builder, density=0.0))
     add_box(builder, (0.0, 0.0, 2.0), (0.2, 0.2, 0.2))
 
 
