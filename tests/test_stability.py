@@ -32,6 +32,8 @@ QUICK = {
     "top_10000": 1.0,
     "thin_plate": 0.75,
     "needle": 0.6,
+    "spinning_top_1000": 0.5,
+    "spinning_top_10000": 0.5,
     "overlap_free": 0.3,
     "overlap_ground": 0.3,
     "same_place": 0.3,

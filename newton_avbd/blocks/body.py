@@ -14,9 +14,10 @@ from ..data import BodyModel
 
 GYRO_ITERATIONS = wp.constant(5)
 """Most Newton iterations of the gyroscopic solve; one does below 0.1 rad a step."""
-GYRO_SLOW = wp.constant(4.0e-4)
-"""Turn of a step [rad] times relative change of the spin in it, from which a fixed-point step does:
-it leaves about as much."""
+GYRO_SLOW = wp.constant(2.0e-2)
+"""Relative change c of the spin within a step from which a fixed-point step does: it leaves c^2."""
+GYRO_TURN = wp.constant(0.1)
+"""Turn of a step [rad] up to which: a wobble gains the share turn^4/8 by it."""
 GYRO_CLOSE = wp.constant(3.0e-3)
 """Turn of a step [rad] times relative residual from which one more iteration does: it leaves about
 half of the square."""
@@ -48,8 +49,9 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
     # exp(-h w) L to second order
     turned = momentum - h * wp.cross(spin, momentum - (0.5 * h) * wp.cross(spin, momentum))
     w = inv_inertia * turned
-    if h * wp.length(w - spin) <= GYRO_SLOW:
-        return w
+    if wp.length_sq(w - spin) <= GYRO_SLOW * GYRO_SLOW * wp.length_sq(spin):
+        if h * wp.length(spin) <= GYRO_TURN:
+            return w
     w = spin
     momentum_size = wp.length(momentum)
     # the determinant of a millimetre's inertia would underflow

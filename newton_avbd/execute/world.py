@@ -7,6 +7,7 @@ import functools
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
+from ..algebra.so3 import exp_quat
 from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
 from ..data import (
     BodyModel,
@@ -36,7 +37,7 @@ from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
 from .islands import begin_island, join_islands, keep_momentum
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
-from .trees import ROUNDING, is_linked, make_trees, place_body
+from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
@@ -213,6 +214,9 @@ def make_gather(
         inv_h2 = 1.0 / (h * h)
         f = (model.mass[body] * inv_h2) * wp.spatial_top(away)
         tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
+        if wp.static(effects.tilting):
+            # what tilts a spin has to turn its momentum
+            tau += wp.cross(wp.spatial_bottom(away), work.spin_momentum[body]) / h
         if wp.static(effects.contact):
             # rows of the same two bodies follow each other and share their relative motion
             partner = int(-1)
@@ -333,7 +337,7 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
         update = solve_block(work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
         work.increment[body] = work.increment[body] + update
         if wp.static(effects.loops):
-            place_body(body, body_q, work, tree)
+            place_body(body, work, tree)
         shift = wp.spatial_top(update)
         turn = wp.spatial_bottom(update)
         turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
@@ -721,6 +725,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         block_end = int(-1)
         is_free = bool(False)
         is_closed = bool(False)
+        is_fast = bool(False)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
@@ -732,12 +737,17 @@ def make_solve(effects: Effects) -> wp.Kernel:
             # the guess is put aside: joints are measured at the start first
             tree.update[body] = work.increment[body]
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            tree.turn[body] = wp.vec3(0.0)
             if block_end != worlds.block_end[i]:
                 block_end = worlds.block_end[i]
                 is_free = is_tree(i, block_end, body, tree)
                 if wp.static(effects.closures):
                     is_closed = tree.closures.block_of[i] >= 0
+                is_fast = bool(False)
                 for k in range(i, block_end):
+                    if wp.static(effects.tilting):
+                        spin = work.spin_momentum[worlds.bodies[k]]
+                        is_fast = is_fast or wp.length_sq(spin) > 0.0
                     if wp.static(effects.contact):
                         is_free = is_free and not has_rows(rows, worlds.bodies[k])
                     if wp.static(effects.loops):
@@ -749,6 +759,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 elif is_closed:
                     # keeps a mechanism in its plane, where some of its rows say nothing
                     tree.update[body] = h * body_qd[body]
+                if wp.static(effects.tilting):
+                    tree.is_fast[body] = is_fast
+                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                        shift = wp.spatial_top(tree.update[body])
+                        turn = wp.spatial_bottom(work.target[body])
+                        tree.update[body] = wp.spatial_vector(shift, turn)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
@@ -779,7 +795,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[i]
             work.increment[body] = tree.update[body]
             if work.inv_mass[body] > 0.0:
-                place_body(body, body_q, work, tree)
+                turn = wp.vec3(0.0)
+                if wp.static(effects.tilting):
+                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                        turn = wp.spatial_bottom(work.increment[body])
+                begin_turn(body, turn, body_q, work, tree)
             else:
                 tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.coordinates):
@@ -1005,6 +1025,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 velocity = increment / h
                 if wp.static(effects.gyroscopic):
                     gain = work.spin_gain[body]
+                    if wp.static(effects.tilting):
+                        if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                            spin = wp.spatial_bottom(work.target[body])
+                            tilt = wp.spatial_bottom(increment) - spin
+                            gain = (wp.quat_rotate(exp_quat(tilt), spin) - spin) / h
                     if wp.static(effects.contact):
                         if only_contacts_hold(i, worlds, rows, tree, loops):
                             turn = wp.spatial_bottom(increment)
@@ -1100,6 +1125,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 is_turned = bool(False)
                 if wp.static(effects.joints):
                     is_turned = is_tree(i, worlds.block_end[i], body, tree)
+                    if wp.static(effects.loops):
+                        is_turned = is_turned or has_loops(loops, body)
                     rotation = renormalised(tree.rotation[body])
                 if not is_turned:
                     rotation = turned(pose, increment)
