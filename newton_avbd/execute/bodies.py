@@ -29,7 +29,6 @@ from ..data import (
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
 
-
 FAST = wp.constant(0.25)
 """Turn of a step [rad] from which the spin of a linked body resists tilting within the step."""
 

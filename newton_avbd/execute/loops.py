@@ -151,6 +151,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         known: float,
         joints: JointModel,
         work: BodyWork,
+        tree: TreeWork,
         loops: LoopWork,
     ) -> float:
         """Coordinate of a degree of freedom after the increments; a ball's turn in the step."""
@@ -362,7 +363,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
             known = loops.start_coordinate[index]
-            q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, loops)
+            q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, tree, loops)
             push, _, friction, stop = axis_force(
                 i, dof, q, turn_away, rest_away, h, joints, control, tree, loops, history
             )
@@ -431,7 +432,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
                 known = loops.start_coordinate[index]
-                q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, loops)
+                q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, tree, loops)
                 _, stiffness, _, _ = axis_force(
                     i,
                     dof,
