@@ -659,6 +659,9 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
         if work.inv_mass[parent] > 0.0:
             h_ll, h_al, h_aa = algebra.span_block(span, h_ll, h_al, h_aa)
             h_aa += algebra.geometric_stiffness(-force, arm_p)
+            tree.h_ll[parent] = tree.h_ll[parent] + h_ll
+            tree.h_al[parent] = tree.h_al[parent] + h_al
+            tree.h_aa[parent] = tree.h_aa[parent] + h_aa
             if wp.static(effects.tilting):
                 if is_fast:
                     n_ll, n_al, n_aa = algebra.span_skew(span, n_ll, n_al, n_aa)
