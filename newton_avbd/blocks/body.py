@@ -16,7 +16,7 @@ GYRO_ITERATIONS = wp.constant(5)
 """Most Newton iterations of the gyroscopic solve; one does below 0.1 rad a step."""
 GYRO_SLOW = wp.constant(2.0e-2)
 """Relative change c of the spin within a step from which a fixed-point step does: it leaves c^2."""
-GYRO_TURN = wp.constant(0.1)
+GYRO_TURN = wp.constant(0.25)
 """Turn of a step [rad] up to which: a wobble gains the share turn^4/8 by it."""
 GYRO_CLOSE = wp.constant(3.0e-3)
 """Turn of a step [rad] times relative residual from which one more iteration does: it leaves about
