@@ -249,6 +249,9 @@ class BodyWork:
     """The unknowns: (dx [m], dtheta [rad]) from the pose in state_in."""
     spin_gain: wp.array[wp.vec3]
     """Angular velocity that the gyroscopic solve leaves beside dtheta*/h [rad/s]."""
+    spin_momentum: wp.array[wp.vec3]
+    """Angular momentum [N m s] that a linked body resists tilting with, once it turns fast; zero
+    for others."""
     finite: wp.array[wp.int32]
     """1 when the body's input is finite."""
     factor: wp.array[BlockFactor]
@@ -451,6 +454,10 @@ class TreeWork:
     """Velocity of each degree of freedom of the model at the start of the step [m/s or rad/s]."""
     rotation: wp.array[wp.quat]
     """Orientation after the increment."""
+    turn: wp.array[wp.vec3]
+    """Turn of the increment that goes first [rad]: that of a body that turns fast; else zero."""
+    turned: wp.array[wp.quat]
+    """Orientation after it."""
     apart: wp.array[wp.vec3]
     """From the COM of the parent to that of the body at the start of the step [m]."""
     misfit: wp.array[wp.spatial_vector]
@@ -475,6 +482,12 @@ class TreeWork:
     """Children's share of the block; zero between sweeps."""
     h_al: wp.array[wp.mat33]
     h_aa: wp.array[wp.mat33]
+    is_fast: wp.array[wp.bool]
+    """Whether a body of the same tree turns fast."""
+    n_ll: wp.array[wp.mat33]
+    """The same of the gyroscopic part of the block, which is antisymmetric."""
+    n_al: wp.array[wp.mat33]
+    n_aa: wp.array[wp.mat33]
     push: wp.array[wp.spatial_vector]
     """Children's share of the reduced wrench; zero between sweeps."""
     load: wp.array[wp.spatial_vector]

@@ -129,6 +129,12 @@ class Effects:
         return bool(self.kinds.angular) or self.reaction
 
     @property
+    def tilting(self) -> bool:
+        """Whether the spin of a linked body may have to be tilted. (Closures take the matrix of
+        their tree to be symmetric, which that would not leave it.)"""
+        return self.gyroscopic and self.joints and not self.closures
+
+    @property
     def rods(self) -> bool:
         """Whether there are ROD joints, elastic along all six axes."""
         return self.kinds.rods

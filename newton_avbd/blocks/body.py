@@ -16,8 +16,11 @@ GYRO_ITERATIONS = wp.constant(5)
 """Most Newton iterations of the gyroscopic solve; one does below 0.1 rad a step."""
 GYRO_SLOW = wp.constant(2.0e-2)
 """Relative change c of the spin within a step from which a fixed-point step does: it leaves c^2."""
-GYRO_CLOSE = wp.constant(3.0e-2)
-"""Relative residual r from which one more iteration does: it leaves about (h |w| r)^2 / 2."""
+GYRO_TURN = wp.constant(0.25)
+"""Turn of a step [rad] up to which: a wobble gains the share turn^4/8 by it."""
+GYRO_CLOSE = wp.constant(3.0e-3)
+"""Turn of a step [rad] times relative residual from which one more iteration does: it leaves about
+half of the square."""
 
 KINEMATIC = wp.constant(int(newton.BodyFlags.KINEMATIC))
 
@@ -47,9 +50,10 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
     turned = momentum - h * wp.cross(spin, momentum - (0.5 * h) * wp.cross(spin, momentum))
     w = inv_inertia * turned
     if wp.length_sq(w - spin) <= GYRO_SLOW * GYRO_SLOW * wp.length_sq(spin):
-        return w
+        if h * wp.length(spin) <= GYRO_TURN:
+            return w
     w = spin
-    scale = wp.dot(momentum, momentum)
+    momentum_size = wp.length(momentum)
     # the determinant of a millimetre's inertia would underflow
     unit = 1.0 / wp.trace(inertia)
     most = int(GYRO_ITERATIONS)  # not a constant: one copy of the loop's body, not five
@@ -57,8 +61,9 @@ def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: 
         turned = wp.quat_rotate_inv(exp_quat(h * w), momentum)
         residual = inertia * w - turned
         jacobian = inertia - h * (wp.skew(turned) * right_jacobian(h * w))
+        turn = h * wp.length(w)
         w = w - wp.inverse(unit * jacobian) * (unit * residual)
-        if wp.dot(residual, residual) <= GYRO_CLOSE * GYRO_CLOSE * scale:
+        if turn * wp.length(residual) <= GYRO_CLOSE * momentum_size:
             return w
     # No solution in reach: more than about a turn a step. The mean motion is a turn about the
     # momentum at the rate 2 E / |L|, which keeps the energy, too.
@@ -125,6 +130,45 @@ def turned(pose: wp.transform, increment: wp.spatial_vector) -> wp.quat:
     """Orientation after the increment (dx, dtheta)."""
     turn = exp_quat(wp.spatial_bottom(increment))
     return renormalised(turn * wp.transform_get_rotation(pose))
+
+
+@wp.func
+def needle_roll(dtheta: wp.vec3, inv_inertia: wp.mat33) -> wp.vec3:
+    """Part of a turn dtheta [rad] about the long axis of a needle.
+
+    (I^-1 / tr I^-1)^8 dtheta: all of it at principal moments 1:1000 and beyond, half of it at 1:20,
+    a twentieth for a plank of 6:3:1. For a sphere it is along dtheta and changes nothing.
+
+    Args:
+        dtheta: Rotation vector [rad], world frame.
+        inv_inertia: Inverse of the inertia tensor, world frame [1/(kg m^2)].
+    """
+    share = (1.0 / wp.trace(inv_inertia)) * inv_inertia
+    share = share * share
+    share = share * share
+    share = share * share
+    return share * dtheta
+
+
+@wp.func
+def rolled(pose: wp.transform, increment: wp.spatial_vector, inv_inertia: wp.mat33) -> wp.quat:
+    """Orientation after the increment, where contacts have made it (dx, dtheta).
+
+    Their slip dx + dtheta x r is linear in the turn. A needle that friction rolls by a radian about
+    its long axis while it tilts would tilt elsewhere by exp(dtheta); its ends, where contacts are,
+    do as linearised if it rolls first.
+    """
+    dtheta = wp.spatial_bottom(increment)
+    roll = needle_roll(dtheta, inv_inertia)
+    turn = exp_quat(dtheta - roll) * exp_quat(roll)
+    return renormalised(turn * wp.transform_get_rotation(pose))
+
+
+@wp.func
+def carried_roll(dtheta: wp.vec3, inv_inertia: wp.mat33) -> wp.vec3:
+    """By how much the roll of :func:`rolled` changes as its axis tilts [rad]."""
+    roll = needle_roll(dtheta, inv_inertia)
+    return wp.quat_rotate(exp_quat(dtheta - roll), roll) - roll
 
 
 @wp.func

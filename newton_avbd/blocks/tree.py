@@ -77,6 +77,80 @@ def span_block(span: wp.vec3, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33):
 
 
 @wp.func
+def times_skew(
+    n_ll: wp.mat33, n_al: wp.mat33, n_aa: wp.mat33, motion: wp.spatial_vector
+) -> wp.spatial_vector:
+    """N delta of the antisymmetric part of a block."""
+    linear = wp.spatial_top(motion)
+    angular = wp.spatial_bottom(motion)
+    return wp.spatial_vector(
+        n_ll * linear - wp.transpose(n_al) * angular, n_al * linear + n_aa * angular
+    )
+
+
+@wp.func
+def span_skew(span: wp.vec3, n_ll: wp.mat33, n_al: wp.mat33, n_aa: wp.mat33):
+    """T^T N T: as :func:`span_block` for the antisymmetric part."""
+    d = wp.skew(span)
+    al = n_al + d * n_ll
+    return n_ll, al, n_aa - n_al * d - d * wp.transpose(al)
+
+
+@wp.func
+def eliminated_skew(
+    axis: TreeAxis,
+    tilting: wp.spatial_vector,
+    h_ll: wp.mat33,
+    h_al: wp.mat33,
+    h_aa: wp.mat33,
+    n_ll: wp.mat33,
+    n_al: wp.mat33,
+    n_aa: wp.mat33,
+):
+    """What :func:`eliminated` leaves out where the block has an antisymmetric part N.
+
+    With a = H s and b = N s the block loses (a + b)(a - b)^T / pivot.
+
+    Args:
+        axis: The coordinate, with a as its force and torque.
+        tilting: b.
+        h_ll, h_al, h_aa: The symmetric part, less a a^T / pivot.
+        n_ll, n_al, n_aa: The antisymmetric part.
+    """
+    force = wp.spatial_top(tilting)
+    torque = wp.spatial_bottom(tilting)
+    scaled_force = axis.inv_pivot * force
+    scaled_torque = axis.inv_pivot * torque
+    ll = h_ll + wp.outer(scaled_force, force)
+    al = h_al + wp.outer(scaled_torque, force)
+    aa = h_aa + wp.outer(scaled_torque, torque)
+    # b a^T - a b^T
+    skew_ll = n_ll - wp.outer(scaled_force, axis.force) + wp.outer(axis.force, scaled_force)
+    skew_al = n_al - wp.outer(scaled_torque, axis.force) + wp.outer(axis.torque, scaled_force)
+    skew_aa = n_aa - wp.outer(scaled_torque, axis.torque) + wp.outer(axis.torque, scaled_torque)
+    return ll, al, aa, skew_ll, skew_al, skew_aa
+
+
+@wp.func
+def symmetric_push(
+    h_ll: wp.mat33,
+    h_al: wp.mat33,
+    h_aa: wp.mat33,
+    n_ll: wp.mat33,
+    n_al: wp.mat33,
+    n_aa: wp.mat33,
+    push: wp.spatial_vector,
+) -> wp.spatial_vector:
+    """Wrench that moves the block H as ``push`` moves H + N."""
+    ll = wp.inverse(h_ll + n_ll)
+    al = h_al + n_al
+    la = wp.transpose(h_al - n_al)
+    f = wp.spatial_top(push)
+    turn = wp.inverse(h_aa + n_aa - al * ll * la) * (wp.spatial_bottom(push) - al * (ll * f))
+    return times_block(h_ll, h_al, h_aa, wp.spatial_vector(ll * (f - la * turn), turn))
+
+
+@wp.func
 def eliminated(
     axis: TreeAxis, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33, push: wp.spatial_vector
 ):

@@ -214,7 +214,11 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         loops: LoopWork,
         history: History,
     ) -> bool:
-        """Whether no velocity of a world is about to jump."""
+        """Whether no velocity of a world is about to jump, and no linked body turns fast."""
+        if wp.static(effects.tilting):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                if wp.length_sq(work.spin_momentum[worlds.bodies[i]]) > 0.0:
+                    return False
         if wp.static(effects.contact):
             jolt = JOLT * scale.gravity * scale.h * scale.h
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):

@@ -29,6 +29,9 @@ from ..data import (
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
 
+FAST = wp.constant(0.25)
+"""Turn of a step [rad] from which the spin of a linked body resists tilting within the step."""
+
 
 @wp.func
 def target_shift(
@@ -83,8 +86,8 @@ def mean_spin(
     velocity: wp.spatial_vector,
     wrench: wp.spatial_vector,
     h: float,
-) -> wp.vec3:
-    """Angular velocity over the step, with the gyroscopic torque, world frame [rad/s]."""
+):
+    """Angular velocity over the step [rad/s] and momentum [N m s] after it, world frame."""
     momentum = start_momentum(
         model.inertia[body],
         rotation,
@@ -93,7 +96,7 @@ def mean_spin(
         h,
     )
     w = target_spin(model.inertia[body], model.inv_inertia[body], momentum, h)
-    return wp.quat_rotate(rotation, w)
+    return wp.quat_rotate(rotation, w), wp.quat_rotate(rotation, momentum)
 
 
 @wp.func
@@ -228,7 +231,11 @@ def make_predict(effects: Effects) -> wp.Kernel:
                 is_linked = tree.joint[body] >= 0
             if is_linked:
                 # its joint decides what spin is left; the target's mean spin is all that counts
-                dtheta = h * mean_spin(model, body, rotation, velocity, wrench, h)
+                w, momentum = mean_spin(model, body, rotation, velocity, wrench, h)
+                dtheta = h * w
+                if wp.static(effects.tilting):
+                    is_fast = wp.length_sq(dtheta) > FAST * FAST
+                    work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
             else:
                 w, turn, spin = free_turn_of(model, body, rotation, velocity, wrench, h)
                 w = wp.quat_rotate(rotation, w)

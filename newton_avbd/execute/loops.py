@@ -151,6 +151,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         known: float,
         joints: JointModel,
         work: BodyWork,
+        tree: TreeWork,
         loops: LoopWork,
     ) -> float:
         """Coordinate of a degree of freedom after the increments; a ball's turn in the step."""
@@ -158,7 +159,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if wp.static(effects.kinds.balls and effects.coordinates):
             if joints.type[joint] == BALL:
                 parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
-                turn = ball_turn(work, joints.child[joint], parent, q_p)
+                turn = ball_turn(work, tree, joints.child[joint], parent, q_p)
                 return turn[dof]
         return coordinate(joints, joint, dof, q_p, q_c, offset, known)
 
@@ -369,7 +370,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
             known = loops.start_coordinate[index]
-            q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, loops)
+            q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, tree, loops)
             push, _, friction, stop = axis_force(
                 i, dof, q, turn_away, rest_away, h, joints, control, tree, loops, history
             )
@@ -438,7 +439,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
                 known = loops.start_coordinate[index]
-                q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, loops)
+                q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, tree, loops)
                 _, stiffness, _, _ = axis_force(
                     i,
                     dof,

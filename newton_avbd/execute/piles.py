@@ -251,7 +251,6 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
         recovery: float,
         slop: float,
         h: float,
-        body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
         control: ControlInput,
@@ -311,7 +310,7 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
                 rows.piles.update[body] = update
             work.increment[body] = work.increment[body] + update
             if wp.static(effects.loops):
-                place_body(body, body_q, work, tree)
+                place_body(body, work, tree)
             farthest = wp.max(farthest, moved_by(body, update, work))
             at += 1
         return farthest

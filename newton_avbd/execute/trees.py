@@ -120,17 +120,36 @@ def carried_misfit(
 
 
 @wp.func
-def place_body(body: int, body_q: wp.array[wp.transform], work: BodyWork, tree: TreeWork):
-    """Orientation of a body after its increment."""
-    rotation = wp.transform_get_rotation(body_q[body])
-    tree.rotation[body] = exp_quat(wp.spatial_bottom(work.increment[body])) * rotation
+def place_body(body: int, work: BodyWork, tree: TreeWork):
+    """Orientation of a body after its increment, the turn of :func:`begin_turn` first.
+
+    The rest is small, where the increment is many radians.
+    """
+    rest = wp.spatial_bottom(work.increment[body]) - tree.turn[body]
+    tree.rotation[body] = exp_quat(rest) * tree.turned[body]
 
 
 @wp.func
-def ball_turn(work: BodyWork, child: int, parent: int, q_p: wp.quat) -> wp.vec3:
+def begin_turn(
+    body: int, turn: wp.vec3, body_q: wp.array[wp.transform], work: BodyWork, tree: TreeWork
+):
+    """Orientation of a body that is to turn as said [rad], whatever the sweeps add to it."""
+    tree.turn[body] = turn
+    tree.turned[body] = exp_quat(turn) * wp.transform_get_rotation(body_q[body])
+    place_body(body, work, tree)
+
+
+@wp.func
+def turn_of(body: int, work: BodyWork, tree: TreeWork) -> wp.quat:
+    """Turn of a body in the step."""
+    turn = tree.turn[body]
+    return exp_quat(wp.spatial_bottom(work.increment[body]) - turn) * exp_quat(turn)
+
+
+@wp.func
+def ball_turn(work: BodyWork, tree: TreeWork, child: int, parent: int, q_p: wp.quat) -> wp.vec3:
     """Turn of a ball joint in the step [rad], parent anchor frame."""
-    turn = exp_quat(wp.spatial_bottom(work.increment[child]))
-    turn *= exp_quat(-wp.spatial_bottom(work.increment[parent]))
+    turn = turn_of(child, work, tree) * wp.quat_inverse(turn_of(parent, work, tree))
     return wp.quat_rotate_inv(q_p, rotation_vector(turn))
 
 
@@ -298,7 +317,7 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
             q_p, q_c = in_joint_order(sign, q_p, q_c)
         if wp.static(effects.kinds.balls):
             if joints.type[joint] == BALL:
-                turn = sign * ball_turn(work, body, parent, q_p)
+                turn = sign * ball_turn(work, tree, body, parent, q_p)
                 return turn[dof]
         offset = wp.vec3(0.0)
         if dof < linear_count(joints, joint):
@@ -448,6 +467,18 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
                 h_ll = tree.own_ll[body] + tree.h_ll[body]
                 h_al = tree.own_al[body] + tree.h_al[body]
                 h_aa = tree.own_aa[body] + tree.h_aa[body]
+        if wp.static(effects.tilting):
+            n_ll = wp.mat33(0.0)
+            n_al = wp.mat33(0.0)
+            n_aa = wp.mat33(0.0)
+            is_fast = tree.is_fast[body]
+            if is_fast:
+                n_ll = tree.n_ll[body]
+                n_al = tree.n_al[body]
+                n_aa = tree.n_aa[body] - wp.skew(work.spin_momentum[body]) / h
+                tree.n_ll[body] = wp.mat33(0.0)
+                tree.n_al[body] = wp.mat33(0.0)
+                tree.n_aa[body] = wp.mat33(0.0)
         push = wrench + tree.push[body]
         load = wrench + tree.load[body]
         tree.h_ll[body] = wp.mat33(0.0)
@@ -456,6 +487,9 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
         tree.push[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if not is_linked(joints, tree, body):
+            if wp.static(effects.tilting):
+                if is_fast:
+                    push = algebra.symmetric_push(h_ll, h_al, h_aa, n_ll, n_al, n_aa, push)
             factor = factor_block(h_ll, h_al, h_aa)
             work.factor[body] = factor
             tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
@@ -495,6 +529,9 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
         h_aa += algebra.geometric_stiffness(force, arm_c)
 
         push -= algebra.times_block(h_ll, h_al, h_aa, closing)
+        if wp.static(effects.tilting):
+            if is_fast:
+                push -= algebra.times_skew(n_ll, n_al, n_aa, closing)
         linear = linear_count(joints, joint)
         dofs = linear + angular_count(joints, joint)
         first_axis = wp.vec3(0.0)
@@ -611,6 +648,19 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
             else:
                 axis.inv_pivot = 1.0 / pivot
                 h_ll, h_al, h_aa, push = algebra.eliminated(axis, h_ll, h_al, h_aa, push)
+            if wp.static(effects.tilting):
+                if is_fast:
+                    direction = wp.spatial_vector(axis.linear, axis.angular)
+                    tilting = algebra.times_skew(n_ll, n_al, n_aa, direction)
+                    if axis.pivot > 0.0:
+                        push -= axis.step * tilting
+                    else:
+                        push -= (axis.inv_pivot * axis.push) * tilting
+                        h_ll, h_al, h_aa, n_ll, n_al, n_aa = algebra.eliminated_skew(
+                            axis, tilting, h_ll, h_al, h_aa, n_ll, n_al, n_aa
+                        )
+                    axis.force -= wp.spatial_top(tilting)
+                    axis.torque -= wp.spatial_bottom(tilting)
             tree.axes[k] = axis
 
         if work.inv_mass[parent] > 0.0:
@@ -619,6 +669,12 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
             tree.h_ll[parent] = tree.h_ll[parent] + h_ll
             tree.h_al[parent] = tree.h_al[parent] + h_al
             tree.h_aa[parent] = tree.h_aa[parent] + h_aa
+            if wp.static(effects.tilting):
+                if is_fast:
+                    n_ll, n_al, n_aa = algebra.span_skew(span, n_ll, n_al, n_aa)
+                    tree.n_ll[parent] = tree.n_ll[parent] + n_ll
+                    tree.n_al[parent] = tree.n_al[parent] + n_al
+                    tree.n_aa[parent] = tree.n_aa[parent] + n_aa
             tree.push[parent] = tree.push[parent] + algebra.handed_down(span, push)
             tree.load[parent] = tree.load[parent] + algebra.handed_down(span, load)
         return mismatch
@@ -626,7 +682,6 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
     @wp.func
     def substitute(
         body: int,
-        body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
         work: BodyWork,
@@ -675,11 +730,13 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
             tree.update[body] = other_half(work.factor[body], tree.update[body])
         update = tree.update[body]
         increment = work.increment[body]
+        turn = tree.turn[body]
+        rest = wp.spatial_bottom(increment) - turn
+        rest = algebra.combined_turn(rest, wp.spatial_bottom(update))
         work.increment[body] = wp.spatial_vector(
-            wp.spatial_top(increment) + wp.spatial_top(update),
-            algebra.combined_turn(wp.spatial_bottom(increment), wp.spatial_bottom(update)),
+            wp.spatial_top(increment) + wp.spatial_top(update), turn + rest
         )
-        place_body(body, body_q, work, tree)
+        tree.rotation[body] = exp_quat(rest) * tree.turned[body]
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
             if (
@@ -777,7 +834,7 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                wrong += substitute(body, body_q, model, joints, work, tree)
+                wrong += substitute(body, model, joints, work, tree)
                 turn = wp.spatial_bottom(work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))
                 if wp.static(effects.contact):

@@ -7,7 +7,8 @@ import functools
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..blocks.body import origin_shift, renormalised, turned
+from ..algebra.so3 import exp_quat
+from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
 from ..data import (
     BodyModel,
     BodyWork,
@@ -38,7 +39,7 @@ from .impacts import free_share, make_impacts
 from .islands import begin_island, join_islands, keep_momentum
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
-from .trees import ROUNDING, is_linked, make_trees, place_body
+from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
@@ -203,6 +204,9 @@ def make_gather(
         inv_h2 = 1.0 / (h * h)
         f = (model.mass[body] * inv_h2) * wp.spatial_top(away)
         tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
+        if wp.static(effects.tilting):
+            # what tilts a spin has to turn its momentum
+            tau += wp.cross(wp.spatial_bottom(away), work.spin_momentum[body]) / h
         if wp.static(effects.contact):
             # rows of the same two bodies follow each other and share their relative motion
             partner = int(-1)
@@ -329,7 +333,7 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
         update = solve_block(work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
         work.increment[body] = work.increment[body] + update
         if wp.static(effects.loops):
-            place_body(body, body_q, work, tree)
+            place_body(body, work, tree)
         return moved_by(body, update, work)
 
     return sweep
@@ -372,6 +376,19 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if is_same_block(worlds, row.a, row.b):
                 return 2.0
         return 1.0
+
+    @wp.func
+    def only_contacts_hold(
+        rank: int, worlds: WorldWork, rows: RowWork, tree: TreeWork, loops: LoopWork
+    ) -> bool:
+        """Whether the body of this rank has contacts and no joints."""
+        body = worlds.bodies[rank]
+        result = has_rows(rows, body)
+        if wp.static(effects.joints):
+            result = result and not is_tree(rank, worlds.block_end[rank], body, tree)
+        if wp.static(effects.loops):
+            result = result and not has_loops(loops, body)
+        return result
 
     @wp.func
     def assemble_body(
@@ -761,6 +778,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
         block_end = int(-1)
         is_free = bool(False)
         is_closed = bool(False)
+        is_fast = bool(False)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
@@ -772,12 +790,17 @@ def make_solve(effects: Effects) -> wp.Kernel:
             # the guess is put aside: joints are measured at the start first
             tree.update[body] = work.increment[body]
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            tree.turn[body] = wp.vec3(0.0)
             if block_end != worlds.block_end[i]:
                 block_end = worlds.block_end[i]
                 is_free = is_tree(i, block_end, body, tree)
                 if wp.static(effects.closures):
                     is_closed = tree.closures.block_of[i] >= 0
+                is_fast = bool(False)
                 for k in range(i, block_end):
+                    if wp.static(effects.tilting):
+                        spin = work.spin_momentum[worlds.bodies[k]]
+                        is_fast = is_fast or wp.length_sq(spin) > 0.0
                     if wp.static(effects.contact):
                         is_free = is_free and not has_rows(rows, worlds.bodies[k])
                     if wp.static(effects.loops):
@@ -790,6 +813,12 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 elif is_closed:
                     # keeps a mechanism in its plane, where some of its rows say nothing
                     tree.update[body] = coasting
+                if wp.static(effects.tilting):
+                    tree.is_fast[body] = is_fast
+                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                        shift = wp.spatial_top(tree.update[body])
+                        turn = wp.spatial_bottom(work.target[body])
+                        tree.update[body] = wp.spatial_vector(shift, turn)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
@@ -838,7 +867,11 @@ def make_solve(effects: Effects) -> wp.Kernel:
             body = worlds.bodies[i]
             work.increment[body] = tree.update[body]
             if work.inv_mass[body] > 0.0:
-                place_body(body, body_q, work, tree)
+                turn = wp.vec3(0.0)
+                if wp.static(effects.tilting):
+                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                        turn = wp.spatial_bottom(work.increment[body])
+                begin_turn(body, turn, body_q, work, tree)
             else:
                 tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.coordinates):
@@ -1107,7 +1140,17 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     increment -= work.lead[body]
                 velocity = increment / step
                 if wp.static(effects.gyroscopic):
-                    velocity += wp.spatial_vector(wp.vec3(0.0), work.spin_gain[body])
+                    gain = work.spin_gain[body]
+                    if wp.static(effects.tilting):
+                        if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                            spin = wp.spatial_bottom(work.target[body])
+                            tilt = wp.spatial_bottom(increment) - spin
+                            gain = (wp.quat_rotate(exp_quat(tilt), spin) - spin) / step
+                    if wp.static(effects.contact):
+                        if only_contacts_hold(i, worlds, rows, tree, loops):
+                            turn = wp.spatial_bottom(increment)
+                            gain = carried_roll(turn, work.inv_inertia[body]) / step
+                    velocity += wp.spatial_vector(wp.vec3(0.0), gain)
                 if wp.static(effects.bdf2):
                     remember_motion(
                         body, velocity, body_q[body], body_qd[body], model, work, rows, history
@@ -1202,9 +1245,14 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 is_turned = bool(False)
                 if wp.static(effects.joints):
                     is_turned = is_tree(i, worlds.block_end[i], body, tree)
+                    if wp.static(effects.loops):
+                        is_turned = is_turned or has_loops(loops, body)
                     rotation = renormalised(tree.rotation[body])
                 if not is_turned:
                     rotation = turned(pose, increment)
+                    if wp.static(effects.gyroscopic and effects.contact):
+                        if only_contacts_hold(i, worlds, rows, tree, loops):
+                            rotation = rolled(pose, increment, work.inv_inertia[body])
                 shift = origin_shift(pose, model.com[body], increment, rotation)
                 if wp.static(effects.joints):
                     shift += history.lost[body]
