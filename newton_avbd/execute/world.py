@@ -420,7 +420,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
     begin_closures = closures.begin_closures
-    trees = make_trees(effects, gather, closures.close_tree)
+    trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     measure_misfit = trees.measure_misfit
     measure_start = trees.measure_start
     measure_velocity = trees.measure_velocity
