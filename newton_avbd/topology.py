@@ -9,7 +9,7 @@ import numpy as np
 
 from .rows.joint import KINDS
 
-CLOSURE_ROWS = 1024
+CLOSURE_ROWS = 4096
 """Most equations that are solved with a tree; beyond, its loops are closed sweep by sweep, which
 takes a hundredth of the time and does not converge."""
 

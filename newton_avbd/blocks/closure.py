@@ -35,6 +35,7 @@ from .tree import handed_down
 IMPLIED = wp.constant(1.0e-4)
 """Pivot from which a row says nothing new, as a share of what it had before elimination: above what
 rounding leaves of it after hundreds of others."""
+SOFTNESS = wp.constant(1.0e-4)
 HARDLY_MOVED = wp.constant(1.0e-6)
 """A row says nothing that moves less than this share of what the joint's others do, each taken
 against how it would move were its bodies free."""
@@ -136,7 +137,11 @@ def end_rows(
                 mobility = wp.max(mobility, closures.whole[row] / closures.least[row])
         for row in range(closure.row, closure.row + closure.rows):
             least = wp.max(HARDLY_MOVED * mobility, IMMOVABLE) * closures.least[row]
-            closures.least[row] = wp.max(least, IMPLIED * closures.whole[row])
+            if closure.loop < 0:
+                least = IMPLIED * closures.whole[row]
+            else:
+                closures.gram[closures.gram_row[row] + row] += SOFTNESS * closures.whole[row]
+            closures.least[row] = least
             closures.way[2 * row] += closures.way[2 * row + 1]
     for row in range(node.row, node.row_end):
         g_row = closures.gram_row[row]

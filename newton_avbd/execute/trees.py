@@ -10,6 +10,7 @@ from ..algebra.block import factor_block, half_solve, other_half
 from ..algebra.so3 import exp_quat
 from ..blocks import tree as algebra
 from ..blocks.closure import (
+    SOFTNESS,
     end_rows,
     find_multipliers,
     meet_axes,
@@ -812,6 +813,9 @@ def make_trees(
             farthest = wp.inf
             if wp.static(effects.laws):
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
+        if wp.static(effects.closures):
+            if tree.closures.block_of[first] >= 0:
+                largest = wp.max(largest, wp.static(4.0 * SOFTNESS * SOFTNESS))
         left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]
