@@ -402,6 +402,8 @@ class ClosureWork:
     """By row: how far it is moved by its own multiplier alone [m/N or rad/(N m)]."""
     least: wp.array[float]
     """By row: how far the multiplier would move bodies that nothing else holds; 0 for a mimic."""
+    held: wp.array[float]
+    """By row: what it has pushed with so far [N or N m]; 0 for a mimic."""
     multiplier: wp.array[float]
     """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
     gram_row: wp.array[wp.int32]

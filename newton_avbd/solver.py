@@ -858,6 +858,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             work.direction = wp.zeros(len(top), dtype=wp.vec3)
             work.whole = wp.zeros(len(top), dtype=float)
             work.least = wp.zeros(len(top), dtype=float)
+            work.held = wp.zeros(len(top), dtype=float)
             work.multiplier = wp.zeros(len(top), dtype=float)
             work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
             work.gram = wp.zeros(int(gram[-1]), dtype=float)

@@ -10,8 +10,8 @@ import numpy as np
 from .rows.joint import KINDS
 
 CLOSURE_ROWS = 4096
-"""Most equations that are solved with a tree; beyond, its loops are closed sweep by sweep, which
-takes a hundredth of the time and does not converge."""
+"""Most equations that are solved with a tree, at most 64 MiB; beyond, its loops are closed sweep by
+sweep, which does not converge."""
 
 
 @dataclass(frozen=True)

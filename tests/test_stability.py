@@ -26,6 +26,7 @@ QUICK = {
     "heavy_on_light_100": 0.5,
     "pendulum_50_50000": 1.0,
     "zero_distance": 0.5,
+    "joint_grid_8": 0.5,
     "crushed_stack": 1.5,
     "top_10": 1.0,
     "top_10000": 1.0,

@@ -33,9 +33,13 @@ from ..data import BodyWork, ClosureNode, ClosureWork, TreeWork
 from .tree import handed_down
 
 IMPLIED = wp.constant(1.0e-4)
-"""Pivot from which a row says nothing new, as a share of what it had before elimination: above what
-rounding leaves of it after hundreds of others."""
+"""Pivot from which a mimic says nothing new, as a share of what it had before elimination."""
 SOFTNESS = wp.constant(1.0e-4)
+"""By how much more a multiplier moves its row, as a share of what it does alone: more than rounding
+leaves of a pivot after hundreds of others. What that misses the next sweep finds."""
+FORGOTTEN = wp.constant(1.0e-3)
+"""Share of what a row pushes with that a sweep takes back where nothing needs it: of what rows that
+imply each other push each other with."""
 HARDLY_MOVED = wp.constant(1.0e-6)
 """A row says nothing that moves less than this share of what the joint's others do, each taken
 against how it would move were its bodies free."""
@@ -140,18 +144,28 @@ def end_rows(
             if closure.loop < 0:
                 least = IMPLIED * closures.whole[row]
             else:
-                closures.gram[closures.gram_row[row] + row] += SOFTNESS * closures.whole[row]
+                slack = SOFTNESS * closures.whole[row]
+                closures.gram[closures.gram_row[row] + row] += slack
+                closures.multiplier[row] += FORGOTTEN * slack * closures.held[row]
             closures.least[row] = least
             closures.way[2 * row] += closures.way[2 * row + 1]
     for row in range(node.row, node.row_end):
         g_row = closures.gram_row[row]
         pivot = closures.gram[g_row + row]
+        w = closures.way[2 * row]
         if pivot <= closures.least[row]:
             closures.gram[g_row + row] = 0.0
+            held = closures.held[row]
+            if held != 0.0:
+                push -= held * w
+                for other in range(row + 1, node.row_end):
+                    closures.multiplier[other] -= held * closures.gram[g_row + other]
+                for p in range(node.start, node.stop):
+                    other = closures.items[p] / 2
+                    closures.multiplier[other] -= held * closures.gram[g_row + other]
             continue
         inverse = 1.0 / pivot
         closures.gram[g_row + row] = inverse
-        w = closures.way[2 * row]
         moved = closures.multiplier[row]
         w_l = wp.spatial_top(w)
         w_a = wp.spatial_bottom(w)
@@ -191,14 +205,15 @@ def find_multipliers(at: int, update: wp.spatial_vector, closures: ClosureWork):
         row = node.row_end - 1 - i
         g_row = closures.gram_row[row]
         inverse = closures.gram[g_row + row]
-        left = float(0.0)
-        if inverse > 0.0:
-            left = closures.multiplier[row] + wp.dot(closures.way[2 * row], update)
-            for other in range(row + 1, node.row_end):
-                left -= closures.gram[g_row + other] * closures.multiplier[other]
-            for p in range(node.start, node.stop):
-                other = closures.items[p] / 2
-                left -= closures.gram[g_row + other] * closures.multiplier[other]
+        if inverse == 0.0:
+            closures.multiplier[row] = closures.held[row]
+            continue
+        left = closures.multiplier[row] + wp.dot(closures.way[2 * row], update)
+        for other in range(row + 1, node.row_end):
+            left -= closures.gram[g_row + other] * closures.multiplier[other]
+        for p in range(node.start, node.stop):
+            other = closures.items[p] / 2
+            left -= closures.gram[g_row + other] * closures.multiplier[other]
         closures.multiplier[row] = inverse * left
 
 

@@ -128,6 +128,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         work: BodyWork,
         tree: TreeWork,
         loops: LoopWork,
+        history: History,
     ):
         """The rows of a joint that closes a loop: what it locks, linear rows first."""
         closures = tree.closures
@@ -163,6 +164,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.direction[row] = n
                 closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
+                closures.held[row] = wp.dot(n, history.loop_force[i])
                 closures.multiplier[row] = wp.dot(n, shift)
                 closures.least[row] = PENALTY / loops.k_l[i]
             else:
@@ -170,6 +172,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.direction[row] = n
                 closures.way[2 * row] = moves_c * wp.spatial_vector(wp.vec3(0.0), n)
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(wp.vec3(0.0), n)
+                closures.held[row] = wp.dot(n, history.loop_torque[i])
                 closures.multiplier[row] = wp.dot(n, turn)
                 closures.least[row] = PENALTY / loops.k_a[i]
 
@@ -206,6 +209,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         work: BodyWork,
         tree: TreeWork,
         loops: LoopWork,
+        history: History,
     ):
         """Before elimination: the rows of a block where they start their ways."""
         closures = tree.closures
@@ -227,10 +231,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.way[2 * row + 1] = none
                 closures.whole[row] = 0.0
                 closures.least[row] = 0.0
+                closures.held[row] = 0.0
                 closures.multiplier[row] = 0.0
             if closure.loop >= 0:
                 if wp.static(effects.loops):
-                    loop_rows(closure, recovery, model, joints, work, tree, loops)
+                    loop_rows(closure, recovery, model, joints, work, tree, loops, history)
             elif wp.static(effects.mimics):
                 mimic_rows(closure, recovery, joints, tree)
 

@@ -766,7 +766,7 @@ def make_trees(
         the rounding of the poses hides it.
         """
         if wp.static(effects.closures):
-            begin_rows(first, end, recovery, model, joints, worlds, work, tree, loops)
+            begin_rows(first, end, recovery, model, joints, worlds, work, tree, loops, history)
         mismatch = float(0.0)
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]

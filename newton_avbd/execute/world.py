@@ -47,8 +47,6 @@ SETTLED = wp.constant(5.0e-6)
 """Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
 JOINT_PASSES = wp.constant(8)
 """Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
-import os
-KEPT = wp.constant(float(os.environ.get("KEPT","1.0")))
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
@@ -928,12 +926,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps
-        if wp.static(effects.loops and effects.closures):
-            # what is solved with the tree needs no start; what rows imply would pile up
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if loops.is_exact[i]:
-                    history.loop_force[i] = KEPT * history.loop_force[i]
-                    history.loop_torque[i] = KEPT * history.loop_torque[i]
         enough = wp.max(tolerance, SETTLED * scale.gravity * h * h)
         update = float(0.0)
         sweep = int(0)
