@@ -333,23 +333,19 @@ def test_a_net_that_floats_keeps_its_momentum() -> None:
         [add_link(builder, inertia=np.full(3, 2e-3)) for _ in range(count)] for _ in range(count)
     ]
     half = 0.5 * edge
-    joints = [builder.add_joint_free(body[0][0])]
+    joints, ties = [builder.add_joint_free(body[0][0])], []
     for i in range(count):
         for j in range(count):
-            at = transform((i * edge, j * edge, 0.0))
-            builder.body_q[body[i][j]] = at
-            for a, b, arm in ((i - 1, j, (half, 0.0, 0.0)), (i, j - 1, (0.0, half, 0.0))):
-                if a < 0 or b < 0:
-                    continue
-                back = tuple(-x for x in arm)
-                joint = builder.add_joint_ball(
-                    body[a][b],
-                    body[i][j],
-                    parent_xform=transform(arm),
-                    child_xform=transform(back),
-                )
-                if arm[0] > 0.0 or i == 0:
-                    joints.append(joint)
+            builder.body_q[body[i][j]] = transform((i * edge, j * edge, 0.0))
+            if i > 0:
+                ties.append((False, body[i - 1][j], body[i][j], np.array([half, 0.0, 0.0])))
+            if j > 0:
+                ties.append((i > 0, body[i][j - 1], body[i][j], np.array([0.0, half, 0.0])))
+    for is_loop, parent, child, arm in sorted(ties, key=lambda tie: tie[0]):
+        frames = {"parent_xform": transform(arm), "child_xform": transform(-arm)}
+        joint = builder.add_joint_ball(parent, child, **frames)
+        if not is_loop:
+            joints.append(joint)
     builder.add_articulation(joints)
     sim = simulate(builder)
     rng = np.random.default_rng(3)
