@@ -349,6 +349,10 @@ class Closure:
     """Mimics: the body that the joint links to its parent."""
     leader_body: int
     """Mimics: the body that the leader links to its parent."""
+    place: int
+    """Mimics: where the first row meets the joint's axes, a place in ``met``."""
+    leader_place: int
+    """Mimics: where it meets the leader's."""
     row: int
     """First of its rows."""
     rows: int
@@ -361,15 +365,26 @@ class ClosureBlock:
     first: int
     """First of the closures."""
     end: int
-    row: int
-    """First of the rows."""
-    rows: int
-    axis: int
-    """First of the places in ``inverse``."""
-    met: int
-    """First place in ``met``, a matrix of rows by axes."""
     gram: int
-    """First place in ``gram``, a square matrix of rows."""
+    """First place in ``gram``."""
+    gram_end: int
+    ground: int
+    """The node of the rows that end at no body."""
+
+
+@wp.struct
+class ClosureNode:
+    """What elimination meets at a body: closures whose rows end there, rows that go on."""
+
+    first: int
+    """First of the closures that end."""
+    end: int
+    row: int
+    """First of their rows."""
+    row_end: int
+    start: int
+    """First of the places, in ``items`` and ``met``, of the rows that go on."""
+    stop: int
 
 
 @wp.struct
@@ -380,28 +395,33 @@ class ClosureWork:
     """By position of a block's first body in visiting order: its ``ClosureBlock``, -1 without."""
     blocks: wp.array[ClosureBlock]
     closures: wp.array[Closure]
+    """In the order of their elimination, block by block."""
+    nodes: wp.array[ClosureNode]
+    """By body slot, then one for the rows of each block that end at no body."""
+    items: wp.array[wp.int32]
+    """Rows that go on from a body, in the order of elimination: 2 row, + 1 on the way up from the
+    parent of a joint or on the shorter one of a mimic."""
+    met: wp.array[wp.spatial_vector]
+    """By place: what the row meets of each axis of the body's joint, or of a free root."""
+    way: wp.array[wp.spatial_vector]
+    """By item: wrench by which the row pushes the body that it has come to [1, m]."""
     misfit: wp.array[float]
     """By row: how far a mimic is off at the start of the step [m or rad]."""
     direction: wp.array[wp.vec3]
     """By row: what a joint locks, a unit vector in world frame."""
+    whole: wp.array[float]
+    """By row: how far it is moved by its own multiplier alone [m/N or rad/(N m)]."""
     least: wp.array[float]
-    """By row: pivot up to which the row says nothing [m/N or rad/(N m)]."""
+    """By row: how far the multiplier would move bodies that nothing else holds; 0 for a mimic."""
+    held: wp.array[float]
+    """By row: what it has pushed with so far [N or N m]; 0 for a mimic."""
     multiplier: wp.array[float]
     """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
-    column: wp.array[wp.int32]
-    """By body slot: column in ``met`` of the first axis of its joint, or of a free root's six."""
-    met: wp.array[float]
-    """What a row meets of an axis."""
-    inverse: wp.array[float]
-    """By column: 1 over the pivot of the axis."""
-    share: wp.array[float]
-    """What the row in work meets of an axis, over its pivot; only axes that it meets."""
-    on_way: wp.array[wp.int32]
-    """The columns of these."""
-    kept: wp.array[wp.int32]
-    """By row of the factor: the row of the block, which the ones before it do not imply."""
+    gram_row: wp.array[wp.int32]
+    """Where the first column of a row of ``gram`` would lie."""
     gram: wp.array[float]
-    """Lower triangle of the Cholesky factor of these, with the inverses of its diagonal."""
+    """How far a row is moved by the multipliers of those that are eliminated after it, up to the
+    last that it meets; on the diagonal, after elimination, the inverse of the pivot."""
 
 
 @wp.struct

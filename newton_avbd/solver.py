@@ -862,46 +862,70 @@ class SolverAVBD(SolverBase, RigidCoupling):
         work = self._tree.closures
         joints = list(self._loops.joints.numpy()) if self.effects.loops else []
         body_of = {int(joint): body for body, joint in enumerate(topology.joint)}
-        rank, first_of = topology.rank, np.full(topology.order.size, -1)
+        slots, rank = topology.order.size + 1, topology.rank
+        block_of = np.full(topology.order.size, -1)
         blocks: list[data.ClosureBlock] = []
         closures: list[data.Closure] = []
-        rows = axes = met = gram = 0
+        nodes = [data.ClosureNode() for _ in range(slots)]
+        passing: list[list[int]] = [[] for _ in range(slots)]
+        top: list[int] = []
         for item in topology.closures:
-            end = int(topology.block_end[rank[item.body]])
-            first = int(np.searchsorted(topology.block_end, end))
-            if first_of[first] < 0:
-                first_of[first] = len(blocks)
+            first = int(np.searchsorted(topology.block_end, topology.block_end[rank[item.body]]))
+            if block_of[first] < 0:
+                block_of[first] = len(blocks)
                 block = data.ClosureBlock()
-                block.first, block.row = len(closures), rows
-                block.axis, block.met, block.gram = axes, met, gram
+                block.first, block.ground = len(closures), len(nodes)
                 blocks.append(block)
-                axes += 6 * (end - first)
+                nodes.append(data.ClosureNode())
+                passing.append([])
             closure = data.Closure()
             closure.loop = joints.index(item.joint) if item.leader < 0 else -1
-            closure.joint, closure.row, closure.rows = item.joint, rows, item.rows
+            closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
             if item.leader >= 0:
                 closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]
+            at = block.ground if item.top < 0 else item.top
+            node = nodes[at]
+            if node.end == 0:
+                node.first, node.row = len(closures), closure.row
             closures.append(closure)
-            rows += item.rows
-            block = blocks[-1]
-            block.end, block.rows = len(closures), rows - block.row
-            met = block.met + 6 * (end - first) * block.rows
-            gram = block.gram + block.rows**2
+            top.extend([at] * item.rows)
+            block.end = node.end = len(closures)
+            node.row_end = len(top)
+            for side, way in enumerate(item.ways):
+                for body in way:
+                    passing[body].extend(range(2 * closure.row + side, 2 * len(top), 2))
+        starts = np.cumsum([0, *map(len, passing)])
+        for node, start, stop in zip(nodes, starts[:-1], starts[1:], strict=True):
+            node.start, node.stop = start, stop
+        for closure in closures:
+            if closure.loop < 0:
+                place = [
+                    starts[body] + [item // 2 for item in passing[body]].index(closure.row)
+                    for body in (closure.body, closure.leader_body)
+                ]
+                closure.place, closure.leader_place = place
+        last = [max([nodes[at].row_end - 1, *(i // 2 for i in passing[at][-1:])]) for at in top]
+        gram = np.cumsum([0, *(np.array(last, dtype=int) - np.arange(len(top)) + 1)])
+        for block in blocks:
+            end = closures[block.end - 1]
+            block.gram = gram[closures[block.first].row]
+            block.gram_end = gram[end.row + end.rows]
         with wp.ScopedDevice(self.device):
-            work.block_of = wp.array(first_of, dtype=wp.int32)
+            work.block_of = wp.array(block_of, dtype=wp.int32)
             work.blocks = wp.array(blocks, dtype=data.ClosureBlock)
             work.closures = wp.array(closures, dtype=data.Closure)
-            work.misfit = wp.zeros(rows, dtype=float)
-            work.direction = wp.zeros(rows, dtype=wp.vec3)
-            work.least = wp.zeros(rows, dtype=float)
-            work.multiplier = wp.zeros(rows, dtype=float)
-            work.met = wp.zeros(met, dtype=float)
-            work.column = wp.zeros(topology.order.size, dtype=wp.int32)
-            work.inverse = wp.zeros(axes, dtype=float)
-            work.share = wp.zeros(axes, dtype=float)
-            work.on_way = wp.zeros(axes, dtype=wp.int32)
-            work.kept = wp.zeros(rows, dtype=wp.int32)
-            work.gram = wp.zeros(gram, dtype=float)
+            work.nodes = wp.array(nodes, dtype=data.ClosureNode)
+            work.items = wp.array(np.concatenate(passing), dtype=wp.int32)
+            work.met = wp.zeros(int(starts[-1]), dtype=wp.spatial_vector)
+            work.way = wp.zeros(2 * len(top), dtype=wp.spatial_vector)
+            work.misfit = wp.zeros(len(top), dtype=float)
+            work.direction = wp.zeros(len(top), dtype=wp.vec3)
+            work.whole = wp.zeros(len(top), dtype=float)
+            work.least = wp.zeros(len(top), dtype=float)
+            work.held = wp.zeros(len(top), dtype=float)
+            work.multiplier = wp.zeros(len(top), dtype=float)
+            work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
+            work.gram = wp.zeros(int(gram[-1]), dtype=float)
 
     def _allocate_contacts(self, capacity: int) -> None:
         """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""

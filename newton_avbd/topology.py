@@ -9,9 +9,9 @@ import numpy as np
 
 from .rows.joint import KINDS
 
-CLOSURE_ROWS = 1024
-"""Most equations that are solved with a tree; beyond, its loops are closed sweep by sweep, which
-takes a hundredth of the time and does not converge."""
+CLOSURE_ROWS = 4096
+"""Most equations that are solved with a tree, at most 64 MiB; beyond, its loops are closed sweep by
+sweep, which does not converge."""
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,11 @@ class ClosureOf:
     """Directions that it locks, or coordinates that it ties."""
     body: int
     """A body of the block."""
+    top: int
+    """The nearest body that carries all that the rows act on, -1 without: what they say does not
+    depend on how it moves."""
+    ways: tuple[tuple[int, ...], tuple[int, ...]]
+    """Bodies on the two ways up the tree that lead there, without it."""
 
 
 def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -75,7 +80,8 @@ class Topology:
     loops: np.ndarray
     """Joints that constrain and are not part of a tree."""
     closures: list[ClosureOf]
-    """What is solved with the trees beside their joints, block by block in the order of bodies."""
+    """What is solved with the trees beside their joints: block by block, and in the order in which
+    elimination gets to their tops; at last those without."""
     parent: np.ndarray
     """Parent of each body in its tree, -1 for a root."""
     idle: np.ndarray
@@ -155,7 +161,7 @@ class Topology:
                 root[find(below)] = find(above)
 
         tree_root = np.array([find(body) for body in range(count)], dtype=int)
-        closures, block_root = _closures(model, loops, joint, tree_root, moves)
+        closures, block_root = _closures(model, loops, joint, parent_of, tree_root, moves)
 
         order: list[int] = []
         ends: list[int] = []
@@ -184,10 +190,17 @@ class Topology:
         axis_start[order] = np.cumsum(dofs[order]) - dofs[order]
         axis_start[-1] = dofs.sum()
         rank = np.argsort(order) if order else np.zeros(0, dtype=int)
-        closures.sort(key=lambda closure: rank[closure.body])
+        block_end = np.array(ends, dtype=np.int32)
+
+        def turn(closure: ClosureOf) -> tuple[int, int, int]:
+            """When the rows of a closure are eliminated: with the body that carries them."""
+            above = -1 if closure.top < 0 else rank[closure.top]
+            return block_end[rank[closure.body]], -above, rank[closure.body]
+
+        closures.sort(key=turn)
         return cls(
             order=np.array(order, dtype=np.int32),
-            block_end=np.array(ends, dtype=np.int32),
+            block_end=block_end,
             joint=joint.astype(np.int32),
             parent=parent_of.astype(np.int32),
             idle=idle,
@@ -199,10 +212,39 @@ class Topology:
         )
 
 
+def _ways(
+    ends: tuple[int, int], parent: np.ndarray, moves: np.ndarray, above: bool = False
+) -> tuple[int, tuple[tuple[int, ...], tuple[int, ...]]]:
+    """The nearest common ancestor of two bodies, -1 without, and the bodies on the ways there.
+
+    Args:
+        ends: The bodies, -1 for the world.
+        parent: Parent of each body in its tree, -1 for a root.
+        moves: Whether a body moves; one that does not ends a way.
+        above: Whether none of the two may be the ancestor itself.
+    """
+    lines: list[list[int]] = []
+    for end in ends:
+        body, line = int(end), []
+        while body >= 0 and moves[body]:
+            line.append(body)
+            body = int(parent[body])
+        lines.append(line)
+    if above:
+        # one end may be an ancestor of the other: the longer way takes what both share
+        lines.sort(key=len, reverse=True)
+    first, second = lines
+    top = next((body for body in first[above:] if body in second[above:]), -1)
+    if top >= 0:
+        first, second = first[: first.index(top)], second[: second.index(top)]
+    return top, (tuple(first), tuple(body for body in second if body not in first))
+
+
 def _closures(
     model: newton.Model,
     loops: list[int],
     tree_joint: np.ndarray,
+    tree_parent: np.ndarray,
     tree_root: np.ndarray,
     moves: np.ndarray,
 ) -> tuple[list[ClosureOf], np.ndarray]:
@@ -223,7 +265,8 @@ def _closures(
     for index in loops:
         bodies = [int(b) for b in (child[index], parent[index]) if b >= 0 and moves[b]]
         if KINDS[kinds[index]].in_tree and dims[index] < 6 and np.any(tree_joint >= 0):
-            closure = ClosureOf(joint=index, leader=-1, rows=6 - int(dims[index]), body=bodies[0])
+            top, ways = _ways((child[index], parent[index]), tree_parent, moves)
+            closure = ClosureOf(index, -1, 6 - int(dims[index]), bodies[0], top, ways)
             links.append((closure, bodies))
     for index in map(int, np.flatnonzero(leaders >= 0)):
         tied = [np.flatnonzero(tree_joint == joint) for joint in (index, leaders[index])]
@@ -234,9 +277,8 @@ def _closures(
                 "let another joint close the loop, and use blocks='articulation'."
             )
         bodies = [int(found[0]) for found in tied]
-        closure = ClosureOf(
-            joint=index, leader=int(leaders[index]), rows=int(dims[index]), body=bodies[0]
-        )
+        top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=True)
+        closure = ClosureOf(index, int(leaders[index]), int(dims[index]), bodies[0], top, ways)
         links.append((closure, bodies))
 
     def merged(links: list[tuple[ClosureOf, list[int]]]) -> np.ndarray:

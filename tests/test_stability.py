@@ -30,6 +30,7 @@ QUICK = {
     "alternating_steps": 0.5,
     "pendulum_50_50000": 1.0,
     "zero_distance": 0.5,
+    "joint_grid_8": 0.5,
     "crushed_stack": 1.5,
     "top_10": 1.0,
     "top_1000": 1.0,

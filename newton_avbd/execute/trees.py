@@ -9,6 +9,15 @@ import warp as wp
 from ..algebra.block import factor_block, half_solve, other_half
 from ..algebra.so3 import exp_quat
 from ..blocks import tree as algebra
+from ..blocks.closure import (
+    SOFTNESS,
+    end_rows,
+    find_multipliers,
+    meet_axes,
+    meet_root,
+    rows_push,
+    solve_ground,
+)
 from ..data import (
     BodyModel,
     BodyWork,
@@ -183,13 +192,16 @@ class TreeFunctions:
     put_together: wp.Function
 
 
-def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -> TreeFunctions:
+def make_trees(
+    effects: Effects, gather: wp.Function, begin_rows: wp.Function, keep_forces: wp.Function
+) -> TreeFunctions:
     """Device functions: how joints stand, and one Newton iteration on a tree.
 
     Args:
         effects: What the kernel is compiled with.
         gather: Device function that sums the inertial and contact wrench of a body.
-        close_tree: Device function that solves the closures of a block.
+        begin_rows: Device function that starts the closures of a block.
+        keep_forces: Device function that keeps what they push with.
     """
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
@@ -486,6 +498,8 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
         tree.h_aa[body] = wp.mat33(0.0)
         tree.push[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if wp.static(effects.closures):
+            h_ll, h_al, h_aa, push = end_rows(body, h_ll, h_al, h_aa, push, tree.closures)
         if not is_linked(joints, tree, body):
             if wp.static(effects.tilting):
                 if is_fast:
@@ -493,6 +507,8 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
             factor = factor_block(h_ll, h_al, h_aa)
             work.factor[body] = factor
             tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
+            if wp.static(effects.closures):
+                meet_root(body, work, tree)
             return 0.0
 
         joint = tree.joint[body]
@@ -663,6 +679,8 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
                     axis.torque -= wp.spatial_bottom(tilting)
             tree.axes[k] = axis
 
+        if wp.static(effects.closures):
+            meet_axes(body, dofs, work, tree)
         if work.inv_mass[parent] > 0.0:
             h_ll, h_al, h_aa = algebra.span_block(span, h_ll, h_al, h_aa)
             h_aa += algebra.geometric_stiffness(-force, arm_p)
@@ -692,6 +710,9 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
         Returns how many of its axes are off the pieces of their laws that elimination assumed.
         """
         wrong = int(0)
+        pushed = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if wp.static(effects.closures):
+            pushed = rows_push(body, tree.closures)
         if is_linked(joints, tree, body):
             joint = tree.joint[body]
             update = algebra.carried(tree.span[body], tree.update[tree.parent[body]])
@@ -699,6 +720,8 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
             for i in range(dofs):
                 k = tree.axis_start[body] + dofs - 1 - i
                 axis = tree.axes[k]
+                if wp.static(effects.closures):
+                    axis.push -= pushed[dofs - 1 - i]
                 met = wp.dot(axis.force, wp.spatial_top(update)) + wp.dot(
                     axis.torque, wp.spatial_bottom(update)
                 )
@@ -727,7 +750,9 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]
         else:
-            tree.update[body] = other_half(work.factor[body], tree.update[body])
+            tree.update[body] = other_half(work.factor[body], tree.update[body] - pushed)
+        if wp.static(effects.closures):
+            find_multipliers(body, tree.update[body], tree.closures)
         update = tree.update[body]
         increment = work.increment[body]
         turn = tree.turn[body]
@@ -804,6 +829,8 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
         Returns the square of how far the next iteration would move one of them [m^2]: zero where
         the rounding of the poses hides it.
         """
+        if wp.static(effects.closures):
+            begin_rows(first, end, recovery, model, joints, worlds, work, tree, loops, history)
         mismatch = float(0.0)
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]
@@ -825,7 +852,7 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
                 )
                 mismatch = wp.max(mismatch, off)
         if wp.static(effects.closures):
-            close_tree(first, end, recovery, h, model, joints, worlds, work, tree, loops, history)
+            solve_ground(first, tree.closures)
         # Newton's method leaves half of the angle times the update, or what the joint forces of the
         # last step are off by in the first iteration; contacts converge by a factor.
         largest = float(4.0 * mismatch * mismatch)
@@ -843,11 +870,16 @@ def make_trees(effects: Effects, gather: wp.Function, close_tree: wp.Function) -
                 if wp.static(effects.loops):
                     if has_soft_loops(body, loops):
                         is_newton = False
+        if wp.static(effects.closures and effects.loops):
+            keep_forces(first, joints, tree, loops, history)
         farthest = float(0.0)
         if wrong > 0:
             farthest = wp.inf
             if wp.static(effects.laws):
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
+        if wp.static(effects.closures):
+            if tree.closures.block_of[first] >= 0:
+                largest = wp.max(largest, wp.static(4.0 * SOFTNESS * SOFTNESS))
         left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]

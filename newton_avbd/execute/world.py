@@ -458,7 +458,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
     begin_closures = closures.begin_closures
-    trees = make_trees(effects, gather, closures.close_tree)
+    trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     measure_misfit = trees.measure_misfit
     measure_start = trees.measure_start
     measure_velocity = trees.measure_velocity
@@ -1063,12 +1063,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps
-        if wp.static(effects.loops and effects.closures):
-            # what is solved with the tree needs no start; what rows imply would pile up
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if loops.is_exact[i]:
-                    history.loop_force[i] = wp.vec3(0.0)
-                    history.loop_torque[i] = wp.vec3(0.0)
         enough = wp.max(tolerance, SETTLED * scale.gravity * h * h)
         update = float(0.0)
         sweep = int(0)

@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Equations between the bodies of a tree, eliminated with it from the leaves to the root.
+
+Rows J delta = -r with multipliers mu make the tree's quadratic model a saddle,
+
+    sum_c delta_c . (H_c delta_c / 2 - b_c) + mu . (J delta + r)  ->  min over delta, max over mu.
+
+A row starts as a wrench w on each of the bodies that it names and goes up the tree with the
+elimination. Of an axis that is eliminated, with the pivot D, the force f that it meets in the block
+and its push p, the row meets y = w . s, and leaves
+
+    w - f y / D,    (J delta + r) + y p / D,    G + y y^T / D,
+
+where G says how far the multipliers move the rows. Where both ways of a row join, at the nearest
+body that carries all it acts on, the row has met all that it ever will of G, since a motion of that
+body with all that it carries changes nothing about it. There the row is eliminated as the axes are,
+with the pivot G_rr: it stiffens the body's block by w w^T / G_rr, and takes its share out of the
+rows that go on. What rows meet of each other stays as local as the loops are: neighbours in a chain
+of loops cost no more than a chain, and an n x n grid what a band of n costs (Featherstone, "Rigid
+Body Dynamics Algorithms", chapter 8, closes all loops at the root; Brandl, Johanni, Otter 1986
+close them on the way). Substitution goes back: multipliers of the rows that end at a body follow
+its update, and push the axes of the bodies that they came by.
+
+A row that the others imply already, as most are in a planar mechanism, or that nothing can move,
+has no pivot and is left out.
+"""
+
+import warp as wp
+
+from ..algebra.block import half_solve
+from ..data import BodyWork, ClosureNode, ClosureWork, TreeWork
+from .tree import handed_down
+
+IMPLIED = wp.constant(1.0e-4)
+"""Pivot from which a mimic says nothing new, as a share of what it had before elimination."""
+SOFTNESS = wp.constant(1.0e-4)
+"""By how much more a multiplier moves its row, as a share of what it does alone: more than rounding
+leaves of a pivot after hundreds of others. What that misses the next sweep finds."""
+FORGOTTEN = wp.constant(1.0e-3)
+"""Share of what a row pushes with that a sweep takes back where nothing needs it: of what rows that
+imply each other push each other with."""
+HARDLY_MOVED = wp.constant(1.0e-6)
+"""A row says nothing that moves less than this share of what the joint's others do, each taken
+against how it would move were its bodies free."""
+IMMOVABLE = wp.constant(1.0e-10)
+"""Nor one that moves less than this share of how it would move were its bodies free."""
+
+
+@wp.func
+def meet_rows(node: ClosureNode, inverse: wp.spatial_vector, closures: ClosureWork):
+    """Adds what rows that go on have met at a body to their matrix; ``inverse`` of its pivots."""
+    for p in range(node.start, node.stop):
+        share = wp.cw_mul(inverse, closures.met[p])
+        at = closures.gram_row[closures.items[p] / 2]
+        for q in range(p, node.stop):
+            to = at + closures.items[q] / 2
+            closures.gram[to] += wp.dot(share, closures.met[q])
+
+
+@wp.func
+def meet_root(body: int, work: BodyWork, tree: TreeWork):
+    """Takes rows through a body that no joint holds, the last one on their way."""
+    closures = tree.closures
+    node = closures.nodes[body]
+    for p in range(node.start, node.stop):
+        item = closures.items[p]
+        w = closures.way[item]
+        half = half_solve(work.factor[body], wp.spatial_top(w), wp.spatial_bottom(w))
+        closures.met[p] = half
+        closures.multiplier[item / 2] += wp.dot(half, tree.update[body])
+        closures.whole[item / 2] += wp.dot(half, half)
+        closures.way[item] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    meet_rows(node, wp.spatial_vector(wp.vec3(1.0), wp.vec3(1.0)), closures)
+
+
+@wp.func
+def meet_axes(body: int, axes: int, work: BodyWork, tree: TreeWork):
+    """Takes rows through the joint of a body, whose axes are eliminated, to its parent."""
+    closures = tree.closures
+    node = closures.nodes[body]
+    if node.start == node.stop:
+        return
+    first = tree.axis_start[body]
+    inverse = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    for k in range(axes):
+        inverse[k] = tree.axes[first + k].inv_pivot
+    is_carried = work.inv_mass[tree.parent[body]] > 0.0
+    for p in range(node.start, node.stop):
+        item = closures.items[p]
+        row = item / 2
+        w = closures.way[item]
+        met = closures.met[p]
+        whole = closures.whole[row]
+        moved = closures.multiplier[row] + wp.dot(w, tree.closing[body])
+        for k in range(axes):
+            axis = tree.axes[first + k]
+            force = met[k] + wp.dot(axis.linear, wp.spatial_top(w))
+            force += wp.dot(axis.angular, wp.spatial_bottom(w))
+            share = axis.inv_pivot * force
+            w -= share * wp.spatial_vector(axis.force, axis.torque)
+            moved += force * (axis.inv_pivot * axis.push + axis.step)
+            whole += share * force
+            met[k] = force
+        closures.met[p] = met
+        closures.whole[row] = whole
+        closures.multiplier[row] = moved
+        closures.way[item] = wp.where(is_carried, 1.0, 0.0) * handed_down(tree.span[body], w)
+    meet_rows(node, inverse, closures)
+
+
+@wp.func
+def rows_push(body: int, closures: ClosureWork) -> wp.spatial_vector:
+    """What the multipliers of the rows that go on take from the push of each axis of a body."""
+    node = closures.nodes[body]
+    push = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    for p in range(node.start, node.stop):
+        push += closures.multiplier[closures.items[p] / 2] * closures.met[p]
+    return push
+
+
+@wp.func
+def end_rows(
+    at: int,
+    h_ll: wp.mat33,
+    h_al: wp.mat33,
+    h_aa: wp.mat33,
+    push: wp.spatial_vector,
+    closures: ClosureWork,
+):
+    """Eliminates the multipliers of the rows that end at a node; returns its block and wrench.
+
+    A row that the ones before it imply gets a multiplier of zero.
+    """
+    node = closures.nodes[at]
+    for c in range(node.first, node.end):
+        closure = closures.closures[c]
+        mobility = float(0.0)
+        for row in range(closure.row, closure.row + closure.rows):
+            if closures.least[row] > 0.0:
+                mobility = wp.max(mobility, closures.whole[row] / closures.least[row])
+        for row in range(closure.row, closure.row + closure.rows):
+            least = wp.max(HARDLY_MOVED * mobility, IMMOVABLE) * closures.least[row]
+            if closure.loop < 0:
+                least = IMPLIED * closures.whole[row]
+            else:
+                slack = SOFTNESS * closures.whole[row]
+                closures.gram[closures.gram_row[row] + row] += slack
+                closures.multiplier[row] += FORGOTTEN * slack * closures.held[row]
+            closures.least[row] = least
+            closures.way[2 * row] += closures.way[2 * row + 1]
+    for row in range(node.row, node.row_end):
+        g_row = closures.gram_row[row]
+        pivot = closures.gram[g_row + row]
+        w = closures.way[2 * row]
+        if pivot <= closures.least[row]:
+            closures.gram[g_row + row] = 0.0
+            held = closures.held[row]
+            if held != 0.0:
+                push -= held * w
+                for other in range(row + 1, node.row_end):
+                    closures.multiplier[other] -= held * closures.gram[g_row + other]
+                for p in range(node.start, node.stop):
+                    other = closures.items[p] / 2
+                    closures.multiplier[other] -= held * closures.gram[g_row + other]
+            continue
+        inverse = 1.0 / pivot
+        closures.gram[g_row + row] = inverse
+        moved = closures.multiplier[row]
+        w_l = wp.spatial_top(w)
+        w_a = wp.spatial_bottom(w)
+        h_ll += inverse * wp.outer(w_l, w_l)
+        h_al += inverse * wp.outer(w_a, w_l)
+        h_aa += inverse * wp.outer(w_a, w_a)
+        push -= (inverse * moved) * w
+        for other in range(row + 1, node.row_end):
+            share = inverse * closures.gram[g_row + other]
+            if share != 0.0:
+                closures.way[2 * other] -= share * w
+                closures.multiplier[other] -= share * moved
+                g_other = closures.gram_row[other]
+                for to in range(other, node.row_end):
+                    closures.gram[g_other + to] -= share * closures.gram[g_row + to]
+                for q in range(node.start, node.stop):
+                    to = closures.items[q] / 2
+                    closures.gram[g_other + to] -= share * closures.gram[g_row + to]
+        for p in range(node.start, node.stop):
+            item = closures.items[p]
+            share = inverse * closures.gram[g_row + item / 2]
+            if share != 0.0:
+                closures.way[item] -= share * w
+                closures.multiplier[item / 2] -= share * moved
+                g_other = closures.gram_row[item / 2]
+                for q in range(p, node.stop):
+                    to = closures.items[q] / 2
+                    closures.gram[g_other + to] -= share * closures.gram[g_row + to]
+    return h_ll, h_al, h_aa, push
+
+
+@wp.func
+def find_multipliers(at: int, update: wp.spatial_vector, closures: ClosureWork):
+    """Multipliers of the rows that end at a node, whose body has moved by its update."""
+    node = closures.nodes[at]
+    for i in range(node.row_end - node.row):
+        row = node.row_end - 1 - i
+        g_row = closures.gram_row[row]
+        inverse = closures.gram[g_row + row]
+        if inverse == 0.0:
+            closures.multiplier[row] = closures.held[row]
+            continue
+        left = closures.multiplier[row] + wp.dot(closures.way[2 * row], update)
+        for other in range(row + 1, node.row_end):
+            left -= closures.gram[g_row + other] * closures.multiplier[other]
+        for p in range(node.start, node.stop):
+            other = closures.items[p] / 2
+            left -= closures.gram[g_row + other] * closures.multiplier[other]
+        closures.multiplier[row] = inverse * left
+
+
+@wp.func
+def solve_ground(first: int, closures: ClosureWork):
+    """Multipliers of the rows of a block that end at no body, after elimination."""
+    number = closures.block_of[first]
+    if number >= 0:
+        ground = closures.blocks[number].ground
+        none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        zero = wp.mat33(0.0)
+        end_rows(ground, zero, zero, zero, none, closures)
+        find_multipliers(ground, none, closures)
