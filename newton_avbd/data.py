@@ -251,6 +251,8 @@ class BodyWork:
     """Angular velocity that the gyroscopic solve leaves beside dtheta*/h [rad/s]."""
     finite: wp.array[wp.int32]
     """1 when the body's input is finite."""
+    pose: wp.array[wp.transform]
+    """Pose at the start of the step: that of state_in, its quaternion of unit length."""
     factor: wp.array[BlockFactor]
 
 
@@ -276,6 +278,10 @@ class WorldWork:
     gyration."""
     overflow: wp.array[wp.int32]
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
+    dropped: wp.array[wp.int32]
+    """Contacts that made no sense, of all steps, shape (1,)."""
+    repaired: wp.array[wp.int32]
+    """Poses whose quaternion was not of unit length, of all steps."""
 
 
 @wp.struct

@@ -3,6 +3,7 @@
 """SolverAVBD: what a user calls. The physics is in ``rows`` and ``blocks``."""
 
 import dataclasses
+import warnings
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from newton.solvers import SolverBase
 from . import data
 from .algebra.block import BlockFactor
 from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
-from .checks import check_model, report_ignored
+from .checks import check_array, check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
@@ -36,6 +37,9 @@ from .settings import Settings, register_scene_settings
 from .topology import Topology, mimics
 
 _SIDES = 2
+_CONTACT_ARRAYS = ("shape0", "shape1", "point0", "point1", "normal", "margin0", "margin1")
+_EXTRA_CONTACT_ARRAYS = ("surface_velocity", "stiffness", "damping", "friction", "match_index")
+"""Some buffers have these."""
 
 
 @dataclass(frozen=True)
@@ -43,8 +47,11 @@ class Status:
     """What happened in a solver since its construction or the last reset; read on request."""
 
     held_steps: np.ndarray
-    """How often a world, or a body that touches nothing, was held still because its state was not
-    finite; by Newton world, where worlds are solved apart."""
+    """How often a world, or a body that touches nothing, was held still because its state, or what
+    acts on it, was not finite; by Newton world, where worlds are solved apart."""
+    repaired_poses: np.ndarray
+    """How often a body came with a quaternion that was not of unit length, and was normalised; by
+    world as above."""
     sweeps: np.ndarray
     """Sweeps of the last step with contacts, by world as above."""
     update: np.ndarray
@@ -53,6 +60,9 @@ class Status:
     """Joints that broke."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
+    dropped_contacts: int
+    """Contacts of all steps that were left out because they made no sense: numbers that are not
+    finite, shapes that do not exist, or bodies of different worlds."""
 
 
 class SolverAVBD(SolverBase, RigidCoupling):
@@ -188,6 +198,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._worlds: data.WorldWork
         self._retired: list[tuple] = []
         self._moving_surfaces = False
+        self._is_told = False
         self._inputs: weakref.WeakKeyDictionary[newton.Contacts, data.ContactInput] = (
             weakref.WeakKeyDictionary()
         )
@@ -244,6 +255,14 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
         if not self.effects.contact:
             contacts = None
+        elif contacts is None and not self._is_told:
+            self._is_told = True
+            warnings.warn(
+                "SolverAVBD steps without contacts though the model has shapes that can collide: "
+                "they pass through each other. Pass the contacts of a newton.CollisionPipeline to "
+                "step(), or the pipeline to the solver.",
+                stacklevel=2,
+            )
         if contacts is None:
             self._forget_contacts()
         if contacts is None and not self.effects.joints:
@@ -313,6 +332,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 state_in.body_f,
                 control,
                 dt,
+                self._worlds,
                 self._history,
                 self._tree,
                 self._work,
@@ -336,7 +356,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._shapes,
                 self._joints,
                 control,
-                state_in.body_q,
+                self._work.pose,
                 state_in.body_qd,
                 source,
                 dt,
@@ -387,13 +407,15 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def status(self) -> Status:
         """What happened so far; copies a few numbers from the device."""
         return Status(
-            held_steps=self._worlds.held.numpy(),
-            sweeps=self._worlds.sweeps.numpy(),
-            update=self._worlds.update.numpy(),
+            held_steps=self._worlds.held.numpy().copy(),
+            repaired_poses=self._worlds.repaired.numpy().copy(),
+            sweeps=self._worlds.sweeps.numpy().copy(),
+            update=self._worlds.update.numpy().copy(),
             broken_joints=np.flatnonzero(
                 [] if self._history.broken is None else self._history.broken.numpy()
             ),
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
+            dropped_contacts=int(self._worlds.dropped.numpy()[0]),
         )
 
     def reset(
@@ -544,6 +566,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._work.increment = wp.zeros(slots, dtype=wp.spatial_vector)
             self._work.spin_gain = wp.zeros(slots, dtype=wp.vec3)
             self._work.finite = wp.zeros(slots, dtype=wp.int32)
+            self._work.pose = wp.zeros(slots, dtype=wp.transform)
             self._work.factor = wp.zeros(slots, dtype=BlockFactor)
             self._islands = data.IslandWork()
             self._islands.parent = wp.zeros(slots, dtype=wp.int32)
@@ -700,6 +723,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._worlds.sweeps = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.update = wp.zeros(self._world_count, dtype=float)
             self._worlds.overflow = wp.zeros(1, dtype=wp.int32)
+            self._worlds.dropped = wp.zeros(1, dtype=wp.int32)
+            self._worlds.repaired = wp.zeros(self._world_count, dtype=wp.int32)
             # bodies that would be grouped otherwise, and joints held, if these bodies moved
             self._taken_as_fixed = wp.array(
                 topology.idle | (groups == self.model.world_count), dtype=wp.bool
@@ -912,6 +937,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if contacts.rigid_contact_max > self._capacity or new_surfaces:
             self._moving_surfaces |= new_surfaces
             self._allocate_contacts(max(contacts.rigid_contact_max, self._capacity))
+        for name in (*_CONTACT_ARRAYS, *_EXTRA_CONTACT_ARRAYS):
+            array = getattr(contacts, f"rigid_contact_{name}")
+            if array is not None or name in _CONTACT_ARRAYS:
+                count = contacts.rigid_contact_max
+                check_array(f"contacts.rigid_contact_{name}", array, count, self.device)
         self._buffer_count += 1
         source = data.ContactInput()
         source.buffer = self._buffer_count
@@ -942,6 +972,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         arrays = (source.joint_f, source.joint_target_q, source.joint_target_qd)
         if all(a is b for a, b in zip(arrays, self._control_arrays, strict=True)):
             return self._control
+        for name in ("joint_f", "joint_target_q", "joint_target_qd") if self.effects.joints else ():
+            count = getattr(self.model, name).shape[0]
+            check_array(f"control.{name}", getattr(source, name), count, self.device)
         self._control_arrays = arrays
         self._control = data.ControlInput()
         if arrays[0] is not None:
@@ -982,16 +1015,20 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if not (dt > 0.0 and np.isfinite(dt)):
             raise ValueError(f"dt must be a positive number of seconds, got {dt}.")
         count = self.model.body_count
-        for name, state in (("state_in", state_in), ("state_out", state_out)):
-            if count and (state.body_q is None or state.body_q.shape[0] != count):
-                raise ValueError(
-                    f"{name} holds no bodies or those of another model; the solver's model has "
-                    f"{count}. Create it with model.state()."
-                )
-            if count and state.body_q.device != self.device:
-                raise ValueError(
-                    f"{name} is on device {state.body_q.device}, the solver on {self.device}."
-                )
+        for name, arrays in (
+            ("state_in", (state_in.body_q, state_in.body_qd, state_in.body_f)),
+            ("state_out", (state_out.body_q, state_out.body_qd)),
+        ):
+            for array in arrays if count else ():
+                if array is None or array.shape[0] != count:
+                    raise ValueError(
+                        f"{name} holds no bodies or those of another model; the solver's model has "
+                        f"{count}. Create it with model.state()."
+                    )
+                if array.device != self.device:
+                    raise ValueError(
+                        f"{name} is on device {array.device}, the solver on {self.device}."
+                    )
         if contacts is not None and contacts.device != self.device:
             raise ValueError(
                 f"contacts are on device {contacts.device}, the solver on {self.device}."

@@ -88,13 +88,55 @@ def spin_curvature(i: int, row: ContactRow, worlds: WorldWork, rows: RowWork) ->
     return share * spin_rows.curvature(rows.spin[i], row.normal)
 
 
-@wp.func
-def is_world_finite(world: int, worlds: WorldWork, work: BodyWork) -> bool:
-    """Whether all bodies of the world came with finite input."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        if work.finite[worlds.bodies[i]] == 0:
-            return False
-    return True
+def make_is_world_finite(effects: Effects) -> wp.Function:
+    """Device function: whether all bodies and joints of the world came with finite input."""
+
+    @wp.func
+    def joint_sum(joint: int, joints: JointModel, control: ControlInput) -> float:
+        """Sum of the numbers that make a joint and drive it: finite when they are."""
+        total = pose_sum(joints.parent_frame[joint]) + pose_sum(joints.child_frame[joint])
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            axis = joints.axis[dof]
+            total += axis[0] + axis[1] + axis[2]
+            if wp.static(effects.joint_force):
+                total += control.joint_f[dof]
+            if wp.static(effects.drives):
+                total += joints.target_ke[dof] + joints.target_kd[dof] + control.target_qd[dof]
+            if wp.static(effects.springs):
+                total += joints.stiffness[dof] + joints.damping[dof]
+            if wp.static(effects.armature):
+                total += joints.armature[dof]
+            if wp.static(effects.joint_friction):
+                total += joints.friction[dof]
+        if wp.static(effects.drives):
+            for i in range(joints.coord_start[joint], joints.coord_start[joint + 1]):
+                total += control.target_q[i]
+        return total
+
+    @wp.func
+    def is_world_finite(
+        world: int,
+        joints: JointModel,
+        control: ControlInput,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+    ) -> bool:
+        total = float(0.0)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.finite[body] == 0:
+                return False
+            if wp.static(effects.joints):
+                if tree.joint[body] >= 0:
+                    total += joint_sum(tree.joint[body], joints, control)
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                total += joint_sum(loops.joints[i], joints, control)
+        return wp.isfinite(total)
+
+    return is_world_finite
 
 
 @wp.func
@@ -346,6 +388,7 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
 def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     measure_world = make_measure_world(effects)
+    is_world_finite = make_is_world_finite(effects)
     build_rows = make_build_rows(effects)
     impacts = make_impacts(effects)
     find_impacts = impacts.find_impacts
@@ -805,7 +848,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     ):
         body_start = worlds.body_start[world]
         body_end = worlds.body_start[world + 1]
-        if not is_world_finite(world, worlds, work):
+        if not is_world_finite(world, joints, control, worlds, work, tree, loops):
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
 
@@ -835,6 +878,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                             model,
                             shapes,
                             contacts,
+                            worlds,
                             work,
                             rows,
                             history,
