@@ -309,10 +309,10 @@ def _check_inertia(model: newton.Model) -> None:
                 f"{problem}: {inertia[i].tolist()}."
             )
     if np.any(uneven):
-        bodies = [_label(model.body_label, body) for body in heavy[uneven]]
+        labels = [_label(model.body_label, body) for body in heavy[uneven]]
         warnings.warn(
-            f"No mass has such moments of inertia as {', '.join(_named(len(bodies), 'body', bodies))}"
-            ": the largest is above the sum of the others. It is simulated as it is; finalize() "
+            f"No mass has such moments of inertia as body {labels[0]!r} (one of {len(labels)}): "
+            "the largest is above the sum of the others. It is simulated as it is; finalize() "
             "without skip_validation_inertia corrects it.",
             stacklevel=5,
         )
@@ -370,4 +370,4 @@ def _check_numbers(
 
 
 def _label(labels: Sequence[str], index: int | np.integer) -> str:
-    return labels[index] if index < len(labels) else ""
+    return labels[int(index)] if index < len(labels) else ""

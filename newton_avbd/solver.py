@@ -37,6 +37,8 @@ from .settings import Settings, register_scene_settings
 from .topology import Topology, mimics
 
 _SIDES = 2
+_BOUND = ("body_", "joint_", "shape_material_", "shape_body", "gravity")
+"""How the arrays of a model begin that the kernels read."""
 _CONTACT_ARRAYS = ("shape0", "shape1", "point0", "point1", "normal", "margin0", "margin1")
 _EXTRA_CONTACT_ARRAYS = ("surface_velocity", "stiffness", "damping", "friction", "match_index")
 """Some buffers have these."""
@@ -493,6 +495,26 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._rest_angle.assign(self._initial_angles())
         self._group_worlds()
 
+    def unnoticed_changes(self) -> list[str]:
+        """What of the model has changed and no step will see before :meth:`notify_model_changed`.
+
+        Looks at the model as the constructor does, on the host: for when a result is in doubt.
+
+        Returns:
+            Names of effects that the kernels do not hold, ``"topology"`` where other bodies move or
+            other joints hold, and arrays of the model that stand in the place of others.
+        """
+        _, topology, effects = self._look_at_model()
+        return [
+            *self.effects.missing(effects),
+            *(["topology"] if topology != self._topology else []),
+            *(
+                f"model.{name}"
+                for name, array in self._bound.items()
+                if getattr(self.model, name) is not array
+            ),
+        ]
+
     def set_collision_frequency(
         self,
         *,
@@ -609,6 +631,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """Points the kernels to the model's arrays."""
         self._launch.forget()
         model = self.model
+        self._bound = {
+            name: array
+            for name, array in vars(model).items()
+            if name.startswith(_BOUND) and isinstance(array, wp.array)
+        }
         self._bodies = data.BodyModel()
         self._bodies.mass = model.body_mass
         self._bodies.inertia = model.body_inertia
@@ -678,15 +705,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
         self._joints.enabled = self._is_whole
 
-    def _group_worlds(self) -> None:
-        """Decides which bodies one thread solves, and with which effects.
-
-        A group is a Newton world, or, where global bodies that move tie the worlds together, all
-        bodies at once.
-        """
+    def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects]:
+        """Which world each body belongs to, what is solved together, and with which effects."""
         groups = _solver_worlds(self.model)
         topology = Topology.of_model(self.model, groups, trees=self._blocks == "articulation")
-        self.effects = Effects.of_model(
+        effects = Effects.of_model(
             self.model,
             topology,
             compliance=self._compliance,
@@ -694,6 +717,15 @@ class SolverAVBD(SolverBase, RigidCoupling):
             friction_mix=self._friction_mix,
             angular_friction=self._angular_friction,
         )
+        return groups, topology, effects
+
+    def _group_worlds(self) -> None:
+        """Decides which bodies one thread solves, and with which effects.
+
+        A group is a Newton world, or, where global bodies that move tie the worlds together, all
+        bodies at once.
+        """
+        groups, topology, self.effects = self._look_at_model()
         self._effects_apart = self.effects.without_contact()
         if self._capacity:
             self._allocate_contact_effects()
