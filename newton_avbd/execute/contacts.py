@@ -485,6 +485,7 @@ def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], his
             history.velocity_lag[dof] = 0.0
             history.limit_force[dof] = 0.0
             history.friction_force[dof] = 0.0
+            history.held_at[dof] = 0.0
             history.joint_angle[dof] = rest_angle[dof]
 
 
@@ -526,6 +527,7 @@ def reset_bodies(
     history.falling[body] = 0.0
     if tree.joint.shape[0] > 0:
         history.joint_force[body] = wp.vec3(0.0)
+        history.placed[body] = wp.vec3(0.0)
         history.lost[body] = wp.vec3(0.0)
         history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         forget_axes(tree.joint[body], joints, rest_angle, history)
