@@ -103,6 +103,13 @@ LONG_RUNS: dict[str, Callable[[newton.ModelBuilder], None]] = {
 """Scenes of long runs by name."""
 
 
+MOST_MOVED = 1e-4
+"""Drift, gained energy as a height, and distance of anchors that a long run may reach [m]."""
+
+MOST_MEMORY = 4 * 2**20
+"""Growth of memory that is none: what Python keeps of what was looked at [bytes]."""
+
+
 @dataclass(frozen=True)
 class LongRun:
     """What became of a scene between :data:`WARM` steps and the end.
@@ -134,6 +141,13 @@ class LongRun:
     memory: int
     held: int
     microseconds: float
+
+    def failures(self) -> list[str]:
+        """What is not as it must be; empty for a pass."""
+        most = dict.fromkeys(("drift", "energy", "separation", "penetration"), MOST_MOVED)
+        most |= {"memory": MOST_MEMORY, "held": 0}
+        failures = [name for name, bound in most.items() if not getattr(self, name) <= bound]
+        return failures + (["contacts"] if self.contacts[0] != self.contacts[1] else [])
 
 
 def run_long(name: str, steps: int, iterations: int | None = None) -> LongRun:
