@@ -22,11 +22,11 @@ BODIES = 10
 TOP, BOTTOM, LEFT, RIGHT = ((0, 0, 0.2), (0, 0, -0.2), (-0.2, 0, 0), (0.2, 0, 0))
 
 LAWS: dict[str, Any] = {
-    "target_q": 0.3,
-    "target_ke": 20.0,
+    "target_q": 0.2,
+    "target_ke": 100.0,
     "target_kd": 1.0,
     "actuator_mode": newton.JointTargetMode.POSITION_VELOCITY,
-    "effort_limit": 5.0,
+    "effort_limit": 10.0,
     "velocity_limit": 10.0,
     "armature": 0.01,
     "friction": 0.1,
@@ -74,6 +74,7 @@ def add_workshop(builder: newton.ModelBuilder) -> None:
     )
 
     links = [add_link(builder, xform=transform((2, 0, HIGH - 0.2 - LONG * i))) for i in range(4)]
+    builder.body_qd[links[3]] = wp.spatial_vector(1.5, 1.0, 0.0, 0.0, 0.0, 2.0)
     axis = newton.ModelBuilder.JointDofConfig
     frames = [
         {"parent_xform": transform(at), "child_xform": transform(TOP)}
@@ -96,7 +97,9 @@ def add_workshop(builder: newton.ModelBuilder) -> None:
     )
     builder.add_articulation([slide, ball, d6, rod, mimic])
     builder.set_joint_mimic(mimic, slide, coeffs=(0.0, -0.5))
-    builder.add_joint_distance(WORLD, links[3], parent_xform=frames[0]["parent_xform"])
+    builder.add_joint_distance(
+        WORLD, links[3], parent_xform=frames[0]["parent_xform"], max_distance=1.5
+    )
 
 
 def workshops(count: int) -> newton.ModelBuilder:
