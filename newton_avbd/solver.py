@@ -1057,7 +1057,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                         f"{name} holds no bodies or those of another model; the solver's model has "
                         f"{count}. Create it with model.state()."
                     )
-                if array.device != self.device:
+                if array.device is not self.device:
                     raise ValueError(
                         f"{name} is on device {array.device}, the solver on {self.device}."
                     )

@@ -92,12 +92,16 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
     """Device function: whether all bodies and joints of the world came with finite input."""
 
     @wp.func
-    def joint_sum(joint: int, joints: JointModel, control: ControlInput) -> float:
-        """Sum of the numbers that make a joint and drive it: finite when they are."""
-        total = pose_sum(joints.parent_frame[joint]) + pose_sum(joints.child_frame[joint])
+    def joint_sum(joint: int, joints: JointModel, control: ControlInput) -> wp.vec3:
+        """Sums of the numbers that make a joint and drive it: finite when they are."""
+        parent = joints.parent_frame[joint]
+        child = joints.child_frame[joint]
+        turn = wp.transform_get_rotation(parent) + wp.transform_get_rotation(child)
+        frames = wp.transform_get_translation(parent) + wp.transform_get_translation(child)
+        frames += wp.vec3(turn[0] + turn[3], turn[1], turn[2])
+        total = float(0.0)
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            axis = joints.axis[dof]
-            total += axis[0] + axis[1] + axis[2]
+            frames += joints.axis[dof]
             if wp.static(effects.joint_force):
                 total += control.joint_f[dof]
             if wp.static(effects.drives):
@@ -111,7 +115,7 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
         if wp.static(effects.drives):
             for i in range(joints.coord_start[joint], joints.coord_start[joint + 1]):
                 total += control.target_q[i]
-        return total
+        return frames + wp.vec3(total, 0.0, 0.0)
 
     @wp.func
     def is_world_finite(
@@ -123,7 +127,7 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
         tree: TreeWork,
         loops: LoopWork,
     ) -> bool:
-        total = float(0.0)
+        total = wp.vec3(0.0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             if work.finite[body] == 0:
