@@ -12,8 +12,9 @@ import newton
 import numpy as np
 import pytest
 import warp as wp
-from contract import snapshot
-from helpers import Array, Simulation
+from contract import record, snapshot
+from helpers import Array, G, Simulation
+from joint_scenes import WORLD, add_link, transform
 from workshop import BODIES, add_workshop
 
 STEPS = 40
@@ -96,3 +97,23 @@ def test_the_order_of_worlds_changes_nothing(order: tuple[int, ...], expected: A
     permuted = workshops_of(order)
     permuted.step(STEPS)
     np.testing.assert_array_equal(by_world(permuted), expected[list(order)])
+
+
+def test_a_reset_forgets_where_friction_held() -> None:
+    """A hinge that friction holds against its weight, moved by less than a rounding before."""
+    builder = newton.ModelBuilder()
+    arm = add_link(builder, xform=transform((0.2, 0.0, 0.0)))
+    hinge = builder.add_joint_revolute(
+        WORLD, arm, axis=(0, 1, 0), child_xform=transform((-0.2, 0.0, 0.0)), friction=5.0
+    )
+    builder.add_articulation([hinge])
+    fresh, other = Simulation(builder, collide=False), Simulation(builder, collide=False)
+    expected = record(fresh, 10)
+    for before in (1, 2, 3):
+        # beyond friction less the weight by what accelerates it by some 2e-3 rad/s^2
+        other.push(arm, torque=(0.0, 5.0 - 0.2 * G + 2e-4, 0.0))
+        other.step(before)
+        other.push(arm)
+        other.solver.reset(other.state)
+        np.testing.assert_array_equal(record(other, 10), expected)
+        other.solver.reset(other.state)
