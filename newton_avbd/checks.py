@@ -19,6 +19,11 @@ _MOST_NAMES = 3
 """Labels in a message."""
 _INVERSE = 0.02
 """How far a mass times its inverse may be from 1: far above rounding, below what anybody means."""
+_UNIT = 1.0e-3
+"""How far the length of an axis or a quaternion may be from 1."""
+_SKEW = 1.0e-3
+"""How far an inertia tensor may be from symmetric and from the triangle inequality, by its largest
+moment; rounding of a thin plate's is far below."""
 _COEFFICIENTS = (
     "joint_target_ke",
     "joint_target_kd",
@@ -41,14 +46,18 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
 
     Raises:
         NotImplementedError: If a joint is of a type that the solver does not know.
-        ValueError: If a mass, inertia, center of mass, joint frame, axis, limit, gain, material
-            coefficient or gravity is not finite, or a mass, gain or coefficient is negative.
+        ValueError: If a pose, velocity, mass, inertia, center of mass, joint frame, axis, limit,
+            gain, material coefficient or gravity is not finite, a mass, gain or coefficient is
+            negative, an inertia not symmetric or not positive, an axis or the quaternion of a frame
+            not of unit length.
     """
     _check_joints(model, ramp)
     _check_bodies(model)
     if model.shape_count:
         for name in ("mu", "mu_torsional", "mu_rolling", "restitution", "ke", "kd"):
             _check_numbers(model, f"shape_material_{name}", model.shape_label, minimum=0.0)
+        _check_numbers(model, "shape_transform", model.shape_label)
+        _check_lengths(model, "shape_transform", model.shape_label)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
 
@@ -220,18 +229,15 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
             )
     for name in ("joint_X_p", "joint_X_c"):
         _check_numbers(model, name, model.joint_label)
+        _check_lengths(model, name, model.joint_label)
+    for name in ("joint_q", "joint_rest_q"):
+        _check_numbers(model, name, ())
+    _check_numbers(model, "joint_mimic_coeffs", model.joint_label)
     owner = np.repeat(np.arange(model.joint_count), model.joint_dof_dim.numpy().sum(axis=1))
     labels = [_label(model.joint_label, joint) for joint in owner]
     for name in ("joint_axis", "joint_limit_lower", "joint_limit_upper"):
         _check_numbers(model, name, labels)
-    if labels:
-        lengths = np.linalg.norm(model.joint_axis.numpy(), axis=1)
-        wrong = np.flatnonzero(np.abs(lengths - 1.0) > 1.0e-3)
-        if wrong.size:
-            raise ValueError(
-                f"model.joint_axis[{wrong[0]}] ('{labels[wrong[0]]}') is not a unit vector: "
-                f"{model.joint_axis.numpy()[wrong[0]]}."
-            )
+    _check_lengths(model, "joint_axis", labels)
     for name in _COEFFICIENTS:
         _check_numbers(model, name, labels, minimum=0.0)
     for name in ("joint_effort_limit", "joint_velocity_limit"):
@@ -257,8 +263,9 @@ def _check_bodies(model: newton.Model) -> None:
     if model.body_count == 0:
         return
     _check_numbers(model, "body_mass", model.body_label, minimum=0.0)
-    for name in ("body_inertia", "body_inv_mass", "body_inv_inertia", "body_com"):
-        _check_numbers(model, name, model.body_label)
+    for name in ("inertia", "inv_mass", "inv_inertia", "com", "q", "qd"):
+        _check_numbers(model, f"body_{name}", model.body_label)
+    _check_inertia(model)
     mass = model.body_mass.numpy()
     moments = np.diagonal(model.body_inertia.numpy(), axis1=1, axis2=2)
     locked = np.flatnonzero((mass > 0.0) & np.all(moments <= 0.0, axis=1))
@@ -282,8 +289,69 @@ def _check_bodies(model: newton.Model) -> None:
             )
 
 
+def _check_inertia(model: newton.Model) -> None:
+    """Refuses what is no inertia tensor, and warns of one that no mass can have."""
+    heavy = np.flatnonzero(model.body_mass.numpy() > 0.0)
+    inertia = model.body_inertia.numpy()[heavy].astype(np.float64)
+    across = inertia.transpose(0, 2, 1)
+    moments = np.linalg.eigvalsh(0.5 * (inertia + across))
+    allowed = _SKEW * np.abs(moments).max(axis=1)
+    skew = np.abs(inertia - across).max(axis=(1, 2)) > allowed
+    uneven = moments[:, 2] - moments[:, 0] - moments[:, 1] > allowed
+    for wrong, problem in (
+        (skew, "is not symmetric"),
+        (moments[:, 0] < 0.0, "has a negative principal moment"),
+    ):
+        if np.any(wrong):
+            i = int(np.flatnonzero(wrong)[0])
+            raise ValueError(
+                f"model.body_inertia[{heavy[i]}] ('{_label(model.body_label, heavy[i])}') "
+                f"{problem}: {inertia[i].tolist()}."
+            )
+    if np.any(uneven):
+        labels = [_label(model.body_label, body) for body in heavy[uneven]]
+        warnings.warn(
+            f"No mass has such moments of inertia as body {labels[0]!r} (one of {len(labels)}): "
+            "the largest is above the sum of the others. It is simulated as it is; finalize() "
+            "without skip_validation_inertia corrects it.",
+            stacklevel=5,
+        )
+
+
+def _check_lengths(model: newton.Model, name: str, labels: Sequence[str]) -> None:
+    """Raises a ValueError that names the first axis or quaternion that is not of unit length."""
+    values = getattr(model, name).numpy()
+    if values.size == 0:
+        return
+    # the last four numbers of a frame, the three of an axis
+    lengths = np.linalg.norm(values[:, -4:] if values.shape[1] == 7 else values, axis=1)
+    wrong = np.flatnonzero(np.abs(lengths - 1.0) > _UNIT)
+    if wrong.size:
+        item = int(wrong[0])
+        what = "a unit quaternion" if values.shape[1] == 7 else "a unit vector"
+        raise ValueError(
+            f"model.{name}[{item}] ('{_label(labels, item)}') is not {what}: {values[item]}."
+        )
+
+
+def check_array(name: str, array: wp.array | None, count: int, device: wp.Device) -> None:
+    """Raises a ValueError where an argument's array is missing, too short, or elsewhere.
+
+    Args:
+        name: What to call it.
+        array: The array.
+        count: Entries that it must have.
+        device: Device that it must be on.
+    """
+    if array is None or array.shape[0] < count:
+        size = "is None" if array is None else f"has {array.shape[0]} entries"
+        raise ValueError(f"{name} {size}, {count} are needed; it belongs to another model.")
+    if array.device != device:
+        raise ValueError(f"{name} is on device {array.device}, the solver on {device}.")
+
+
 def _check_numbers(
-    model: newton.Model, name: str, labels: list[str], minimum: float = -np.inf
+    model: newton.Model, name: str, labels: Sequence[str], minimum: float = -np.inf
 ) -> None:
     """Raises a ValueError that names the first entry of a model array that makes no sense."""
     values = getattr(model, name).numpy()
@@ -301,5 +369,5 @@ def _check_numbers(
         )
 
 
-def _label(labels: list[str], index: int | np.integer) -> str:
-    return labels[index] if index < len(labels) else ""
+def _label(labels: Sequence[str], index: int | np.integer) -> str:
+    return labels[int(index)] if index < len(labels) else ""

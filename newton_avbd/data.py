@@ -254,6 +254,8 @@ class BodyWork:
     for others."""
     finite: wp.array[wp.int32]
     """1 when the body's input is finite."""
+    pose: wp.array[wp.transform]
+    """Pose at the start of the step: that of state_in, its quaternion of unit length."""
     factor: wp.array[BlockFactor]
     wrench: wp.array[wp.spatial_vector]
     """BDF2: external force [N] and torque [N m], without gravity."""
@@ -287,6 +289,10 @@ class WorldWork:
     """BDF2: the step that inertia sees [s]."""
     overflow: wp.array[wp.int32]
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
+    dropped: wp.array[wp.int32]
+    """Contacts that made no sense, of all steps, shape (1,)."""
+    repaired: wp.array[wp.int32]
+    """Poses whose quaternion was not of unit length, of all steps."""
 
 
 @wp.struct

@@ -3,6 +3,7 @@
 """Which effects a scene calls for. Kernels hold code for those and no others."""
 
 import dataclasses
+import operator
 from dataclasses import dataclass, field
 
 import newton
@@ -177,6 +178,12 @@ class Effects:
             effort_limits=self.joints,
             velocity_limits=self.joints,
         )
+
+    def missing(self, wanted: "Effects") -> list[str]:
+        """Names of those of other effects that these do not hold."""
+        names = [field.name for field in dataclasses.fields(self)]
+        new, old = (operator.attrgetter(*names)(effects) for effects in (wanted, self))
+        return [name for name, a, b in zip(names, new, old, strict=True) if a and a != b]
 
     def without_contact(self) -> "Effects":
         """The effects of a step in which nothing touches."""

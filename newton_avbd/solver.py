@@ -3,6 +3,7 @@
 """SolverAVBD: what a user calls. The physics is in ``rows`` and ``blocks``."""
 
 import dataclasses
+import warnings
 import weakref
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,7 +18,7 @@ from newton.solvers import SolverBase
 from . import data
 from .algebra.block import BlockFactor
 from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
-from .checks import check_model, report_ignored
+from .checks import check_array, check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
@@ -38,6 +39,11 @@ from .settings import Settings, register_scene_settings
 from .topology import Topology, mimics
 
 _SIDES = 2
+_BOUND = ("body_", "joint_", "shape_material_", "shape_body", "gravity")
+"""How the arrays of a model begin that the kernels read."""
+_CONTACT_ARRAYS = ("shape0", "shape1", "point0", "point1", "normal", "margin0", "margin1")
+_EXTRA_CONTACT_ARRAYS = ("surface_velocity", "stiffness", "damping", "friction", "match_index")
+"""Some buffers have these."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +51,11 @@ class Status:
     """What happened in a solver since its construction or the last reset; read on request."""
 
     held_steps: np.ndarray
-    """How often a world, or a body that touches nothing, was held still because its state was not
-    finite; by Newton world, where worlds are solved apart."""
+    """How often a world, or a body that touches nothing, was held still because its state, or what
+    acts on it, was not finite; by Newton world, where worlds are solved apart."""
+    repaired_poses: np.ndarray
+    """How often a body came with a quaternion that was not of unit length, and was normalised; by
+    world as above."""
     sweeps: np.ndarray
     """Sweeps of the last step with contacts, by world as above."""
     update: np.ndarray
@@ -55,6 +64,9 @@ class Status:
     """Joints that broke."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
+    dropped_contacts: int
+    """Contacts of all steps that were left out because they made no sense: numbers that are not
+    finite, shapes that do not exist, or bodies of different worlds."""
 
 
 class SolverAVBD(SolverBase, RigidCoupling):
@@ -196,6 +208,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._worlds: data.WorldWork
         self._retired: list[tuple] = []
         self._moving_surfaces = False
+        self._is_told = False
         self._inputs: weakref.WeakKeyDictionary[newton.Contacts, data.ContactInput] = (
             weakref.WeakKeyDictionary()
         )
@@ -252,6 +265,14 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
         if not self.effects.contact:
             contacts = None
+        elif contacts is None and not self._is_told:
+            self._is_told = True
+            warnings.warn(
+                "SolverAVBD steps without contacts though the model has shapes that can collide: "
+                "they pass through each other. Pass the contacts of a newton.CollisionPipeline to "
+                "step(), or the pipeline to the solver.",
+                stacklevel=2,
+            )
         if contacts is None:
             self._forget_contacts()
         if contacts is None and not self.effects.joints and not self.effects.bdf2:
@@ -321,6 +342,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 state_in.body_f,
                 control,
                 dt,
+                self._worlds,
                 self._history,
                 self._tree,
                 self._work,
@@ -344,7 +366,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._shapes,
                 self._joints,
                 control,
-                state_in.body_q,
+                self._work.pose,
                 state_in.body_qd,
                 source,
                 dt,
@@ -396,13 +418,15 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def status(self) -> Status:
         """What happened so far; copies a few numbers from the device."""
         return Status(
-            held_steps=self._worlds.held.numpy(),
-            sweeps=self._worlds.sweeps.numpy(),
-            update=self._worlds.update.numpy(),
+            held_steps=self._worlds.held.numpy().copy(),
+            repaired_poses=self._worlds.repaired.numpy().copy(),
+            sweeps=self._worlds.sweeps.numpy().copy(),
+            update=self._worlds.update.numpy().copy(),
             broken_joints=np.flatnonzero(
                 [] if self._history.broken is None else self._history.broken.numpy()
             ),
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
+            dropped_contacts=int(self._worlds.dropped.numpy()[0]),
         )
 
     def report(self) -> Report:
@@ -496,6 +520,26 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._rest_angle.assign(self._initial_angles())
         self._group_worlds()
 
+    def unnoticed_changes(self) -> list[str]:
+        """What of the model has changed and no step will see before :meth:`notify_model_changed`.
+
+        Looks at the model as the constructor does, on the host: for when a result is in doubt.
+
+        Returns:
+            Names of effects that the kernels do not hold, ``"topology"`` where other bodies move or
+            other joints hold, and arrays of the model that stand in the place of others.
+        """
+        _, topology, effects = self._look_at_model()
+        return [
+            *self.effects.missing(effects),
+            *(["topology"] if topology != self._topology else []),
+            *(
+                f"model.{name}"
+                for name, array in self._bound.items()
+                if getattr(self.model, name) is not array
+            ),
+        ]
+
     def set_collision_frequency(
         self,
         *,
@@ -570,6 +614,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._work.spin_gain = wp.zeros(slots, dtype=wp.vec3)
             self._work.spin_momentum = wp.zeros(slots, dtype=wp.vec3)
             self._work.finite = wp.zeros(slots, dtype=wp.int32)
+            self._work.pose = wp.zeros(slots, dtype=wp.transform)
             self._work.factor = wp.zeros(slots, dtype=BlockFactor)
             self._islands = data.IslandWork()
             self._islands.parent = wp.zeros(slots, dtype=wp.int32)
@@ -620,6 +665,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """Points the kernels to the model's arrays."""
         self._launch.forget()
         model = self.model
+        self._bound = {
+            name: array
+            for name, array in vars(model).items()
+            if name.startswith(_BOUND) and isinstance(array, wp.array)
+        }
         self._bodies = data.BodyModel()
         self._bodies.mass = model.body_mass
         self._bodies.inertia = model.body_inertia
@@ -689,15 +739,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
         self._joints.enabled = self._is_whole
 
-    def _group_worlds(self) -> None:
-        """Decides which bodies one thread solves, and with which effects.
-
-        A group is a Newton world, or, where global bodies that move tie the worlds together, all
-        bodies at once.
-        """
+    def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects]:
+        """Which world each body belongs to, what is solved together, and with which effects."""
         groups = _solver_worlds(self.model)
         topology = Topology.of_model(self.model, groups, trees=self._blocks == "articulation")
-        self.effects = Effects.of_model(
+        effects = Effects.of_model(
             self.model,
             topology,
             piles=self._blocks == "articulation",
@@ -707,6 +753,15 @@ class SolverAVBD(SolverBase, RigidCoupling):
             angular_friction=self._angular_friction,
             bdf2=self._bdf2,
         )
+        return groups, topology, effects
+
+    def _group_worlds(self) -> None:
+        """Decides which bodies one thread solves, and with which effects.
+
+        A group is a Newton world, or, where global bodies that move tie the worlds together, all
+        bodies at once.
+        """
+        groups, topology, self.effects = self._look_at_model()
         self._effects_apart = self.effects.without_contact()
         if self._capacity:
             self._allocate_contact_effects()
@@ -736,6 +791,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._worlds.sweeps = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.update = wp.zeros(self._world_count, dtype=float)
             self._worlds.overflow = wp.zeros(1, dtype=wp.int32)
+            self._worlds.dropped = wp.zeros(1, dtype=wp.int32)
+            self._worlds.repaired = wp.zeros(self._world_count, dtype=wp.int32)
             # bodies that would be grouped otherwise, and joints held, if these bodies moved
             self._taken_as_fixed = wp.array(
                 topology.idle | (groups == self.model.world_count), dtype=wp.bool
@@ -1000,6 +1057,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if contacts.rigid_contact_max > self._capacity or new_surfaces:
             self._moving_surfaces |= new_surfaces
             self._allocate_contacts(max(contacts.rigid_contact_max, self._capacity))
+        for name in (*_CONTACT_ARRAYS, *_EXTRA_CONTACT_ARRAYS):
+            array = getattr(contacts, f"rigid_contact_{name}")
+            if array is not None or name in _CONTACT_ARRAYS:
+                count = contacts.rigid_contact_max
+                check_array(f"contacts.rigid_contact_{name}", array, count, self.device)
         self._buffer_count += 1
         source = data.ContactInput()
         source.buffer = self._buffer_count
@@ -1030,6 +1092,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         arrays = (source.joint_f, source.joint_target_q, source.joint_target_qd)
         if all(a is b for a, b in zip(arrays, self._control_arrays, strict=True)):
             return self._control
+        for name in ("joint_f", "joint_target_q", "joint_target_qd") if self.effects.joints else ():
+            count = getattr(self.model, name).shape[0]
+            check_array(f"control.{name}", getattr(source, name), count, self.device)
         self._control_arrays = arrays
         self._control = data.ControlInput()
         if arrays[0] is not None:
@@ -1070,16 +1135,20 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if not (dt > 0.0 and np.isfinite(dt)):
             raise ValueError(f"dt must be a positive number of seconds, got {dt}.")
         count = self.model.body_count
-        for name, state in (("state_in", state_in), ("state_out", state_out)):
-            if count and (state.body_q is None or state.body_q.shape[0] != count):
-                raise ValueError(
-                    f"{name} holds no bodies or those of another model; the solver's model has "
-                    f"{count}. Create it with model.state()."
-                )
-            if count and state.body_q.device != self.device:
-                raise ValueError(
-                    f"{name} is on device {state.body_q.device}, the solver on {self.device}."
-                )
+        for name, arrays in (
+            ("state_in", (state_in.body_q, state_in.body_qd, state_in.body_f)),
+            ("state_out", (state_out.body_q, state_out.body_qd)),
+        ):
+            for array in arrays if count else ():
+                if array is None or array.shape[0] != count:
+                    raise ValueError(
+                        f"{name} holds no bodies or those of another model; the solver's model has "
+                        f"{count}. Create it with model.state()."
+                    )
+                if array.device is not self.device:
+                    raise ValueError(
+                        f"{name} is on device {array.device}, the solver on {self.device}."
+                    )
         if contacts is not None and contacts.device != self.device:
             raise ValueError(
                 f"contacts are on device {contacts.device}, the solver on {self.device}."

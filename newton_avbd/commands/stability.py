@@ -6,15 +6,18 @@
 import argparse
 import math
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from newton_avbd.io import UserError, require
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.hard_case import Case, Outcome, try_case
 from newton_avbd.study.hard_cases import CASES, GROUPS
+from newton_avbd.study.long_run import LONG_RUNS, run_long
 from newton_avbd.study.stability_page import line, write_page
 
 from .options import positive, use_device
+from .output import length
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -44,6 +47,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for a page with pictures"
     )
+    parser.add_argument(
+        "--long",
+        type=positive(int),
+        metavar="STEPS",
+        help=f"take so many steps of SolverAVBD on {' and '.join(LONG_RUNS)} instead",
+    )
     parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
     parser.epilog = "\n".join(
         f"{title}:\n" + "\n".join(f"  {case.name:<24} {case.summary}" for case in cases.values())
@@ -54,6 +63,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Run the cases, print a line for each, write the page; 1 where SolverAVBD misses a bound."""
     use_device(args.device)
+    if args.long:
+        return _run_long(args.cases, args.long, args.iterations)
     if args.output:
         require("matplotlib")
     outcomes: list[Outcome] = []
@@ -71,15 +82,42 @@ def main(args: argparse.Namespace) -> int:
     return int(any(outcome.failures(CASES[outcome.case].bounds) for outcome in ours))
 
 
+def _run_long(names: list[str], steps: int, iterations: int | None) -> int:
+    """Take many steps, print a line a scene; 1 where one misses a bound."""
+    _check_names(names, LONG_RUNS)
+    failed = False
+    for name in LONG_RUNS:
+        if name.startswith(tuple(names) or ("",)):
+            run = run_long(name, steps, iterations)
+            failures = run.failures()
+            failed |= bool(failures)
+            print(
+                f"{name:<18}{' '.join(['FAIL', *failures]) if failures else 'ok'}"
+                f"  {run.steps} steps"
+                f"  drift {length(run.drift)}, at the end {length(run.final_drift)}"
+                f"  energy {length(run.energy)}  joints {length(run.separation)}"
+                f"  penetration {length(run.penetration)}"
+                f"  contacts {run.contacts[0]} to {run.contacts[1]}"
+                f"  memory +{run.memory // 1024} KiB  {run.microseconds:.0f} us a step",
+                flush=True,
+            )
+    return int(failed)
+
+
+def _check_names(names: list[str], known: Iterable[str]) -> None:
+    """Raises a UserError for a name with which no known one starts."""
+    for name in names:
+        if not any(case.startswith(name) for case in known):
+            raise UserError(f"there is no case {name!r}; there are: {', '.join(known)}")
+
+
 def _chosen(names: list[str], quick: bool) -> list[Case]:
     """Cases whose names start with one of ``names``, or all, in the order of the catalog.
 
     Raises:
         UserError: A name starts none.
     """
-    for name in names:
-        if not any(known.startswith(name) for known in CASES):
-            raise UserError(f"there is no case {name!r}; there are: {', '.join(CASES)}")
+    _check_names(names, CASES)
     starts = tuple(names) or ("",)
     return [
         case

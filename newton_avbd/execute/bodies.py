@@ -31,6 +31,8 @@ from .denormals import flush_denormals, restore_denormals
 
 FAST = wp.constant(0.25)
 """Turn of a step [rad] from which the spin of a linked body resists tilting within the step."""
+NOT_UNIT = wp.constant(1.0e-4)
+"""Squared length of a quaternion, less 1, that rounding does not explain."""
 
 
 @wp.func
@@ -114,9 +116,33 @@ def vector_sum(v: wp.spatial_vector) -> float:
 
 
 @wp.func
-def is_finite(pose: wp.transform, velocity: wp.spatial_vector, wrench: wp.spatial_vector) -> bool:
-    """Whether a body's input holds no NaN and no infinity."""
-    return wp.isfinite(pose_sum(pose) + vector_sum(velocity) + vector_sum(wrench))
+def unit_pose(pose: wp.transform, body: int, worlds: WorldWork) -> wp.transform:
+    """The pose with a quaternion of unit length; counts one that was not, and says so once."""
+    rotation = wp.transform_get_rotation(pose)
+    length_sq = wp.dot(rotation, rotation)
+    if wp.abs(length_sq - 1.0) > NOT_UNIT and length_sq > 0.0:
+        if wp.atomic_add(worlds.repaired, worlds.of_body[body], 1) == 0:
+            wp.printf("SolverAVBD: the quaternion of body %d is not of unit length\n", body)
+        return wp.transform(wp.transform_get_translation(pose), renormalised(rotation))
+    return pose
+
+
+@wp.func
+def is_finite(
+    model: BodyModel,
+    body: int,
+    pose: wp.transform,
+    velocity: wp.spatial_vector,
+    wrench: wp.spatial_vector,
+) -> bool:
+    """Whether what is given of a body holds no NaN, no infinity and no quaternion of zeros."""
+    rotation = wp.transform_get_rotation(pose)
+    total = pose_sum(pose) + vector_sum(velocity) + vector_sum(wrench)
+    # products: an infinite one times a zero one is not a number
+    total += model.mass[body] * model.inv_mass[body]
+    total += wp.ddot(model.inertia[body], model.inv_inertia[body])
+    total += wp.dot(model.com[body], model.gravity[model.world[body]])
+    return wp.isfinite(total) and wp.dot(rotation, rotation) > 0.0
 
 
 def make_wrench(effects: Effects) -> wp.Function:
@@ -200,15 +226,17 @@ def make_predict(effects: Effects) -> wp.Kernel:
         body_f: wp.array[wp.spatial_vector],
         control: ControlInput,
         h: float,
+        worlds: WorldWork,
         history: History,
         tree: TreeWork,
         # Work out:
         work: BodyWork,
     ):
-        pose = body_q[body]
+        pose = unit_pose(body_q[body], body, worlds)
         velocity = body_qd[body]
         wrench = external_wrench(model, body, body_f, control)
-        work.finite[body] = int(is_finite(pose, velocity, wrench))
+        work.pose[body] = pose
+        work.finite[body] = int(is_finite(model, body, pose, velocity, wrench))
         work.com[body] = wp.transform_point(pose, model.com[body])
 
         if not is_mobile(model, body):
@@ -269,13 +297,16 @@ def make_predict(effects: Effects) -> wp.Kernel:
         body_f: wp.array[wp.spatial_vector],
         control: ControlInput,
         h: float,
+        worlds: WorldWork,
         history: History,
         tree: TreeWork,
         # Work out:
         work: BodyWork,
     ):
         mode = flush_denormals()
-        predict_body(wp.tid(), model, body_q, body_qd, body_f, control, h, history, tree, work)
+        predict_body(
+            wp.tid(), model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
+        )
         restore_denormals(mode)
 
     return predict
@@ -303,10 +334,10 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         body_qd_out: wp.array[wp.spatial_vector],
     ):
         body = wp.tid()
-        pose = body_q[body]
+        pose = unit_pose(body_q[body], body, worlds)
         velocity = body_qd[body]
         wrench = external_wrench(model, body, body_f, control)
-        finite = is_finite(pose, velocity, wrench)
+        finite = is_finite(model, body, pose, velocity, wrench)
         if not finite:
             report_held(worlds, worlds.of_body[body])
         if not finite or not is_mobile(model, body):

@@ -29,6 +29,8 @@ from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .piles import LINK_WEIGHT, mass_behind
 
+NOT_UNIT = wp.constant(0.1)
+"""Squared length of a normal, less 1, that no detection means."""
 FAR = wp.constant(0.2)
 """An anchor that moved more than this share of its lever arm is another contact's."""
 
@@ -52,6 +54,30 @@ def owner_of(worlds: WorldWork, work: BodyWork, slot0: int, slot1: int) -> int:
     if moves0:
         return slot0
     return wp.where(moves1, slot1, -1)
+
+
+@wp.func
+def is_across(worlds: WorldWork, work: BodyWork, slot0: int, slot1: int) -> bool:
+    """Whether a contact is between bodies of two worlds, which cannot meet."""
+    both_move = work.inv_mass[slot0] > 0.0 and work.inv_mass[slot1] > 0.0
+    return both_move and worlds.of_body[slot0] != worlds.of_body[slot1]
+
+
+@wp.func
+def report_dropped(worlds: WorldWork, contact: int):
+    """Counts a contact that makes no sense, and says so once."""
+    if wp.atomic_add(worlds.dropped, 0, 1) == 0:
+        wp.printf(
+            "SolverAVBD: contact %d is left out: its shapes are not those of a pair in a world of "
+            "the model, or its numbers are not finite\n",
+            contact,
+        )
+
+
+@wp.func
+def is_sound(row: ContactRow) -> bool:
+    """Whether a row is at a finite place and its normal of unit length."""
+    return wp.isfinite(row.gap) and wp.abs(wp.dot(row.normal, row.normal) - 1.0) < NOT_UNIT
 
 
 @wp.kernel(enable_backward=False, module="unique")
@@ -83,9 +109,13 @@ def sort_contacts(
         shape1 = contacts.shape1[contact]
         rows.owner[contact] = -1
         if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
+            report_dropped(worlds, contact)
             continue
         slot0 = body_slot(shapes, shape0, static_slot)
         slot1 = body_slot(shapes, shape1, static_slot)
+        if is_across(worlds, work, slot0, slot1):
+            report_dropped(worlds, contact)
+            continue
         a = owner_of(worlds, work, slot0, slot1)
         if a >= 0:
             rows.owner[contact] = a
@@ -174,7 +204,7 @@ def matched_record(
     known = int(contact)
     if history.filling[world, 1] != contacts.generation[0]:
         known = contacts.match_index[contact]
-    if known < 0:
+    if known < 0 or known >= history.row_of_contact.shape[1]:
         return -1
     record = history.row_of_contact[side, known]
     # the owner may have changed since, when bodies start or stop to move
@@ -243,6 +273,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         model: BodyModel,
         shapes: ShapeModel,
         contacts: ContactInput,
+        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         history: History,
@@ -262,14 +293,16 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             )
             if wp.static(effects.matching):
                 history.row_of_contact[1 - side, contact] = -1
-            # Out of reach of what the two bodies and all others do in this step? (A gap that is
-            # not a number fails the comparison.)
+            if not is_sound(row):
+                report_dropped(worlds, contact)
+                continue
+            # Out of reach of what the two bodies and all others do in this step?
             gap = row.gap
             if gap > scale.reach:
                 span = work.com[body] - work.com[row.b]
                 u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
                 gap += wp.min(wp.dot(row.normal, u), 0.0)
-            if gap <= scale.reach and wp.isfinite(row.arm):
+            if gap <= scale.reach:
                 if wp.static(effects.angular_friction):
                     spin = SpinRow()
                 if wp.static(effects.matching):
@@ -412,12 +445,15 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         model: BodyModel,
         shapes: ShapeModel,
         contacts: ContactInput,
+        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         history: History,
     ):
         """Builds the rows that a body owns, with what is remembered of their forces."""
-        linearise_rows(world, body, scale, body_q, model, shapes, contacts, work, rows, history)
+        linearise_rows(
+            world, body, scale, body_q, model, shapes, contacts, worlds, work, rows, history
+        )
         if wp.static(effects.matching):
             if not is_matched(history, world, contacts):
                 recall_multipliers(world, body, rows, history)
@@ -444,6 +480,7 @@ def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], his
             history.velocity_lag[dof] = 0.0
             history.limit_force[dof] = 0.0
             history.friction_force[dof] = 0.0
+            history.held_at[dof] = 0.0
             history.joint_angle[dof] = rest_angle[dof]
 
 
@@ -471,6 +508,7 @@ def reset_bodies(
     world = body_world[body]
     if mask.shape[0] == 0:
         worlds.overflow[0] = 0
+        worlds.dropped[0] = 0
     else:
         if not is_selected(world, mask):
             return
@@ -484,6 +522,7 @@ def reset_bodies(
     history.falling[body] = 0.0
     if tree.joint.shape[0] > 0:
         history.joint_force[body] = wp.vec3(0.0)
+        history.placed[body] = wp.vec3(0.0)
         history.lost[body] = wp.vec3(0.0)
         history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         forget_axes(tree.joint[body], joints, rest_angle, history)
@@ -496,3 +535,4 @@ def reset_bodies(
     history.age[worlds.of_body[body]] = 0
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0
+    worlds.repaired[worlds.of_body[body]] = 0

@@ -70,13 +70,59 @@ def is_same_block(worlds: WorldWork, a: int, b: int) -> bool:
     return worlds.block_end[worlds.rank[a]] == worlds.block_end[worlds.rank[b]]
 
 
-@wp.func
-def is_world_finite(world: int, worlds: WorldWork, work: BodyWork) -> bool:
-    """Whether all bodies of the world came with finite input."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        if work.finite[worlds.bodies[i]] == 0:
-            return False
-    return True
+def make_is_world_finite(effects: Effects) -> wp.Function:
+    """Device function: whether all bodies and joints of the world came with finite input."""
+
+    @wp.func
+    def joint_sum(joint: int, joints: JointModel, control: ControlInput) -> wp.vec3:
+        """Sums of the numbers that make a joint and drive it: finite when they are."""
+        parent = joints.parent_frame[joint]
+        child = joints.child_frame[joint]
+        turn = wp.transform_get_rotation(parent) + wp.transform_get_rotation(child)
+        frames = wp.transform_get_translation(parent) + wp.transform_get_translation(child)
+        frames += wp.vec3(turn[0] + turn[3], turn[1], turn[2])
+        total = float(0.0)
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            frames += joints.axis[dof]
+            if wp.static(effects.joint_force):
+                total += control.joint_f[dof]
+            if wp.static(effects.drives):
+                total += joints.target_ke[dof] + joints.target_kd[dof] + control.target_qd[dof]
+            if wp.static(effects.springs):
+                total += joints.stiffness[dof] + joints.damping[dof]
+            if wp.static(effects.armature):
+                total += joints.armature[dof]
+            if wp.static(effects.joint_friction):
+                total += joints.friction[dof]
+        if wp.static(effects.drives):
+            for i in range(joints.coord_start[joint], joints.coord_start[joint + 1]):
+                total += control.target_q[i]
+        return frames + wp.vec3(total, 0.0, 0.0)
+
+    @wp.func
+    def is_world_finite(
+        world: int,
+        joints: JointModel,
+        control: ControlInput,
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+    ) -> bool:
+        total = wp.vec3(0.0)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.finite[body] == 0:
+                return False
+            if wp.static(effects.joints):
+                if tree.joint[body] >= 0:
+                    total += joint_sum(tree.joint[body], joints, control)
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                total += joint_sum(loops.joints[i], joints, control)
+        return wp.isfinite(total)
+
+    return is_world_finite
 
 
 @wp.func
@@ -342,6 +388,7 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
 def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     measure_world = make_measure_world(effects)
+    is_world_finite = make_is_world_finite(effects)
     find_rows, penalise_rows = make_rows(effects)
     impacts = make_impacts(effects)
     coasting_increment = make_coasting(effects)
@@ -907,7 +954,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
     ):
         body_start = worlds.body_start[world]
         body_end = worlds.body_start[world + 1]
-        if not is_world_finite(world, worlds, work):
+        if not is_world_finite(world, joints, control, worlds, work, tree, loops):
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
 
@@ -939,6 +986,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         model,
                         shapes,
                         contacts,
+                        worlds,
                         work,
                         rows,
                         history,
