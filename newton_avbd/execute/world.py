@@ -48,7 +48,7 @@ SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
 SETTLED = wp.constant(5.0e-6)
 """Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
-JOINT_PASSES = wp.constant(8)
+JOINT_PASSES = wp.constant(24)
 """Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
