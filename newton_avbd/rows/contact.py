@@ -28,6 +28,8 @@ TANGENT_RATIO = wp.constant(0.3)
 RELEASE_RATIO = wp.constant(0.15)
 """What a row near release (or at the cone, tangentially) keeps of its penalty: the majoriser would
 hold back a body that is about to leave or slide."""
+LINK_RELEASE_RATIO = wp.constant(0.1)
+"""Likewise of the penalty that a link of a pile has for what is behind it."""
 RECOVERY = wp.constant(0.5)
 """Share of the penetration beyond the slop that a step removes."""
 
@@ -179,7 +181,7 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
         row: The row, with its multiplier warm-started.
         mass: Effective mass [kg].
         load: Mass that the row carried in the last step [kg].
-        held: Mass that the row has to hold at once [kg], unless it opens by more than the slop.
+        held: Mass that the row has to hold at once [kg], as the link of a pile.
         u: Slip that the bodies would have without constraints [m].
         scale: The world's scale.
     """
@@ -192,7 +194,7 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
     f_n = lambda_n - k * opening
     if f_n <= 0.0:
         out.force = wp.vec3(0.0)
-        k = RELEASE_RATIO * wp.where(opening > scale.slop, least, k)
+        k = wp.max(RELEASE_RATIO * least, LINK_RELEASE_RATIO * k)
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
     if f_n > 0.0 and slides(row, out.k_t, u, f_n):
