@@ -172,7 +172,7 @@ def _featherstone(model: newton.Model, setting: Setting) -> SolverBase:
     return newton.solvers.SolverFeatherstone(model, angular_damping=0.0)
 
 
-AVBD_SCHEMES: tuple[str | None, ...] = (None,)
+AVBD_SCHEMES = ("euler", "bdf2")
 """Time integrations of SolverAVBD."""
 
 INTEGRATORS = ("implicitfast", "rk4")
