@@ -203,6 +203,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._friction_mix = settings.friction_mix_mode
         self._angular_friction = settings.angular_friction
         self.writes_joint_state = update_joint_state and model.joint_count > 0
+        self._all_joints = _AllJoints(model)
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         self._topology: Topology | None = None
         self._worlds: data.WorldWork
@@ -1190,8 +1191,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         )
 
     def _write_joint_state(self, state_out: newton.State) -> None:
-        """Joint coordinates of the bodies' poses, turns counted."""
-        newton.eval_ik(self.model, state_out, state_out.joint_q, state_out.joint_qd)
+        """Coordinates of all joints by the poses of their bodies, turns counted."""
+        newton.eval_ik(self._all_joints, state_out, state_out.joint_q, state_out.joint_qd)
         self._launch(
             count_turns,
             self.model.joint_count,
@@ -1201,6 +1202,20 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""
         self._launch(kernel, self.model.body_count, arguments)
+
+
+class _AllJoints:
+    """A model whose joints all belong to one articulation, which is what ``eval_ik`` evaluates."""
+
+    def __init__(self, model: newton.Model) -> None:
+        self._model = model
+        self.articulation_start = wp.array([0], dtype=wp.int32, device=model.device)
+        self.articulation_end = wp.array([model.joint_count], dtype=wp.int32, device=model.device)
+        self.articulation_count = 1
+        self.max_joints_per_articulation = model.joint_count
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
 
 
 def _requested(*arrays: wp.array | None) -> list[wp.array]:

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints that close a loop, and bodies that several joints hold."""
 
+from typing import Any
+
 import newton
 import numpy as np
 import pytest
@@ -25,7 +27,7 @@ AT_END = pytest.mark.filterwarnings("ignore:.*another joint already connects.*")
 
 
 def four_bar(
-    crank: float, coupler: float, rocker: float, ground: float, angle: float
+    crank: float, coupler: float, rocker: float, ground: float, angle: float, **settings: Any
 ) -> Simulation:
     """A planar four-bar in the xz plane that hangs from (0, 0, 0) and (ground, 0, 0).
 
@@ -71,7 +73,7 @@ def four_bar(
     turns = (angle, coupler_angle - angle, rocker_angle - coupler_angle)
     for joint, turn in zip(joints, turns, strict=True):
         set_coordinates(builder, joint, [turn])
-    return simulate(builder)
+    return simulate(builder, **settings)
 
 
 def test_a_four_bar_keeps_its_anchors_together() -> None:
@@ -90,6 +92,17 @@ def test_a_four_bar_keeps_its_anchors_together() -> None:
         assert sim.energy < energy + 1.0e-4 * sim.mass.sum() * G
         fastest = max(fastest, np.abs(sim.velocity[0, 4]))
     assert fastest > 1.0
+
+
+def test_the_joint_that_closes_a_loop_has_coordinates() -> None:
+    """It turns the rocker against the world, as all other joints do together."""
+    sim = four_bar(0.4, 0.9, 0.7, 1.0, 0.3, update_joint_state=True)
+    sim.run(0.3)
+    q, qd = sim.state.joint_q.numpy(), sim.state.joint_qd.numpy()
+    assert np.abs(qd[3]) > 0.5
+    assert qd[3] == pytest.approx(qd[:3].sum(), abs=1.0e-4)
+    assert np.sin(q[3] - q[:3].sum()) == pytest.approx(0.0, abs=1.0e-5)
+    assert np.cos(q[3] - q[:3].sum()) == pytest.approx(1.0, abs=1.0e-5)
 
 
 def test_a_parallelogram_swings_with_its_own_period() -> None:
