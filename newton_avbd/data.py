@@ -568,6 +568,10 @@ class PileWork:
     """Where the list of each world ends, shape (world_count,)."""
     mass: wp.array[float]
     """Mass of the body and of all that is linked behind it [kg]."""
+    whole: wp.array[float]
+    """Mass of the body's pile [kg], 0 for one on the ground."""
+    held: wp.array[float]
+    """Mass that the link to the parent, or to the ground, has to hold [kg]."""
     ll: wp.array[wp.mat33]
     """Block of the body and of what is linked behind it, without the link to its parent."""
     al: wp.array[wp.mat33]

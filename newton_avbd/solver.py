@@ -823,6 +823,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             piles.order = wp.zeros(slots, dtype=wp.int32)
             piles.end = wp.zeros(self._world_count, dtype=wp.int32)
             piles.mass = wp.zeros(slots, dtype=float)
+            piles.whole = wp.zeros(slots, dtype=float)
+            piles.held = wp.zeros(slots, dtype=float)
             for block in ("ll", "al", "aa", "link_ll", "link_al", "link_aa"):
                 setattr(piles, block, wp.zeros(slots, dtype=wp.mat33))
             piles.push = wp.zeros(slots, dtype=wp.spatial_vector)

@@ -69,12 +69,12 @@ def is_link(row: ContactRow, rows: RowWork) -> bool:
 
 @wp.func
 def mass_behind(row: ContactRow, work: BodyWork, rows: RowWork) -> float:
-    """Mass that the ground, or the rest of the pile, holds by this row [kg]; 0 if it is no link."""
+    """Mass [kg] that the link of a row has to hold, 0 where it is no link."""
     if rows.piles.parent[row.b] == row.a:
-        return rows.piles.mass[row.b]
+        return rows.piles.held[row.b]
     parent = rows.piles.parent[row.a]
     if parent == row.b or (parent == ROOT and work.inv_mass[row.b] == 0.0):
-        return rows.piles.mass[row.a]
+        return rows.piles.held[row.a]
     return 0.0
 
 
@@ -179,6 +179,21 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
             if parent >= 0:
                 rows.piles.mass[parent] = rows.piles.mass[parent] + rows.piles.mass[body]
         rows.piles.end[world] = end
+        while at < end:
+            body = rows.piles.order[at]
+            parent = rows.piles.parent[body]
+            mass = rows.piles.mass[body]
+            if parent >= 0:
+                whole = rows.piles.whole[parent]
+                rows.piles.whole[body] = whole
+                # of a pile that floats, the reduced mass of the two sides
+                rows.piles.held[body] = wp.where(whole > 0.0, mass * (whole - mass) / whole, mass)
+            else:
+                on_ground = is_grounded(body, work, rows)
+                rows.piles.whole[body] = wp.where(on_ground, 0.0, mass)
+                # what the body carries; its own mass is in the effective mass of its rows
+                rows.piles.held[body] = wp.where(on_ground, mass - model.mass[body], 0.0)
+            at += 1
 
     @wp.func
     def link_block(body: int, work: BodyWork, rows: RowWork):

@@ -48,8 +48,10 @@ SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
 SETTLED = wp.constant(5.0e-6)
 """Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
-JOINT_PASSES = wp.constant(24)
+JOINT_PASSES = wp.constant(8)
 """Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
+LOOP_PASSES = wp.constant(24)
+"""Likewise where joints close loops: a four-bar that lands is not closed by fewer."""
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
@@ -97,6 +99,8 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
         if wp.static(effects.drives):
             for i in range(joints.coord_start[joint], joints.coord_start[joint + 1]):
                 total += control.target_q[i]
+        if wp.static(effects.mimics):
+            total += joints.mimic_coefficients[joint][0] + joints.mimic_coefficients[joint][1]
         return frames + wp.vec3(total, 0.0, 0.0)
 
     @wp.func
@@ -1230,7 +1234,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 if sweeps > 0 and deepest > scale.slop:
                     passes = 1
             if is_open or update > unsettled * unsettled:
-                passes = JOINT_PASSES
+                passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
             if wp.static(effects.loops):
                 # what closes them now is no force of the motion
                 for i in range(loops.world_start[world], loops.world_start[world + 1]):
