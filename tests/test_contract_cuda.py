@@ -51,7 +51,7 @@ def with_all(effects: Effects, names: str) -> Effects:
 VARIANTS = {
     "bare contact": BARE,
     "hinges": HINGED,
-    "driven hinges": with_all(HINGED, "drives limits armature springs"),
+    "driven hinges": with_all(HINGED, "drives limits armature springs bdf2"),
     "contacts": with_all(
         BODIES, "piles restitution angular_friction matching moving_surfaces contact_materials"
     ),
