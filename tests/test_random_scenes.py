@@ -152,6 +152,10 @@ def add_everything(builder: newton.ModelBuilder) -> None:
         parent = link
     builder.add_articulation(joints)
     builder.add_shape_sphere(parent, radius=0.1, cfg=surface())
+    root, load = (
+        builder.add_link(mass=m, inertia=wp.mat33(np.diag([m, m, m]))) for m in (1.0e-6, 1.0)
+    )
+    builder.add_articulation([builder.add_joint_free(root), builder.add_joint_ball(root, load)])
 
 
 def add_joint(
