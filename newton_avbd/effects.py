@@ -15,6 +15,10 @@ from .topology import Topology
 
 _FREE = int(newton.JointType.FREE)
 
+_LIGHT = 1.0e-5
+"""Share of what it carries, in mass or inertia, below which a root counts as light. (At 5e-7 what
+the joints of a heavy body round moves it more than its own momentum does; at 5e-6 not yet.)"""
+
 
 @dataclass(frozen=True)
 class Effects:
@@ -34,6 +38,8 @@ class Effects:
     """Such a joint below a body that moves, on which its force reacts."""
     flipped: bool = False
     """A tree that goes from the child of a joint to its parent: the child is kinematic, or held."""
+    light_roots: bool = False
+    """A free body whose joints carry so much more than itself that rounding would move it."""
     loops: bool = False
     """Joints outside of trees: they close a loop, or each body is a block of its own."""
     closures: bool = False
@@ -107,6 +113,7 @@ class Effects:
             closures=bool(topology.closures),
             mimics=any(closure.leader >= 0 for closure in topology.closures),
             flipped=topology.has_flips,
+            light_roots=_has_light_root(model, topology),
             reaction=pushing_joints(model).size > 0,
             drives=bool(np.any(drives)),
             limits=_has_limits(model, axes),
@@ -170,6 +177,7 @@ class Effects:
             self,
             friction=self.contact,
             gyroscopic=True,
+            light_roots=self.joints,
             drives=self.joints,
             limits=self.joints,
             springs=self.joints,
@@ -269,3 +277,26 @@ def _has_unequal_moments(model: newton.Model) -> bool:
     mean = np.trace(inertia, axis1=1, axis2=2) / 3.0
     off = np.abs(inertia - mean[:, None, None] * np.eye(3)).max(axis=(1, 2))
     return bool(np.any(off > 1.0e-5 * mean))
+
+
+def _has_light_root(model: newton.Model, topology: Topology) -> bool:
+    """Whether a body that moves, and that no joint holds, carries so much more than itself."""
+    linked = np.flatnonzero(topology.parent >= 0)
+    if linked.size == 0:
+        return False
+    mass = model.body_mass.numpy().astype(np.float64)
+    moments = np.trace(model.body_inertia.numpy().astype(np.float64), axis1=1, axis2=2)
+    root = np.where(topology.parent >= 0, topology.parent, np.arange(mass.size))
+    while np.any(root != root[root]):
+        root = root[root]
+    joint = topology.joint[linked]
+    is_child = model.joint_child.numpy()[joint] == linked
+    frames = np.where(
+        is_child[:, None], model.joint_X_c.numpy()[joint], model.joint_X_p.numpy()[joint]
+    )
+    arm = np.linalg.norm(frames[:, :3] - model.body_com.numpy()[linked], axis=1)
+    for own, beyond in ((mass, 0.0), (moments, mass[linked] * arm**2)):
+        carried = np.bincount(root[linked], own[linked] + beyond, mass.size)
+        if np.any((_LIGHT * carried > own) & (model.body_inv_mass.numpy() > 0.0)):
+            return True
+    return False

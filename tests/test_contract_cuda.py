@@ -59,8 +59,8 @@ VARIANTS = {
     "ramp": with_all(BODIES, "ramp matching contact_materials"),
     "articulations": with_all(
         JOINTED,
-        "flipped reaction mimics springs armature joint_friction effort_limits velocity_limits "
-        "breaking restitution",
+        "flipped light_roots reaction mimics springs armature joint_friction effort_limits "
+        "velocity_limits breaking restitution",
     ),
     "compliant articulations": with_all(JOINTED, "compliance"),
 }

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import hypothesis
 import newton
 import numpy as np
+import scipy.spatial.distance
 import warp as wp
 from helpers import Array, G, Simulation, surface
 from hypothesis import strategies as st
@@ -152,6 +153,10 @@ def add_everything(builder: newton.ModelBuilder) -> None:
         parent = link
     builder.add_articulation(joints)
     builder.add_shape_sphere(parent, radius=0.1, cfg=surface())
+    root, load = (
+        builder.add_link(mass=m, inertia=wp.mat33(np.diag([m, m, m]))) for m in (1.0e-6, 1.0)
+    )
+    builder.add_articulation([builder.add_joint_free(root), builder.add_joint_ball(root, load)])
 
 
 def add_joint(
@@ -330,32 +335,29 @@ def test_everything_stays_finite(scene: Scene) -> None:
 def test_momentum_is_balanced(scene: Scene) -> None:
     """What touches nothing fixed gains m g t, and about the origin the moment of that, no more.
 
-    Relative to the momentum of all bodies, each without its sign: rounding.
+    Forces that bodies exert on each other in a step have no moment about the origin where the
+    bodies were when it began (what pushes overlapping bodies apart moves them without a force).
+    What a step adds to spin momentum is linear in the turn, an error of first order: up to 2e-3 at
+    240 Hz in what tumbles at 25 rad/s, a fourth of that at 960 Hz. The rest is rounding, relative
+    to the momentum of all bodies, each without its sign.
     """
     sim, indices = build(scene)
+    sim.dt = 0.25 * DT
     mass = sim.mass[indices][:, None]
-    velocity = sim.velocity[indices]
-
-    def momentum() -> tuple[Array, Array]:
-        linear = mass * sim.velocity[indices, :3]
-        angular = np.cross(sim.center[indices], linear) + sim.spin_momentum[indices]
-        return linear.sum(axis=0), angular.sum(axis=0)
-
-    linear, angular = momentum()
-    gravity = np.array([0.0, 0.0, -G if scene.gravity else 0.0])
-    for _ in range(STEPS):
-        center = sim.center[indices]
-        sim.step()
-        linear = linear + DT * gravity * mass.sum()
-        # the force acts where the body was; the solver takes its moment at the end of the step
-        angular = angular + DT * np.cross(0.5 * (center + sim.center[indices]), mass * gravity).sum(
-            0
-        )
-    found_linear, found_angular = momentum()
-    speed = np.linalg.norm(velocity, axis=1)[:, None] + G * STEPS * DT
+    speed = np.linalg.norm(sim.velocity[indices], axis=1)[:, None] + G * STEPS * DT
     scale = float(np.sum(mass * speed))
-    assert np.abs(found_linear - linear).max() <= 1e-5 * scale
-    assert np.abs(found_angular - angular).max() <= 1e-3 * scale
+    gained = np.array([0.0, 0.0, -G * sim.dt if scene.gravity else 0.0])
+    linear, angular = np.zeros(3), np.zeros(3)
+    for _ in range(2 * STEPS):
+        center, velocity = sim.center[indices], sim.velocity[indices, :3]
+        spin = sim.spin_momentum[indices]
+        sim.step()
+        pushed = mass * (sim.velocity[indices, :3] - velocity - gained)
+        linear += pushed.sum(axis=0)
+        twisted = sim.spin_momentum[indices] - spin
+        angular += (np.cross(center, pushed) + twisted).sum(axis=0)
+    assert np.abs(linear).max() <= 1e-5 * scale
+    assert np.abs(angular).max() <= 1e-3 * scale
 
 
 @hypothesis.seed(SEED)
@@ -387,8 +389,12 @@ def test_four_times_the_masses_and_stiffnesses_move_the_same_to_the_bit(scene: S
 @random_scenes
 @hypothesis.given(scenes(shapes=("sphere",)))
 def test_mirror_images_move_as_mirror_images(scene: Scene) -> None:
-    """Spheres, whose contacts Newton's detection finds where the mirror has them."""
+    """Spheres, whose contacts Newton's detection finds where the mirror has them.
+
+    Not of two spheres with one center: which way they are to part nothing says.
+    """
     sim, indices = build(scene)
+    hypothesis.assume(scipy.spatial.distance.pdist(sim.center[indices]).min(initial=1.0) > 1e-3)
     image, _ = build(scene, mirrored=True)
     for each in (sim, image):
         each.step(STEPS)
@@ -412,6 +418,9 @@ def test_bodies_in_another_order_move_the_same(scene: Scene, random: object) -> 
     random.shuffle(order)
     sim, indices = build(scene)
     other, other_indices = build(scene, order=order)
-    for each in (sim, other):
-        each.step(STEPS)
+    for _ in range(STEPS):
+        for each in (sim, other):
+            each.step()
+        # bodies of one mechanism may touch
+        hypothesis.assume(sim.contacts.rigid_contact_count.numpy()[0] == 0)
     assert_same_motion(poses(sim, indices), poses(other, other_indices), 1e-5)

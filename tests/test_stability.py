@@ -31,6 +31,7 @@ QUICK = {
     "pendulum_50_50000": 1.0,
     "zero_distance": 0.5,
     "joint_grid_8": 0.5,
+    "breakable_wall": 0.3,
     "crushed_stack": 1.5,
     "top_10": 1.0,
     "top_1000": 1.0,

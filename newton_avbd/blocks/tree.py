@@ -166,3 +166,32 @@ def eliminated(
         aa,
         push - axis.push * wp.spatial_vector(scaled_force, scaled_torque),
     )
+
+
+@wp.func
+def freed(held: wp.mat33, load: wp.vec3, axis: wp.vec3, push: float):
+    """Takes a free axis out of the directions along which a joint holds.
+
+    Args:
+        held: Projects on the directions that are left.
+        load: What the joint carries along those that were taken [N or N m].
+        axis: The axis, of length 1.
+        push: What is put on the axis, which reacts on the parent [N or N m].
+
+    Returns:
+        ``held`` and ``load`` after that, unchanged where others have taken the axis already.
+    """
+    across = held * axis
+    size = wp.dot(across, across)
+    if size < 1.0e-6:
+        return held, load
+    share = (push + wp.dot(axis, load)) / size
+    return held - wp.outer(across / size, across), load - share * across
+
+
+@wp.func
+def projected(
+    shifting: wp.mat33, turning: wp.mat33, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33
+):
+    """The block without what rounding has left in it along directions in which nothing holds."""
+    return shifting * h_ll * shifting, turning * h_al * shifting, turning * h_aa * turning

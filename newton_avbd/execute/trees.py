@@ -579,6 +579,12 @@ def make_trees(
                     stiff[dof] = stiffness
                 rod_torque = sign * joint_rows.rod_torque(q_p, q_c, response)
                 rod_stiffness = joint_rows.rod_stiffness(q_p, q_c, stiff)
+        if wp.static(effects.light_roots):
+            # the directions along which the joint holds, and what it carries along the others
+            shifting = wp.identity(n=3, dtype=float)
+            turning = wp.identity(n=3, dtype=float)
+            thrust = wp.vec3(0.0)
+            torque = wp.vec3(0.0)
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
@@ -602,6 +608,7 @@ def make_trees(
                     across = wp.max(1.0 - along * along, 0.0) + 1.0e-6
                 own = across / wp.trace(model.inv_inertia[body])
             pivot = wp.max(pivot, inv_h2 * own)
+            inert = pivot
             axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
                 axis.angular, wp.spatial_bottom(push)
             )
@@ -659,6 +666,13 @@ def make_trees(
                         axis.pivot = pivot
                         axis.step = axis_rows.held_step(law)
                     tree.laws[k] = law
+            if wp.static(effects.light_roots):
+                if pivot == inert and axis.pivot == 0.0:
+                    pushed = control.joint_f[index]
+                    if dof < linear:
+                        shifting, thrust = algebra.freed(shifting, thrust, axis.linear, pushed)
+                    else:
+                        turning, torque = algebra.freed(turning, torque, axis.angular, pushed)
             if axis.pivot > 0.0:
                 push -= axis.step * wp.spatial_vector(axis.force, axis.torque)
             else:
@@ -682,18 +696,31 @@ def make_trees(
         if wp.static(effects.closures):
             meet_axes(body, dofs, work, tree)
         if work.inv_mass[parent] > 0.0:
-            h_ll, h_al, h_aa = algebra.span_block(span, h_ll, h_al, h_aa)
+            arm = span
+            if wp.static(effects.light_roots):
+                h_ll, h_al, h_aa = algebra.span_block(-arm_c, h_ll, h_al, h_aa)
+                h_ll, h_al, h_aa = algebra.projected(shifting, turning, h_ll, h_al, h_aa)
+                push = algebra.handed_down(-arm_c, push)
+                push = wp.spatial_vector(
+                    shifting * wp.spatial_top(push) + thrust,
+                    turning * wp.spatial_bottom(push) + torque,
+                )
+                if wp.static(effects.tilting):
+                    n_ll, n_al, n_aa = algebra.span_skew(-arm_c, n_ll, n_al, n_aa)
+                    n_ll, n_al, n_aa = algebra.projected(shifting, turning, n_ll, n_al, n_aa)
+                arm = arm_p
+            h_ll, h_al, h_aa = algebra.span_block(arm, h_ll, h_al, h_aa)
             h_aa += algebra.geometric_stiffness(-force, arm_p)
             tree.h_ll[parent] = tree.h_ll[parent] + h_ll
             tree.h_al[parent] = tree.h_al[parent] + h_al
             tree.h_aa[parent] = tree.h_aa[parent] + h_aa
             if wp.static(effects.tilting):
                 if is_fast:
-                    n_ll, n_al, n_aa = algebra.span_skew(span, n_ll, n_al, n_aa)
+                    n_ll, n_al, n_aa = algebra.span_skew(arm, n_ll, n_al, n_aa)
                     tree.n_ll[parent] = tree.n_ll[parent] + n_ll
                     tree.n_al[parent] = tree.n_al[parent] + n_al
                     tree.n_aa[parent] = tree.n_aa[parent] + n_aa
-            tree.push[parent] = tree.push[parent] + algebra.handed_down(span, push)
+            tree.push[parent] = tree.push[parent] + algebra.handed_down(arm, push)
             tree.load[parent] = tree.load[parent] + algebra.handed_down(span, load)
         return mismatch
 

@@ -599,7 +599,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
                     torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
                     rows.spin[i].torque = torque
-                if row.b != joined and wp.length_sq(push) > 0.0:
+                # a row that has let go by now may have pushed one of them in the last sweep
+                is_joining = wp.length_sq(push) > 0.0
+                is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
+                if row.b != joined and is_joining:
                     joined = row.b
                     join_islands(islands, worlds, work, body, joined)
                 if wp.static(not effects.compliance):

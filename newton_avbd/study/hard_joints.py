@@ -15,6 +15,7 @@ import newton
 import numpy as np
 import warp as wp
 
+from newton_avbd import SolverAVBD
 from newton_avbd.study.chains import add_chain
 from newton_avbd.study.hard_case import Bounds, Catalog, Trial
 from newton_avbd.study.hard_piles import add_box, block
@@ -262,6 +263,77 @@ def _(builder: newton.ModelBuilder) -> None:
     builder.add_shape_box(
         WORLD, xform=at(0.4, 0.0, 0.6), hx=0.05, hy=0.2, hz=0.2, cfg=block(builder)
     )
+
+
+HIT = (0.0, 0.0, 0.525)
+"""Where a ball is to hit the breakable wall, and how far it flies up to there [m]."""
+FLIGHT = 0.6
+
+
+def _astray(trial: Trial) -> float:
+    """How far from the hit a joint broke [m].
+
+    Infinite where one broke, or a brick moved by 0.1 mm, before the ball was half way.
+    """
+    broken = getattr(getattr(trial.solver, "status", None), "broken_joints", ())
+    bricks = trial.model.joint_child.numpy()[list(broken)]
+    if np.linalg.norm(trial.centers()[-1] - trial.start[-1]) < 0.5 * FLIGHT:
+        moved = np.linalg.norm(trial.centers() - trial.start, axis=1)[:-1]
+        return math.inf if len(broken) or np.max(moved) > 1e-4 else 0.0
+    return float(np.max(np.linalg.norm(trial.start[bricks] - HIT, axis=1), initial=0.0))
+
+
+@JOINTS.declare(
+    "breakable_wall",
+    "6 x 5 bricks of 16 kg tied by joints that break at 4 kN, hit by a ball of 20 kg at 6 m/s",
+    # the joints of the two bricks that it hits, and of those around them
+    Bounds(penetration=5e-3, gain=1e-3, drift=1.0),
+    drift=_astray,
+    seconds=2.0,
+    speculative=0.1,
+)
+def _(builder: newton.ModelBuilder) -> None:
+    SolverAVBD.register_custom_attributes(builder)
+    add_ground(builder, mu=0.6, gap=0.02)
+    length, height = 0.41, 0.21
+    columns, rows = 6, 5
+    bricks: list[list[int]] = []
+    ties: list[Tie] = []
+    loops: list[Tie] = []
+    for row in range(rows):
+        z = (row + 0.5) * height
+        xs = [(column - 0.5 * (columns - 1)) * length for column in range(columns)]
+        bricks.append(
+            [add_link(builder, at(x, 0.0, z), (0.4, 0.2, 0.2), collides=True) for x in xs]
+        )
+        for column, brick in enumerate(bricks[row]):
+            under = at(0.0, 0.0, -0.5 * height)
+            if row == 0:
+                ties.append((WORLD, brick, at(xs[column]), under))
+            else:
+                ties.append((bricks[row - 1][column], brick, at(0.0, 0.0, 0.5 * height), under))
+            if column > 0:
+                loops.append((bricks[row][column - 1], brick, at(0.5 * length), at(-0.5 * length)))
+
+    def weld(tie: Tie) -> int:
+        parent, child, hung, held = tie
+        return builder.add_joint_fixed(
+            parent,
+            child,
+            parent_xform=hung,
+            child_xform=held,
+            collision_filter_parent=False,
+            custom_attributes={"avbd:joint_break_force": 4e3},
+        )
+
+    builder.add_articulation([weld(tie) for tie in ties])
+    for tie in loops:
+        weld(tie)
+    ball = builder.add_body(xform=at(HIT[0], -0.2 - FLIGHT, HIT[2]))
+    radius = 0.1
+    density = 20.0 / (4.0 / 3.0 * math.pi * radius**3)
+    builder.add_shape_sphere(ball, radius=radius, cfg=block(builder, density=density))
+    builder.body_qd[ball] = wp.spatial_vector(0.0, 6.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @JOINTS.declare(

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""A ball of half a gram, which nothing else holds, carries a box of 1.5 t by a joint."""
+
+from typing import Any
+
+import newton
+import numpy as np
+import pytest
+from helpers import Simulation
+from joint_scenes import add_link, set_control, simulate, transform
+
+BALL, BOX = 0, 1
+BALL_MOMENT = 5.0e-7
+SPIN = np.array([6.0, -12.0, 8.0])
+STEPS = 48
+
+
+def carrying(kind: str, held: Any = (0.0, 0.0, 0.0), box_mass: float = 1500.0) -> Simulation:
+    """The joint is in the center of the ball and at ``held`` [m] in the box; no gravity."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    ball = add_link(builder, mass=5.0e-4, inertia=[BALL_MOMENT] * 3)
+    box = add_link(builder, mass=box_mass, inertia=box_mass * np.array([0.007, 0.022, 0.026]))
+    free = builder.add_joint_free(ball)
+    add = getattr(builder, f"add_joint_{kind}")
+    builder.add_articulation([free, add(ball, box, child_xform=transform(held))])
+    return simulate(builder)
+
+
+def spin(sim: Simulation, held: Any = (0.0, 0.0, 0.0)) -> None:
+    """Turns both about the joint."""
+    sim.set_velocity(BALL, angular=SPIN)
+    sim.set_velocity(BOX, np.cross(SPIN, -np.asarray(held)), SPIN)
+
+
+@pytest.mark.parametrize("held", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
+def test_a_ball_joint_in_its_center_does_not_turn_the_ball(held: Any) -> None:
+    """It turns on as it did, while the box tumbles and keeps its momentum within 1e-3."""
+    sim = carrying("ball", held)
+    spin(sim, held)
+    momentum = sim.spin_momentum[BOX]
+    sim.step(STEPS)
+    np.testing.assert_allclose(sim.velocity[BALL, 3:], SPIN, rtol=1.0e-5)
+    lost = np.linalg.norm(sim.spin_momentum[BOX] - momentum)
+    assert lost < 1.0e-3 * np.linalg.norm(momentum)
+
+
+def test_a_torque_of_the_joint_reacts_on_the_ball() -> None:
+    """It takes the ball from rest to f t / I."""
+    sim = carrying("ball")
+    set_control(sim, joint_f=[0.0] * 6 + [0.0, 1.0e-5, 0.0])
+    sim.step(STEPS)
+    expected = -1.0e-5 * STEPS * sim.dt / BALL_MOMENT
+    np.testing.assert_allclose(sim.velocity[BALL, 3:], [0.0, expected, 0.0], atol=1.0e-4)
+
+
+def test_about_its_axis_a_hinge_does_not_turn_the_ball() -> None:
+    sim = carrying("revolute")
+    sim.set_velocity(BALL, angular=(10.0, 0.0, 0.0))
+    sim.step(STEPS)
+    np.testing.assert_allclose(sim.velocity[:, 3:], [[10.0, 0, 0], [0, 0, 0]], atol=1.0e-4)
+
+
+def test_along_its_axis_a_slide_does_not_push_the_ball() -> None:
+    sim = carrying("prismatic")
+    sim.set_velocity(BALL, (1.0, 0.0, 0.0))
+    sim.step(STEPS)
+    np.testing.assert_allclose(sim.velocity[:, :3], [[1.0, 0, 0], [0, 0, 0]], atol=1.0e-5)
+
+
+def test_only_light_roots_are_looked_after() -> None:
+    """A ball of a thousandth of the box is none: what it carries rounds to less than it has."""
+    assert carrying("ball").solver.effects.light_roots
+    assert not carrying("ball", box_mass=0.5).solver.effects.light_roots
