@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """newton-avbd: a rigid-body solver for Newton by Augmented Vertex Block Descent."""
 
-from .effects import Effects
+from .effects import Effect, Effects, SceneEffects
 from .solver import SolverAVBD, Status
 
-__all__ = ["Effects", "SolverAVBD", "Status"]
+__all__ = ["Effect", "Effects", "SceneEffects", "SolverAVBD", "Status"]

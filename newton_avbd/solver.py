@@ -19,11 +19,11 @@ from .algebra.block import BlockFactor
 from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
-from .effects import Effects, pushing_joints
+from .effects import Callers, Effects, SceneEffects, left_out, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
 from .execute.breaking import enable_joints
 from .execute.contacts import reset_bodies, sort_contacts
-from .execute.launch import Launcher
+from .execute.launch import Compiler, Launcher
 from .execute.observables import (
     count_turns,
     export_acceleration,
@@ -31,6 +31,7 @@ from .execute.observables import (
     make_export_parent_force,
 )
 from .execute.world import make_solve
+from .memory import bytes_by_effect
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
 from .topology import Topology, mimics
@@ -97,6 +98,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         angular_friction: bool | None = None,
         formulation: Literal["augmented", "ramp"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
+        effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
         collision_pipeline: newton.CollisionPipeline | None = None,
@@ -134,6 +136,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 document's growing penalty up to the shapes' ``ke``, for comparison.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
+            effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
+                that are to be there, which raises where nothing calls for them. For their names
+                and what calls for each see :attr:`effects`.
             update_joint_state: Each step writes ``state_out.joint_q`` and ``joint_qd``, too, with
                 the turns of hinges counted; without it only poses and velocities of bodies.
             strict: What the model holds and this solver does not simulate (particles, cloth,
@@ -146,7 +151,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         Raises:
             NotImplementedError: If the ramped formulation is asked for and the model has joints, or
                 if ``strict`` and the model holds what the solver does not simulate.
-            ValueError: If a setting or a number in the model makes no sense.
+            ValueError: If a setting or a number in the model makes no sense, or an effect is asked
+                for that nothing calls for.
         """
         settings = Settings.resolve(
             model,
@@ -174,10 +180,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
+        self.settings = settings
+        """What the arguments and the scene say, as arguments of a solver that does the same."""
         self.iterations = settings.iterations
         self.tolerance = float(settings.tolerance)
-        self.effects: Effects
-        """What the scene calls for and the kernels are compiled with."""
+        self._flags: Effects
+        self._callers: Callers
+        self._without = left_out(effects or {})
         self._compliance = settings.compliant_contacts
         self._blocks = settings.blocks
         self._friction_mix = settings.friction_mix_mode
@@ -196,9 +205,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._allocate_bodies()
         self._bind_model()
         self._group_worlds()
-        if self.effects.contact and self.contacts is not None:
+        self._callers.require((name for name, on in (effects or {}).items() if on), self._flags)
+        if self._flags.contact and self.contacts is not None:
             self._contact_input(self.contacts)
-        elif self.effects.contact and model.rigid_contact_max:
+        elif self._flags.contact and model.rigid_contact_max:
             self._allocate_contacts(model.rigid_contact_max)
 
     # What a step does, top to bottom.
@@ -242,11 +252,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         for body_qdd in accelerations:
             wp.copy(body_qdd, state_in.body_qd)
 
-        if not self.effects.contact:
+        if not self._flags.contact:
             contacts = None
         if contacts is None:
             self._forget_contacts()
-        if contacts is None and not self.effects.joints:
+        if contacts is None and not self._flags.joints:
             self._integrate(state_in, state_out, control_input, dt)
         else:
             self._solve(state_in, state_out, control_input, contacts, dt)
@@ -273,7 +283,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
     ) -> None:
         """The step where nothing touches: one kernel, exact."""
         self._launch_bodies(
-            make_integrate(self.effects),
+            make_integrate(self._flags),
             [
                 self._bodies,
                 state_in.body_q,
@@ -297,7 +307,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
     ) -> None:
         """The step with constraints: predict, sort the contacts by owner, solve each world."""
         source = self._no_contacts if contacts is None else self._contact_input(contacts)
-        effects = self._effects_with(contacts)
+        effects = self._flags_with(contacts)
         if effects.breaking:
             self._launch(
                 enable_joints,
@@ -305,7 +315,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
         self._launch_bodies(
-            make_predict(self.effects),
+            make_predict(self._flags),
             [
                 self._bodies,
                 state_in.body_q,
@@ -382,6 +392,58 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """
         register_scene_settings(builder)
         register_joint_attributes(builder)
+
+    @classmethod
+    def precompile(
+        cls, model: newton.Model, *, contacts: newton.Contacts | None = None, **settings: Any
+    ) -> SceneEffects:
+        """Compile what a solver launches into Warp's kernel cache, and step nothing.
+
+        For containers that are to start without a compiler's wait, with ``wp.config``'s
+        ``kernel_cache_dir`` in the image. The effects decide what is compiled, no numbers do: any
+        model with the same effects will do. Compiled are a step with contacts, its observables and
+        a reset, on the model's device.
+
+        Args:
+            model: The model, or a small one that calls for the same effects.
+            contacts: A contact buffer as the steps will have it; None for that of a
+                :class:`newton.CollisionPipeline` of the model.
+            settings: As of the constructor.
+
+        Returns:
+            The effects that were compiled.
+
+        Raises:
+            ValueError: As the constructor does.
+        """
+        solver = cls(model, **settings)
+        solver._launch = Compiler(solver.device)
+        state = model.state()
+        if contacts is None and not solver._owns_detection:
+            contacts = newton.CollisionPipeline(model).contacts()
+        buffer = solver.contacts if contacts is None else contacts
+        observables = solver.observables(cls.SUPPORTED_OBSERVABLES, contacts=buffer)
+        solver.step(state, model.state(), None, contacts, 1.0, observables=observables)
+        solver.reset(state)
+        return solver.effects
+
+    @property
+    def effects(self) -> SceneEffects:
+        """Every effect: on or off, why, and what memory it takes; ``print`` it for a table.
+
+        What a contact buffer calls for is on once a step had such a buffer.
+        """
+        buffers = [self._flags_with(contacts) for contacts in self._inputs]
+        by_buffer: dict[str, Any] = {
+            name: any(getattr(flags, name) for flags in buffers)
+            for name in ("matching", "moving_surfaces", "contact_materials")
+        }
+        return SceneEffects.of_solver(
+            dataclasses.replace(self._flags, **by_buffer),
+            self._callers,
+            self._without,
+            bytes_by_effect(self),
+        )
 
     @property
     def status(self) -> Status:
@@ -460,8 +522,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             return
         self._bind_model()
         if self.device.is_capturing:
-            self.effects = self.effects.for_any_values()
-            self._effects_apart = self.effects.without_contact()
+            self._flags = self._flags.for_any_values().leaving_out(self._without)
+            self._flags_apart = self._flags.without_contact()
             if self.model.body_count:
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
             return
@@ -557,17 +619,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._history = data.History()
             self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
-            self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
-            self._history.placed = wp.zeros(slots, dtype=wp.vec3)
-            self._history.lost = wp.zeros(slots, dtype=wp.vec3)
             self._rest_angle = wp.array(self._initial_angles(), dtype=float)
-            self._history.joint_angle = wp.clone(self._rest_angle)
-            self._history.piece = wp.zeros(model.joint_dof_count, dtype=wp.vec3i)
-            self._history.velocity_lag = wp.zeros(model.joint_dof_count, dtype=float)
-            self._history.held_at = wp.zeros(model.joint_dof_count, dtype=float)
-            self._history.limit_force = wp.zeros(model.joint_dof_count, dtype=float)
-            self._history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._history.friction_force = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.falling = wp.zeros(slots, dtype=float)
 
     def _initial_angles(self) -> np.ndarray:
@@ -641,7 +693,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _bind_break_limits(self) -> None:
         """Joints that can break are enabled by an array of the solver's own."""
         if not self.device.is_capturing:
-            self._break_limits = break_limits(self.model)
+            left = "breaking" in self._without
+            self._break_limits = {} if left else break_limits(self.model)
         if not self._break_limits:
             return
         if self._history.broken is None:
@@ -663,15 +716,16 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """
         groups = _solver_worlds(self.model)
         topology = Topology.of_model(self.model, groups, trees=self._blocks == "articulation")
-        self.effects = Effects.of_model(
+        self._flags, self._callers = Effects.of_model(
             self.model,
             topology,
             compliance=self._compliance,
             ramp=self._ramp,
             friction_mix=self._friction_mix,
             angular_friction=self._angular_friction,
+            without=self._without,
         )
-        self._effects_apart = self.effects.without_contact()
+        self._flags_apart = self._flags.without_contact()
         if self._capacity:
             self._allocate_contact_effects()
         if topology == self._topology:
@@ -716,7 +770,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _allocate_trees(self, topology: Topology) -> None:
         """Buffers for the trees of joints, by body slot."""
         self._tree = data.TreeWork()
-        if not self.effects.joints:
+        if not self._flags.joints:
             return
         count = self.model.body_count
         slots = count + 1
@@ -752,11 +806,28 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._tree.h_aa = wp.zeros(slots, dtype=wp.mat33)
             self._tree.push = wp.zeros(slots, dtype=wp.spatial_vector)
             self._tree.load = wp.zeros(slots, dtype=wp.spatial_vector)
+        if self._history.joint_force is None:
+            self._allocate_joint_history()
+
+    def _allocate_joint_history(self) -> None:
+        """Buffers for what is remembered of joints, by body slot and by degree of freedom."""
+        slots, dofs = self.model.body_count + 1, self.model.joint_dof_count
+        with wp.ScopedDevice(self.device):
+            self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
+            self._history.placed = wp.zeros(slots, dtype=wp.vec3)
+            self._history.lost = wp.zeros(slots, dtype=wp.vec3)
+            self._history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._history.joint_angle = wp.clone(self._rest_angle)
+            self._history.piece = wp.zeros(dofs, dtype=wp.vec3i)
+            self._history.velocity_lag = wp.zeros(dofs, dtype=float)
+            self._history.held_at = wp.zeros(dofs, dtype=float)
+            self._history.limit_force = wp.zeros(dofs, dtype=float)
+            self._history.friction_force = wp.zeros(dofs, dtype=float)
 
     def _allocate_loops(self, topology: Topology, groups: np.ndarray) -> None:
         """Buffers for the joints outside of trees."""
         self._loops = data.LoopWork()
-        if not self.effects.loops:
+        if not self._flags.loops:
             return
         model = self.model
         slots = model.body_count + 1
@@ -793,10 +864,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
     def _allocate_closures(self, topology: Topology) -> None:
         """Buffers for the equations that are solved with trees, block by block."""
-        if not self.effects.closures:
+        if not self._flags.closures:
             return
         work = self._tree.closures
-        joints = list(self._loops.joints.numpy()) if self.effects.loops else []
+        joints = list(self._loops.joints.numpy()) if self._flags.loops else []
         body_of = {int(joint): body for body, joint in enumerate(topology.joint)}
         rank, first_of = topology.rank, np.full(topology.order.size, -1)
         blocks: list[data.ClosureBlock] = []
@@ -868,7 +939,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
     def _allocate_contact_effects(self) -> None:
         """Buffers by contact that only some effects need, where they are missing or too small."""
-        effects, rows, history = self.effects, self._rows, self._history
+        effects, rows, history = self._flags, self._rows, self._history
         by_contact: tuple[tuple[Any, str, Any, bool], ...] = (
             (rows, "drift", wp.vec3, self._moving_surfaces or effects.restitution),
             (rows, "impacts", data.Impact, effects.restitution),
@@ -908,6 +979,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if source is not None:
             return source
         surfaces = contacts.rigid_contact_surface_velocity
+        if "moving_surfaces" in self._without:
+            surfaces = None
         new_surfaces = surfaces is not None and not self._moving_surfaces
         if contacts.rigid_contact_max > self._capacity or new_surfaces:
             self._moving_surfaces |= new_surfaces
@@ -950,21 +1023,21 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._control.target_q, self._control.target_qd = arrays[1], arrays[2]
         return self._control
 
-    def _effects_with(self, contacts: newton.Contacts | None) -> Effects:
+    def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""
         if contacts is None:
-            return self._effects_apart
+            return self._flags_apart
         matching = contacts.rigid_contact_match_index is not None
         surfaces = contacts.rigid_contact_surface_velocity is not None
         materials = contacts.rigid_contact_friction is not None
         if not (matching or surfaces or materials):
-            return self.effects
+            return self._flags
         return dataclasses.replace(
-            self.effects,
+            self._flags,
             matching=matching,
             moving_surfaces=surfaces,
             contact_materials=materials,
-        )
+        ).leaving_out(self._without)
 
     @property
     def _owns_detection(self) -> bool:
@@ -1011,10 +1084,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         dt: float,
     ) -> None:
         body_parent_f.zero_()
-        if not self.effects.joints:
+        if not self._flags.joints:
             return
         self._launch(
-            make_export_parent_force(self._effects_with(contacts)),
+            make_export_parent_force(self._flags_with(contacts)),
             self._world_count,
             [
                 self._bodies,
