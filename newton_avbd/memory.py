@@ -70,6 +70,8 @@ def bytes_by_effect(solver: object) -> Counter[str]:
     for name, array in _arrays(solver):
         group = name.rpartition(".")[0]
         sizes[_OWNERS.get(name, _OWNERS.get(group, ""))] += array.capacity
+    if sizes["restitution"]:  # moving surfaces share its drift
+        sizes["restitution"] += sizes.pop("moving_surfaces", 0)
     return sizes
 
 
