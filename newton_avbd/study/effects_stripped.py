@@ -3,8 +3,8 @@
 
 """A solver in which the code of absent effects never existed, to compare the real one with.
 
-``strip`` copies the package and resolves every ``if wp.static(...)`` for given effects in the source
-text, so that what is left in the files is what such a solver would have been written as. Where the
+``strip`` copies the package and resolves every ``if wp.static(...)`` for given effects in its
+source, so that what is left is what such a solver would have been written as. Where the
 kernels that Warp generates of both are the same, absent effects cost nothing.
 
 Run as ``python -m newton_avbd.study.effects_stripped FOLDER < effects`` it writes the code of the
