@@ -50,8 +50,7 @@ def main(args: argparse.Namespace) -> int:
             )
     print(
         f"\nA step after {frames} frames, replayed from a graph: {1e6 * whole.seconds():.1f} us, "
-        f"{whole.sweeps:.3g} sweeps in the mean world. What a scene is without an effect may take "
-        "more or fewer."
+        f"{whole.sweeps:.3g} sweeps in the mean world. Without an effect it may sweep more or less."
     )
     print(table(rows))
     return 0
