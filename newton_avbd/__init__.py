@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """newton-avbd: a rigid-body solver for Newton by Augmented Vertex Block Descent."""
 
-from .effects import Effects
+from .effects import Effect, Effects, SceneEffects
 from .report import Report
 from .solver import SolverAVBD, Status
 
-__all__ = ["Effects", "Report", "SolverAVBD", "Status"]
+__all__ = ["Effect", "Effects", "Report", "SceneEffects", "SolverAVBD", "Status"]

@@ -4,7 +4,9 @@
 
 import dataclasses
 import operator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import newton
 import numpy as np
@@ -14,6 +16,96 @@ from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology
 
 _FREE = int(newton.JointType.FREE)
+_MOST_NAMES = 3
+"""Labels that a reason names."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What calls for an effect."""
+
+    by: str
+    """What is counted and named where it calls: bodies, joints or shapes; empty for a setting."""
+    having: str
+    """What of these call; or the setting that does."""
+    code: str
+    """File of the package that holds what the effect computes."""
+    remedy: str = ""
+    """What to do instead of leaving it out by ``effects``; empty for what can be left out so."""
+
+
+_OF_JOINTS = "It follows from the joints; disable those that are to hold nothing (joint_enabled)."
+_OF_BUFFER = "contact buffer"
+
+CAUSES: dict[str, Cause] = {
+    "contact": Cause("shape", "that can touch", "rows/contact.py"),
+    "piles": Cause(
+        "", "blocks='articulation', the default", "execute/piles.py", "Pass blocks='body'."
+    ),
+    "friction": Cause("shape", "with friction (mu) above zero", "rows/contact.py"),
+    "angular_friction": Cause(
+        "shape",
+        "with mu_torsional or mu_rolling above zero, and angular_friction=True",
+        "rows/spin.py",
+    ),
+    "restitution": Cause(
+        "shape", "with restitution above zero, and rigid contacts", "execute/impacts.py"
+    ),
+    "compliance": Cause(
+        "", "compliant_contacts=True", "rows/contact.py", "Pass compliant_contacts."
+    ),
+    "bdf2": Cause("", "scheme='bdf2'", "execute/bdf2.py", "Pass scheme."),
+    "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
+    "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
+    "moving_surfaces": Cause(_OF_BUFFER, "with surface velocities", "execute/contacts.py"),
+    "contact_materials": Cause(
+        _OF_BUFFER, "with materials for each contact", "execute/contacts.py"
+    ),
+    "gyroscopic": Cause("body", "with unequal principal moments of inertia", "blocks/body.py"),
+    "joint_force": Cause(
+        "joint", "of type FREE, DISTANCE or ROD, whose joint_f pushes its body", "execute/bodies.py"
+    ),
+    "light_roots": Cause(
+        "body",
+        "whose joints carry so much more than itself that rounding would move it",
+        "execute/world.py",
+    ),
+    "reaction": Cause("joint", "of such a type with a parent body", "execute/bodies.py"),
+    "joints": Cause("joint", "of other types than FREE", "execute/trees.py", _OF_JOINTS),
+    "flipped": Cause(
+        "joint", "whose child carries its parent in the tree", "execute/trees.py", _OF_JOINTS
+    ),
+    "loops": Cause("joint", "outside of trees", "execute/loops.py", _OF_JOINTS),
+    "closures": Cause(
+        "joint", "to close a loop or mimic within a tree", "execute/closures.py", _OF_JOINTS
+    ),
+    "mimics": Cause(
+        "joint",
+        "with another one to mimic",
+        "execute/closures.py",
+        "Set joint_mimic_joint to -1 before the solver is made.",
+    ),
+    "drives": Cause("joint", "with a drive that has a gain (target_ke, target_kd)", "rows/axis.py"),
+    "effort_limits": Cause(
+        "joint", "with a drive of limited effort (effort_limit)", "rows/axis.py"
+    ),
+    "limits": Cause("joint", "with a limit (limit_lower, limit_upper)", "rows/axis.py"),
+    "velocity_limits": Cause("joint", "with a velocity_limit", "rows/axis.py"),
+    "springs": Cause("joint", "with a passive stiffness or damping", "rows/axis.py"),
+    "armature": Cause("joint", "with armature above zero", "rows/axis.py"),
+    "joint_friction": Cause("joint", "with friction above zero", "rows/axis.py"),
+    "breaking": Cause(
+        "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
+    ),
+}
+"""What calls for each effect, where its code is, and whether a user can leave it out."""
+
+_IMPLIED: dict[str, tuple[str, ...]] = {
+    "contact": ("piles", "friction", "angular_friction", "restitution", "ramp"),
+    "joint_force": ("reaction",),
+    "drives": ("effort_limits",),
+}
+"""What goes with an effect that is left out."""
 
 _LIGHT = 1.0e-5
 """Share of what it carries, in mass or inertia, below which a root counts as light. (At 5e-7 what
@@ -95,41 +187,73 @@ class Effects:
         friction_mix: str,
         angular_friction: bool,
         bdf2: bool,
-    ) -> "Effects":
-        """Reads from the model which effects it calls for; copies model arrays to the host."""
-        contact = model.body_count > 0 and model.shape_count > 0
+        without: frozenset[str] = frozenset(),
+    ) -> tuple["Effects", "Callers"]:
+        """Reads from the model which effects it calls for; copies model arrays to the host.
+
+        Args:
+            model: The model.
+            topology: How its joints link its bodies.
+            piles: Whether free bodies in contact are solved at once.
+            compliance: Whether contacts give way.
+            ramp: Whether penalties grow.
+            friction_mix: How friction coefficients mix.
+            angular_friction: Whether torsional and rolling friction is asked for.
+            bdf2: Whether second order in time is asked for.
+            without: Effects that are to be left out.
+
+        Returns:
+            The effects, and what calls for each.
+        """
+        shapes = np.arange(model.shape_count if model.body_count else 0)
         types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
-        axes = _axes(model)
-        drives = _is_driven(model, axes)
-        mu = model.shape_material_mu.numpy() if contact else np.zeros(0)
-        return cls(
-            contact=contact,
-            piles=piles and contact and not ramp,
-            friction=bool(np.any(mu > 0.0)),
-            gyroscopic=_has_unequal_moments(model),
-            joint_force=bool(np.any(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))),
+        axes = _Axes.of_model(model)
+        driven = axes.driven()
+        callers = {
+            "contact": shapes,
+            "friction": _shapes_with(model, "mu")[: shapes.size],
+            "angular_friction": np.union1d(
+                _shapes_with(model, "mu_torsional"), _shapes_with(model, "mu_rolling")
+            )[: shapes.size if angular_friction else 0],
+            "restitution": _shapes_with(model, "restitution")[
+                : 0 if ramp or compliance else shapes.size
+            ],
+            "gyroscopic": _unequal_moments(model),
+            "joint_force": np.flatnonzero(np.isin(types, [int(kind) for kind in PUSHED_AT_COM])),
+            "reaction": pushing_joints(model),
+            "light_roots": _light_roots(model, topology),
+            "joints": np.flatnonzero(types != _FREE),
+            "flipped": topology.flipped,
+            "loops": topology.loops,
+            "closures": np.array([closure.joint for closure in topology.closures], dtype=int),
+            "mimics": np.array(
+                [closure.joint for closure in topology.closures if closure.leader >= 0], dtype=int
+            ),
+            "drives": axes.joints(driven),
+            "effort_limits": axes.joints(driven & axes.limited("joint_effort_limit", -1.0)),
+            "limits": axes.joints(axes.bounded()),
+            "velocity_limits": axes.joints(axes.limited("joint_velocity_limit", 0.0)),
+            "springs": axes.joints(axes.positive("joint_damping", "joint_stiffness")),
+            "armature": axes.joints(axes.positive("joint_armature")),
+            "joint_friction": axes.joints(axes.positive("joint_friction")),
+            "breaking": _breakable(model),
+        }
+        flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
+        effects = cls(
+            **flags,
             kinds=JointKinds.of_model(model),
-            loops=topology.loops.size > 0,
-            closures=bool(topology.closures),
-            mimics=any(closure.leader >= 0 for closure in topology.closures),
-            flipped=topology.has_flips,
-            light_roots=_has_light_root(model, topology),
-            reaction=pushing_joints(model).size > 0,
-            drives=bool(np.any(drives)),
-            limits=_has_limits(model, axes),
-            springs=_has_any(model, ("joint_damping", "joint_stiffness"), axes),
-            armature=_has_any(model, ("joint_armature",), axes),
-            joint_friction=_has_any(model, ("joint_friction",), axes),
-            effort_limits=_is_limited(model, "joint_effort_limit", axes[drives], -1.0),
-            velocity_limits=_is_limited(model, "joint_velocity_limit", axes, 0.0),
-            breaking=bool(break_limits(model)),
+            piles=piles and flags["contact"] and not ramp,
             compliance=compliance,
             bdf2=bdf2,
             ramp=ramp,
             friction_mix=friction_mix,
-            angular_friction=angular_friction and contact and _has_spin(model),
-            restitution=contact and not (ramp or compliance) and has_restitution(model),
         )
+        return effects.leaving_out(without), Callers.of_items(model, callers)
+
+    def leaving_out(self, names: frozenset[str]) -> "Effects":
+        """These effects less some, and less what goes with those."""
+        gone = names.union(*(_IMPLIED.get(name, ()) for name in names))
+        return dataclasses.replace(self, **_all(gone, False))
 
     @property
     def joints(self) -> bool:
@@ -195,15 +319,151 @@ class Effects:
 
     def without_contact(self) -> "Effects":
         """The effects of a step in which nothing touches."""
-        return dataclasses.replace(
-            self,
-            contact=False,
-            piles=False,
-            friction=False,
-            angular_friction=False,
-            restitution=False,
-            ramp=False,
+        return self.leaving_out(frozenset({"contact"}))
+
+
+def left_out(wanted: Mapping[str, bool]) -> frozenset[str]:
+    """The effects that a user wants to leave out: those that are False.
+
+    Raises:
+        ValueError: If there is no effect of a name, or it cannot be left out.
+    """
+    for name, value in wanted.items():
+        if name not in CAUSES:
+            raise ValueError(f"effects has {name!r}; there are only {', '.join(CAUSES)}.")
+        if not value and CAUSES[name].remedy:
+            raise ValueError(
+                f"effects={{{name!r}: False}}: it cannot be left out so. {CAUSES[name].remedy}"
+            )
+    return frozenset(name for name, value in wanted.items() if not value)
+
+
+@dataclass(frozen=True)
+class Callers:
+    """What in a model calls for its effects: how many and the labels of a few, by effect."""
+
+    counts: Mapping[str, int] = field(default_factory=dict)
+    labels: Mapping[str, list[str]] = field(default_factory=dict)
+
+    @classmethod
+    def of_items(cls, model: newton.Model, items: Mapping[str, np.ndarray]) -> "Callers":
+        """Callers from the indices of bodies, joints or shapes, by effect."""
+
+        def named(name: str) -> list[str]:
+            labels = getattr(model, f"{CAUSES[name].by}_label")
+            return [labels[i] for i in items[name][:_MOST_NAMES]]
+
+        return cls(
+            {name: found.size for name, found in items.items()}, {n: named(n) for n in items}
         )
+
+    def describe(self, name: str) -> str:
+        """ "4 shapes with friction (mu) above zero: 'a', 'b', 'c', ..." """
+        cause, count = CAUSES[name], self.counts.get(name, 0)
+        if cause.by in ("", _OF_BUFFER):
+            return f"{cause.by} {cause.having}".strip()
+        if count == 0:
+            return f"no {cause.by} {cause.having}"
+        many = "bodies" if cause.by == "body" else f"{cause.by}s"
+        names = ", ".join(map(repr, self.labels[name]))
+        more = ", ..." if count > _MOST_NAMES else ""
+        return f"{count} {cause.by if count == 1 else many} {cause.having}: {names}{more}"
+
+    def require(self, names: Iterable[str], effects: Effects) -> None:
+        """Checks that some effects are among those of the model.
+
+        Raises:
+            ValueError: If one is not, or another one that is left out takes it along.
+        """
+        for name in names:
+            cause = CAUSES[name]
+            if cause.by == _OF_BUFFER:
+                why = f"each step has it for a {self.describe(name)}; it can only be left out."
+            elif getattr(effects, name):
+                continue
+            elif self.counts.get(name, 0):
+                why = "it goes with another effect that is left out."
+            else:
+                why = f"nothing calls for it: {cause.remedy or self.describe(name)}"
+            raise ValueError(f"effects={{{name!r}: True}}: {why}")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of a scene."""
+
+    on: bool
+    """Whether the kernels hold its code."""
+    why: str
+    """What calls for it, or that nothing does, or that it was left out."""
+    bytes: int
+    """Memory of the solver that only it needs [bytes]."""
+
+
+@dataclass(frozen=True)
+class SceneEffects(Mapping[str, Effect]):
+    """Every effect, on or off, why, and what it costs; prints as a table."""
+
+    flags: Effects
+    """What the kernels are compiled with; equal flags share kernels."""
+    effects: Mapping[str, Effect]
+    always: int
+    """Memory that every solver of so many bodies needs [bytes]."""
+
+    @classmethod
+    def of_solver(
+        cls,
+        flags: Effects,
+        callers: Callers,
+        without: frozenset[str],
+        memory: Mapping[str, int],
+    ) -> "SceneEffects":
+        """Puts together flags, reasons and memory [bytes] by effect; ``""`` is for all scenes'."""
+        gone = without.union(*(_IMPLIED.get(name, ()) for name in without))
+
+        def explained(name: str) -> Effect:
+            on, why = getattr(flags, name), callers.describe(name)
+            if name in gone and callers.counts.get(name, 1):
+                why = f"left out by the user; {why}"
+            elif on and not callers.counts.get(name, 1):
+                why = f"a graph may call for it; so far {why}"
+            elif not on and CAUSES[name].by in ("", _OF_BUFFER):
+                why = f"no {why}" if CAUSES[name].by else f"without {why}"
+            return Effect(on, why, memory.get(name, 0))
+
+        return cls(flags, {name: explained(name) for name in CAUSES}, memory.get("", 0))
+
+    def __getitem__(self, name: str) -> Effect:
+        return self.effects[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.effects)
+
+    def __len__(self) -> int:
+        return len(self.effects)
+
+    def as_dict(self) -> dict[str, dict[str, bool | str | int]]:
+        """Plain values: ``on``, ``why`` and ``bytes`` by effect."""
+        return {name: dataclasses.asdict(effect) for name, effect in self.items()}
+
+    def __str__(self) -> str:
+        """A table, what is on first."""
+        rows = [
+            (name, "on" if effect.on else "off", f"{effect.bytes:,}", effect.why)
+            for name, effect in sorted(self.items(), key=lambda item: not item[1].on)
+        ]
+        rows = [("effect", "", "bytes", "why"), *rows]
+        rows.append(("in every scene", "", f"{self.always:,}", "bodies and worlds"))
+        widths = [max(len(row[i]) for row in rows) for i in range(3)]
+        return "\n".join(
+            f"{name:<{widths[0]}}  {on:<{widths[1]}}  {size:>{widths[2]}}  {why}"
+            for name, on, size, why in rows
+        )
+
+
+def _all(names: Iterable[str], value: bool) -> dict[str, Any]:
+    """The same for all names, as keyword arguments."""
+    return dict.fromkeys(names, value)
 
 
 def pushing_joints(model: newton.Model) -> np.ndarray:
@@ -214,76 +474,81 @@ def pushing_joints(model: newton.Model) -> np.ndarray:
     return np.flatnonzero(pushing & (model.joint_parent.numpy() >= 0))
 
 
-def _axes(model: newton.Model) -> np.ndarray:
+@dataclass(frozen=True)
+class _Axes:
     """Degrees of freedom of joints that list their axes: not those of FREE joints and the like."""
-    if model.joint_count == 0:
+
+    model: newton.Model
+    dofs: np.ndarray
+    joint: np.ndarray
+    """Joint of each."""
+
+    @classmethod
+    def of_model(cls, model: newton.Model) -> "_Axes":
+        if model.joint_count == 0:
+            return cls(model, np.zeros(0, dtype=int), np.zeros(0, dtype=int))
+        unlisted = (_FREE, int(newton.JointType.ROD), int(newton.JointType.DISTANCE))
+        owner = np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
+        dofs = np.flatnonzero(~np.isin(model.joint_type.numpy()[owner], unlisted))
+        return cls(model, dofs, owner[dofs])
+
+    def values(self, name: str) -> np.ndarray:
+        """An array of the model, of these axes."""
+        return getattr(self.model, name).numpy()[self.dofs] if self.dofs.size else np.zeros(0)
+
+    def joints(self, concerned: np.ndarray) -> np.ndarray:
+        """Joints that have one of the axes that a mask selects."""
+        return np.unique(self.joint[concerned])
+
+    def driven(self) -> np.ndarray:
+        """Which have a drive that could act."""
+        gain = self.values("joint_target_ke") + self.values("joint_target_kd")
+        passive = (int(newton.JointTargetMode.NONE), int(newton.JointTargetMode.EFFORT))
+        return (gain != 0.0) & ~np.isin(self.values("joint_target_mode"), passive)
+
+    def bounded(self) -> np.ndarray:
+        """Which have a limit."""
+        lower, upper = self.values("joint_limit_lower"), self.values("joint_limit_upper")
+        return (lower > -newton.MAXVAL) | (upper < newton.MAXVAL)
+
+    def positive(self, *names: str) -> np.ndarray:
+        """Which have one of these coefficients above zero."""
+        return np.any([self.values(name) > 0.0 for name in names], axis=0)
+
+    def limited(self, name: str, least: float) -> np.ndarray:
+        """Which have such a limit: below Newton's default, which says none."""
+        limit = self.values(name)
+        return (limit > least) & (limit < NO_LIMIT)
+
+
+def _shapes_with(model: newton.Model, name: str) -> np.ndarray:
+    """Shapes with a coefficient of their material above zero."""
+    if model.shape_count == 0:
         return np.zeros(0, dtype=int)
-    types, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
-    starts = model.joint_qd_start.numpy()
-    driven = ~np.isin(types, (_FREE, int(newton.JointType.ROD), int(newton.JointType.DISTANCE)))
-    return np.concatenate(
-        [np.arange(starts[j], starts[j] + dims[j]) for j in np.flatnonzero(driven)]
-        or [np.zeros(0, dtype=int)]
-    )
+    return np.flatnonzero(getattr(model, f"shape_material_{name}").numpy() > 0.0)
 
 
-def _is_driven(model: newton.Model, axes: np.ndarray) -> np.ndarray:
-    """Which of the joint axes have a drive that could act."""
-    if axes.size == 0:
-        return np.zeros(0, dtype=bool)
-    mode = model.joint_target_mode.numpy()[axes]
-    gain = model.joint_target_ke.numpy()[axes] + model.joint_target_kd.numpy()[axes]
-    passive = (int(newton.JointTargetMode.NONE), int(newton.JointTargetMode.EFFORT))
-    return (gain != 0.0) & ~np.isin(mode, passive)
+def _breakable(model: newton.Model) -> np.ndarray:
+    """Joints that break at some force or torque."""
+    limits = [~np.isposinf(limit.numpy()) for limit in break_limits(model).values()]
+    return np.flatnonzero(np.any(limits, axis=0)) if limits else np.zeros(0, dtype=int)
 
 
-def _has_limits(model: newton.Model, axes: np.ndarray) -> bool:
-    """Whether one of the joint axes has a limit."""
-    if axes.size == 0:
-        return False
-    lower, upper = model.joint_limit_lower.numpy()[axes], model.joint_limit_upper.numpy()[axes]
-    return bool(np.any((lower > -newton.MAXVAL) | (upper < newton.MAXVAL)))
-
-
-def _has_spin(model: newton.Model) -> bool:
-    """Whether a shape has torsional or rolling friction."""
-    twist, roll = model.shape_material_mu_torsional.numpy(), model.shape_material_mu_rolling.numpy()
-    return bool(np.any(twist > 0.0) or np.any(roll > 0.0))
-
-
-def has_restitution(model: newton.Model) -> bool:
-    """Whether a shape gives back some of an impact."""
-    return model.shape_count > 0 and bool(np.any(model.shape_material_restitution.numpy() > 0.0))
-
-
-def _has_any(model: newton.Model, names: tuple[str, ...], axes: np.ndarray) -> bool:
-    """Whether one of the joint axes has one of these coefficients above zero."""
-    return axes.size > 0 and any(np.any(getattr(model, name).numpy()[axes] > 0.0) for name in names)
-
-
-def _is_limited(model: newton.Model, name: str, axes: np.ndarray, least: float) -> bool:
-    """Whether one of the joint axes has such a limit: below Newton's default, which says none."""
-    if axes.size == 0:
-        return False
-    limit = getattr(model, name).numpy()[axes]
-    return bool(np.any((limit > least) & (limit < NO_LIMIT)))
-
-
-def _has_unequal_moments(model: newton.Model) -> bool:
-    """Whether a body's inertia tensor is not a multiple of the identity, beyond rounding."""
+def _unequal_moments(model: newton.Model) -> np.ndarray:
+    """Bodies whose inertia tensor is not a multiple of the identity, beyond rounding."""
     if model.body_count == 0:
-        return False
+        return np.zeros(0, dtype=int)
     inertia = model.body_inertia.numpy().astype(np.float64)
     mean = np.trace(inertia, axis1=1, axis2=2) / 3.0
     off = np.abs(inertia - mean[:, None, None] * np.eye(3)).max(axis=(1, 2))
-    return bool(np.any(off > 1.0e-5 * mean))
+    return np.flatnonzero(off > 1.0e-5 * mean)
 
 
-def _has_light_root(model: newton.Model, topology: Topology) -> bool:
-    """Whether a body that moves, and that no joint holds, carries so much more than itself."""
+def _light_roots(model: newton.Model, topology: Topology) -> np.ndarray:
+    """Bodies that move, that no joint holds, and that carry so much more than themselves."""
     linked = np.flatnonzero(topology.parent >= 0)
     if linked.size == 0:
-        return False
+        return linked
     mass = model.body_mass.numpy().astype(np.float64)
     moments = np.trace(model.body_inertia.numpy().astype(np.float64), axis1=1, axis2=2)
     root = np.where(topology.parent >= 0, topology.parent, np.arange(mass.size))
@@ -295,8 +560,8 @@ def _has_light_root(model: newton.Model, topology: Topology) -> bool:
         is_child[:, None], model.joint_X_c.numpy()[joint], model.joint_X_p.numpy()[joint]
     )
     arm = np.linalg.norm(frames[:, :3] - model.body_com.numpy()[linked], axis=1)
+    is_light = np.zeros(mass.size, dtype=bool)
     for own, beyond in ((mass, 0.0), (moments, mass[linked] * arm**2)):
         carried = np.bincount(root[linked], own[linked] + beyond, mass.size)
-        if np.any((_LIGHT * carried > own) & (model.body_inv_mass.numpy() > 0.0)):
-            return True
-    return False
+        is_light |= (_LIGHT * carried > own) & (model.body_inv_mass.numpy() > 0.0)
+    return np.flatnonzero(is_light)

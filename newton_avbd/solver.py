@@ -20,11 +20,11 @@ from .algebra.block import BlockFactor
 from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
 from .checks import check_array, check_model, report_ignored
 from .coupling import RigidCoupling
-from .effects import Effects, pushing_joints
+from .effects import Callers, Effects, SceneEffects, left_out, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
 from .execute.breaking import enable_joints
 from .execute.contacts import reset_bodies, sort_contacts
-from .execute.launch import Launcher
+from .execute.launch import Compiler, Launcher
 from .execute.observables import (
     count_turns,
     export_acceleration,
@@ -33,6 +33,7 @@ from .execute.observables import (
 )
 from .execute.piles import OUTSIDE
 from .execute.world import SETTLED, make_solve
+from .memory import bytes_by_effect
 from .report import Report
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
@@ -112,6 +113,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         formulation: Literal["augmented", "ramp"] | None = None,
         scheme: Literal["euler", "bdf2"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
+        effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
         collision_pipeline: newton.CollisionPipeline | None = None,
@@ -152,6 +154,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 velocity of a world jumps stay backward Euler.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
+            effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
+                that are to be there, which raises where nothing calls for them. For their names
+                and what calls for each see :attr:`effects`.
             update_joint_state: Each step writes ``state_out.joint_q`` and ``joint_qd``, too, with
                 the turns of hinges counted; without it only poses and velocities of bodies.
             strict: What the model holds and this solver does not simulate (particles, cloth,
@@ -164,7 +169,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         Raises:
             NotImplementedError: If the ramped formulation is asked for and the model has joints, or
                 if ``strict`` and the model holds what the solver does not simulate.
-            ValueError: If a setting or a number in the model makes no sense.
+            ValueError: If a setting or a number in the model makes no sense, or an effect is asked
+                for that nothing calls for.
         """
         settings = Settings.resolve(
             model,
@@ -193,10 +199,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
+        self.settings = settings
+        """What the arguments and the scene say, as arguments of a solver that does the same."""
         self.iterations = settings.iterations
         self.tolerance = float(settings.tolerance)
-        self.effects: Effects
-        """What the scene calls for and the kernels are compiled with."""
+        self._flags: Effects
+        self._callers: Callers
+        self._without = left_out(effects or {})
         self._compliance = settings.compliant_contacts
         self._bdf2 = settings.scheme == "bdf2"
         self._blocks = settings.blocks
@@ -218,9 +227,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._allocate_bodies()
         self._bind_model()
         self._group_worlds()
-        if self.effects.contact and self.contacts is not None:
+        self._callers.require((name for name, on in (effects or {}).items() if on), self._flags)
+        if self._flags.contact and self.contacts is not None:
             self._contact_input(self.contacts)
-        elif self.effects.contact and model.rigid_contact_max:
+        elif self._flags.contact and model.rigid_contact_max:
             self._allocate_contacts(model.rigid_contact_max)
 
     # What a step does, top to bottom.
@@ -264,7 +274,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         for body_qdd in accelerations:
             wp.copy(body_qdd, state_in.body_qd)
 
-        if not self.effects.contact:
+        if not self._flags.contact:
             contacts = None
         elif contacts is None and not self._is_told:
             self._is_told = True
@@ -276,7 +286,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
-        if contacts is None and not self.effects.joints and not self.effects.bdf2:
+        if contacts is None and not self._flags.joints and not self._flags.bdf2:
             self._integrate(state_in, state_out, control_input, dt)
         else:
             self._solve(state_in, state_out, control_input, contacts, dt)
@@ -303,7 +313,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
     ) -> None:
         """The step where nothing touches: one kernel, exact."""
         self._launch_bodies(
-            make_integrate(self.effects),
+            make_integrate(self._flags),
             [
                 self._bodies,
                 state_in.body_q,
@@ -327,7 +337,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
     ) -> None:
         """The step with constraints: predict, sort the contacts by owner, solve each world."""
         source = self._no_contacts if contacts is None else self._contact_input(contacts)
-        effects = self._effects_with(contacts)
+        effects = self._flags_with(contacts)
         if effects.breaking:
             self._launch(
                 enable_joints,
@@ -335,7 +345,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
         self._launch_bodies(
-            make_predict(self.effects),
+            make_predict(self._flags),
             [
                 self._bodies,
                 state_in.body_q,
@@ -414,6 +424,58 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """
         register_scene_settings(builder)
         register_joint_attributes(builder)
+
+    @classmethod
+    def precompile(
+        cls, model: newton.Model, *, contacts: newton.Contacts | None = None, **settings: Any
+    ) -> SceneEffects:
+        """Compile what a solver launches into Warp's kernel cache, and step nothing.
+
+        For containers that are to start without a compiler's wait, with ``wp.config``'s
+        ``kernel_cache_dir`` in the image. The effects decide what is compiled, no numbers do: any
+        model with the same effects will do. Compiled are a step with contacts, its observables and
+        a reset, on the model's device.
+
+        Args:
+            model: The model, or a small one that calls for the same effects.
+            contacts: A contact buffer as the steps will have it; None for that of a
+                :class:`newton.CollisionPipeline` of the model.
+            settings: As of the constructor.
+
+        Returns:
+            The effects that were compiled.
+
+        Raises:
+            ValueError: As the constructor does.
+        """
+        solver = cls(model, **settings)
+        solver._launch = Compiler(solver.device)
+        state = model.state()
+        if contacts is None and not solver._owns_detection:
+            contacts = newton.CollisionPipeline(model).contacts()
+        buffer = solver.contacts if contacts is None else contacts
+        observables = solver.observables(cls.SUPPORTED_OBSERVABLES, contacts=buffer)
+        solver.step(state, model.state(), None, contacts, 1.0, observables=observables)
+        solver.reset(state)
+        return solver.effects
+
+    @property
+    def effects(self) -> SceneEffects:
+        """Every effect: on or off, why, and what memory it takes; ``print`` it for a table.
+
+        What a contact buffer calls for is on once a step had such a buffer.
+        """
+        buffers = [self._flags_with(contacts) for contacts in self._inputs]
+        by_buffer: dict[str, Any] = {
+            name: any(getattr(flags, name) for flags in buffers)
+            for name in ("matching", "moving_surfaces", "contact_materials")
+        }
+        return SceneEffects.of_solver(
+            dataclasses.replace(self._flags, **by_buffer),
+            self._callers,
+            self._without,
+            bytes_by_effect(self),
+        )
 
     @property
     def status(self) -> Status:
@@ -510,8 +572,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             return
         self._bind_model()
         if self.device.is_capturing:
-            self.effects = self.effects.for_any_values()
-            self._effects_apart = self.effects.without_contact()
+            self._flags = self._flags.for_any_values().leaving_out(self._without)
+            self._flags_apart = self._flags.without_contact()
             if self.model.body_count:
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
             return
@@ -530,9 +592,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             Names of effects that the kernels do not hold, ``"topology"`` where other bodies move or
             other joints hold, and arrays of the model that stand in the place of others.
         """
-        _, topology, effects = self._look_at_model()
+        _, topology, flags, _ = self._look_at_model()
         return [
-            *self.effects.missing(effects),
+            *self._flags.missing(flags),
             *(["topology"] if topology != self._topology else []),
             *(
                 f"model.{name}"
@@ -629,17 +691,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._history = data.History()
             self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
             self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
-            self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
-            self._history.placed = wp.zeros(slots, dtype=wp.vec3)
-            self._history.lost = wp.zeros(slots, dtype=wp.vec3)
             self._rest_angle = wp.array(self._initial_angles(), dtype=float)
-            self._history.joint_angle = wp.clone(self._rest_angle)
-            self._history.piece = wp.zeros(model.joint_dof_count, dtype=wp.vec3i)
-            self._history.velocity_lag = wp.zeros(model.joint_dof_count, dtype=float)
-            self._history.held_at = wp.zeros(model.joint_dof_count, dtype=float)
-            self._history.limit_force = wp.zeros(model.joint_dof_count, dtype=float)
-            self._history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._history.friction_force = wp.zeros(model.joint_dof_count, dtype=float)
             self._history.falling = wp.zeros(slots, dtype=float)
             if self._bdf2:
                 self._work.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
@@ -726,7 +778,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _bind_break_limits(self) -> None:
         """Joints that can break are enabled by an array of the solver's own."""
         if not self.device.is_capturing:
-            self._break_limits = break_limits(self.model)
+            left = "breaking" in self._without
+            self._break_limits = {} if left else break_limits(self.model)
         if not self._break_limits:
             return
         if self._history.broken is None:
@@ -740,11 +793,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
         self._joints.enabled = self._is_whole
 
-    def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects]:
+    def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects, Callers]:
         """Which world each body belongs to, what is solved together, and with which effects."""
         groups = _solver_worlds(self.model)
         topology = Topology.of_model(self.model, groups, trees=self._blocks == "articulation")
-        effects = Effects.of_model(
+        flags, callers = Effects.of_model(
             self.model,
             topology,
             piles=self._blocks == "articulation",
@@ -753,8 +806,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             friction_mix=self._friction_mix,
             angular_friction=self._angular_friction,
             bdf2=self._bdf2,
+            without=self._without,
         )
-        return groups, topology, effects
+        return groups, topology, flags, callers
 
     def _group_worlds(self) -> None:
         """Decides which bodies one thread solves, and with which effects.
@@ -762,8 +816,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         A group is a Newton world, or, where global bodies that move tie the worlds together, all
         bodies at once.
         """
-        groups, topology, self.effects = self._look_at_model()
-        self._effects_apart = self.effects.without_contact()
+        groups, topology, self._flags, self._callers = self._look_at_model()
+        self._flags_apart = self._flags.without_contact()
         if self._capacity:
             self._allocate_contact_effects()
         if topology == self._topology:
@@ -813,7 +867,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
     def _allocate_piles(self) -> None:
         """Buffers for the piles of free bodies, by body slot."""
-        if not self.effects.piles:
+        if not self._flags.piles:
             return
         piles = data.PileWork()
         slots = self.model.body_count + 1
@@ -834,7 +888,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _allocate_trees(self, topology: Topology) -> None:
         """Buffers for the trees of joints, by body slot."""
         self._tree = data.TreeWork()
-        if not self.effects.joints:
+        if not self._flags.joints:
             return
         count = self.model.body_count
         slots = count + 1
@@ -876,11 +930,28 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._tree.n_aa = wp.zeros(slots, dtype=wp.mat33)
             self._tree.push = wp.zeros(slots, dtype=wp.spatial_vector)
             self._tree.load = wp.zeros(slots, dtype=wp.spatial_vector)
+        if self._history.joint_force is None:
+            self._allocate_joint_history()
+
+    def _allocate_joint_history(self) -> None:
+        """Buffers for what is remembered of joints, by body slot and by degree of freedom."""
+        slots, dofs = self.model.body_count + 1, self.model.joint_dof_count
+        with wp.ScopedDevice(self.device):
+            self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
+            self._history.placed = wp.zeros(slots, dtype=wp.vec3)
+            self._history.lost = wp.zeros(slots, dtype=wp.vec3)
+            self._history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
+            self._history.joint_angle = wp.clone(self._rest_angle)
+            self._history.piece = wp.zeros(dofs, dtype=wp.vec3i)
+            self._history.velocity_lag = wp.zeros(dofs, dtype=float)
+            self._history.held_at = wp.zeros(dofs, dtype=float)
+            self._history.limit_force = wp.zeros(dofs, dtype=float)
+            self._history.friction_force = wp.zeros(dofs, dtype=float)
 
     def _allocate_loops(self, topology: Topology, groups: np.ndarray) -> None:
         """Buffers for the joints outside of trees."""
         self._loops = data.LoopWork()
-        if not self.effects.loops:
+        if not self._flags.loops:
             return
         model = self.model
         slots = model.body_count + 1
@@ -917,10 +988,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
     def _allocate_closures(self, topology: Topology) -> None:
         """Buffers for the equations that are solved with trees, block by block."""
-        if not self.effects.closures:
+        if not self._flags.closures:
             return
         work = self._tree.closures
-        joints = list(self._loops.joints.numpy()) if self.effects.loops else []
+        joints = list(self._loops.joints.numpy()) if self._flags.loops else []
         body_of = {int(joint): body for body, joint in enumerate(topology.joint)}
         slots, rank = topology.order.size + 1, topology.rank
         block_of = np.full(topology.order.size, -1)
@@ -1016,7 +1087,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
     def _allocate_contact_effects(self) -> None:
         """Buffers by contact that only some effects need, where they are missing or too small."""
-        effects, rows, history = self.effects, self._rows, self._history
+        effects, rows, history = self._flags, self._rows, self._history
         by_contact: tuple[tuple[Any, str, Any, bool], ...] = (
             (rows, "drift", wp.vec3, self._moving_surfaces or effects.drift),
             (rows, "impacts", data.Impact, effects.restitution),
@@ -1056,6 +1127,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if source is not None:
             return source
         surfaces = contacts.rigid_contact_surface_velocity
+        if "moving_surfaces" in self._without:
+            surfaces = None
         new_surfaces = surfaces is not None and not self._moving_surfaces
         if contacts.rigid_contact_max > self._capacity or new_surfaces:
             self._moving_surfaces |= new_surfaces
@@ -1095,7 +1168,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         arrays = (source.joint_f, source.joint_target_q, source.joint_target_qd)
         if all(a is b for a, b in zip(arrays, self._control_arrays, strict=True)):
             return self._control
-        for name in ("joint_f", "joint_target_q", "joint_target_qd") if self.effects.joints else ():
+        for name in ("joint_f", "joint_target_q", "joint_target_qd") if self._flags.joints else ():
             count = getattr(self.model, name).shape[0]
             check_array(f"control.{name}", getattr(source, name), count, self.device)
         self._control_arrays = arrays
@@ -1106,21 +1179,21 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._control.target_q, self._control.target_qd = arrays[1], arrays[2]
         return self._control
 
-    def _effects_with(self, contacts: newton.Contacts | None) -> Effects:
+    def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""
         if contacts is None:
-            return self._effects_apart
+            return self._flags_apart
         matching = contacts.rigid_contact_match_index is not None
         surfaces = contacts.rigid_contact_surface_velocity is not None
         materials = contacts.rigid_contact_friction is not None
         if not (matching or surfaces or materials):
-            return self.effects
+            return self._flags
         return dataclasses.replace(
-            self.effects,
+            self._flags,
             matching=matching,
             moving_surfaces=surfaces,
             contact_materials=materials,
-        )
+        ).leaving_out(self._without)
 
     @property
     def _owns_detection(self) -> bool:
@@ -1171,10 +1244,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         dt: float,
     ) -> None:
         body_parent_f.zero_()
-        if not self.effects.joints:
+        if not self._flags.joints:
             return
         self._launch(
-            make_export_parent_force(self._effects_with(contacts)),
+            make_export_parent_force(self._flags_with(contacts)),
             self._world_count,
             [
                 self._bodies,

@@ -86,8 +86,8 @@ class Topology:
     """Parent of each body in its tree, -1 for a root."""
     idle: np.ndarray
     """Whether a body that does not move has a joint that holds nothing because of that."""
-    has_flips: bool
-    """Whether a tree goes from the child of a joint to its parent somewhere."""
+    flipped: np.ndarray
+    """Joints whose child carries their parent in a tree."""
     worlds: np.ndarray
     """World, as the solver sees it, of each body."""
 
@@ -139,7 +139,7 @@ class Topology:
             return joint[body] < 0 and is_new and bool(moves[body])
 
         idle = np.zeros(count, dtype=bool)
-        has_flips = False
+        flipped = []
         for index, kind in enumerate(kinds):
             parent, child = int(parents[index]), int(children[index])
             if kind == newton.JointType.FREE:
@@ -154,7 +154,8 @@ class Topology:
             if not trees or not KINDS[kind].in_tree or not can_hang(below, above):
                 loops.append(index)
                 continue
-            has_flips |= is_flipped
+            if is_flipped:
+                flipped.append(index)
             joint[below] = index
             parent_of[below] = above
             if above >= 0:
@@ -204,7 +205,7 @@ class Topology:
             joint=joint.astype(np.int32),
             parent=parent_of.astype(np.int32),
             idle=idle,
-            has_flips=has_flips,
+            flipped=np.array(flipped, dtype=np.int32),
             worlds=worlds,
             axis_start=axis_start,
             loops=np.array(loops, dtype=np.int32),

@@ -164,10 +164,12 @@ def test_what_nobody_asked_for_is_left_out_and_said() -> None:
         warnings.simplefilter("error")
         plain = newton.ModelBuilder()
         add_sphere(plain, (0.0, 0.0, RADIUS))
-        assert not Simulation(plain).solver.effects.angular_friction
+        assert not Simulation(plain).solver.effects.flags.angular_friction
         authored = newton.ModelBuilder()
         add_sphere(authored, (0.0, 0.0, RADIUS), mu_rolling=0.02)
-        assert not Simulation(authored, angular_friction=False).solver.effects.angular_friction
+        assert not Simulation(
+            authored, angular_friction=False
+        ).solver.effects.flags.angular_friction
     with pytest.warns(UserWarning, match="torsional and rolling friction of 1 shape"):
         Simulation(authored)
 
@@ -176,4 +178,4 @@ def test_without_coefficients_there_is_no_effect() -> None:
     builder = newton.ModelBuilder()
     builder.add_body(xform=wp.transform(wp.vec3(), IDENTITY))
     builder.add_shape_sphere(0, radius=RADIUS, cfg=surface(mu_torsional=0.0, mu_rolling=0.0))
-    assert not Simulation(builder, angular_friction=True).solver.effects.angular_friction
+    assert not Simulation(builder, angular_friction=True).solver.effects.flags.angular_friction

@@ -109,7 +109,7 @@ def test_a_limit_of_newtons_default_is_none() -> None:
     for none in (1.0e6, np.inf):
         law = Law(target_ke=1.0e9, target_q=0.4, effort_limit=none, velocity_limit=none)
         sim, inertia = axis_scene("slider", law)
-        sim.solver.effects = sim.solver.effects.for_any_values()
+        sim.solver._flags = sim.solver._flags.for_any_values()
         sim.step()
         _, v = law.advanced(inertia, 0.0, 0.0, sim.dt) if np.isinf(none) else (0, 0.4 / sim.dt)
         assert coordinates(sim)[1][0] == pytest.approx(v, rel=1.0e-3)

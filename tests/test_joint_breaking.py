@@ -182,7 +182,7 @@ def test_limits_come_from_usd(tmp_path: Path) -> None:
     model = builder.finalize(device="cpu")
     assert model.avbd.joint_break_force.numpy() == pytest.approx([30.0])
     assert model.avbd.joint_break_torque.numpy() == pytest.approx([4.0])
-    assert SolverAVBD(model).effects.breaking
+    assert SolverAVBD(model).effects.flags.breaking
 
 
 @pytest.mark.parametrize("value", [-1.0, np.nan])

@@ -49,8 +49,8 @@ def test_a_joint_holds_the_same_from_either_end(kind: str) -> None:
     paths = []
     for flipped in (False, True):
         solver = hanging(kind, flipped=flipped)
-        assert solver.effects.flipped == flipped
-        assert not solver.effects.loops
+        assert solver.effects.flags.flipped == flipped
+        assert not solver.effects.flags.loops
         state, out = solver.model.state(), solver.model.state()
         path = []
         for _ in range(240):

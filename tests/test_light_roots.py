@@ -70,5 +70,5 @@ def test_along_its_axis_a_slide_does_not_push_the_ball() -> None:
 
 def test_only_light_roots_are_looked_after() -> None:
     """A ball of a thousandth of the box is none: what it carries rounds to less than it has."""
-    assert carrying("ball").solver.effects.light_roots
-    assert not carrying("ball", box_mass=0.5).solver.effects.light_roots
+    assert carrying("ball").solver.effects.flags.light_roots
+    assert not carrying("ball", box_mass=0.5).solver.effects.flags.light_roots

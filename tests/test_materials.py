@@ -39,7 +39,7 @@ def test_friction_mixes_as_asked(mode: str, mu: float) -> None:
 
 
 def test_friction_mixes_geometrically_by_default() -> None:
-    assert sliding_box(0.2, 0.8).solver.effects.friction_mix == "geometric_average"
+    assert sliding_box(0.2, 0.8).solver.effects.flags.friction_mix == "geometric_average"
 
 
 def test_another_mix_is_an_error() -> None:

@@ -246,7 +246,7 @@ def test_contact_forces_hold_the_impulse_of_the_impact() -> None:
 def test_restitution_can_come_at_run_time() -> None:
     """A notification is enough; the ball bounces from then on."""
     sim = dropped("sphere", 0.0, 1.0, 1.0 / 240.0)
-    assert not sim.solver.effects.restitution
+    assert not sim.solver.effects.flags.restitution
     sim.step()
     sim.model.shape_material_restitution.fill_(0.5)
     sim.solver.notify_model_changed(newton.ModelFlags.SHAPE_PROPERTIES)
@@ -258,4 +258,4 @@ def test_compliant_contacts_say_that_they_have_no_restitution() -> None:
     add_sphere(builder, (0.0, 0.0, 1.0), restitution=0.5)
     with pytest.warns(UserWarning, match="leaves out the restitution of 1 shape"):
         sim = Simulation(builder, compliant_contacts=True)
-    assert not sim.solver.effects.restitution
+    assert not sim.solver.effects.flags.restitution

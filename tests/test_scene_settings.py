@@ -58,16 +58,16 @@ def test_a_stage_sets_the_solver(tmp_path: Any) -> None:
     solver = SolverAVBD(model_of(tmp_path, AUTHORED, registrations=2))
     assert solver.iterations == 7
     assert solver.tolerance == pytest.approx(1.0e-4)
-    assert solver.effects.compliance
-    assert solver.effects.friction_mix == "max"
-    assert solver.effects.angular_friction
-    assert not solver.effects.ramp
+    assert solver.effects.flags.compliance
+    assert solver.effects.flags.friction_mix == "max"
+    assert solver.effects.flags.angular_friction
+    assert not solver.effects.flags.ramp
 
 
 def test_the_ramp_can_be_authored(tmp_path: Any) -> None:
     """It excludes compliant contacts, and says so whoever asked for the two."""
     model = model_of(tmp_path, {"newton:avbd:formulation": "ramp"})
-    assert SolverAVBD(model).effects.ramp
+    assert SolverAVBD(model).effects.flags.ramp
     with pytest.raises(ValueError, match="leave compliant_contacts out"):
         SolverAVBD(model, compliant_contacts=True)
 
@@ -77,7 +77,7 @@ def test_an_argument_beats_the_scene(tmp_path: Any) -> None:
     model = model_of(tmp_path, AUTHORED)
     solver = SolverAVBD(model, iterations=10, tolerance=0.0, compliant_contacts=False)
     assert (solver.iterations, solver.tolerance) == (10, 0.0)
-    assert not solver.effects.compliance
+    assert not solver.effects.flags.compliance
 
 
 @pytest.mark.parametrize("authored", [{}, {"newton:maxSolverIterations": -1}])
@@ -88,7 +88,7 @@ def test_a_stage_that_says_nothing_leaves_the_defaults(
     solver = SolverAVBD(model_of(tmp_path, authored))
     plain = SolverAVBD(resting_box().finalize(device="cpu"))
     assert (solver.iterations, solver.tolerance) == (plain.iterations, plain.tolerance) == (10, 0.0)
-    assert not (solver.effects.compliance or solver.effects.ramp)
+    assert not (solver.effects.flags.compliance or solver.effects.flags.ramp)
 
 
 @pytest.mark.parametrize(
@@ -121,4 +121,4 @@ def test_settings_pass_through_the_builder_of_many_worlds() -> None:
     add_hinge_chain(builder, 2)
     solver = SolverAVBD(worlds(builder, 2).finalize(device="cpu"))
     assert solver.iterations == 3
-    assert solver.effects.loops
+    assert solver.effects.flags.loops

@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Arguments that ``run`` and ``compare`` share."""
+"""Arguments that ``run``, ``compare`` and ``effects`` share."""
 
 import argparse
+from collections.abc import Sequence
 
 import warp as wp
 
@@ -11,11 +12,11 @@ from newton_avbd.io import UserError, list_scenes
 from newton_avbd.io.solvers import SOLVERS
 
 
-def add_scene_arguments(parser: argparse.ArgumentParser) -> None:
+def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] = SOLVERS) -> None:
     """Add the scene, the solver and its settings."""
     parser.add_argument("scene", metavar="SCENE", help="a scene or a file, see below")
     parser.add_argument(
-        "--solver", choices=SOLVERS, default="avbd", help="solver (default: %(default)s)"
+        "--solver", choices=solvers, default="avbd", help="solver (default: %(default)s)"
     )
     parser.add_argument(
         "--frames", type=positive(int), help="frames to simulate (default: the scene's own)"

@@ -31,3 +31,11 @@ class Launcher:
     def forget(self) -> None:
         """Drops what was packed, after a struct among the arguments changed its arrays."""
         self._recorded.clear()
+
+
+class Compiler(Launcher):
+    """Compiles and loads the kernels that it is to launch, and launches none."""
+
+    def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
+        """Makes ``kernel`` ready for ``dim`` threads."""
+        wp.launch(kernel, dim=dim, inputs=arguments, device=self._device, record_cmd=True)

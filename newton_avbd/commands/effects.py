@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd effects``: which effects a scene calls for, why, and what they cost."""
+
+import argparse
+
+from newton_avbd import SolverAVBD
+from newton_avbd.io import Request, UserError, open_scene
+from newton_avbd.study.bench import pinned
+from newton_avbd.study.effects import Stepper, difference
+
+from .options import add_scene_arguments, use_device
+from .output import progress, table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    add_scene_arguments(parser, solvers=("avbd",))
+    parser.add_argument(
+        "--measure",
+        action="store_true",
+        help="also leave out each effect in turn and time a step without it, after --frames",
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Print the table of effects, and what each costs in time; returns the exit status."""
+    use_device(args.device)
+    request = Request(iterations=args.iterations, dt=args.dt, arguments=args.arguments)
+    simulation = open_scene(args.scene, request)
+    solver = simulation.solver
+    if not isinstance(solver, SolverAVBD):
+        raise UserError(f"{args.scene} has no SolverAVBD in it, but a {type(solver).__name__}")
+    simulation.advance()  # with the first contacts come their buffers
+    print(solver.effects)
+    if not args.measure:
+        return 0
+    frames = args.frames or simulation.frames
+    for _ in progress(range(1, frames), frames, simulation.name):
+        simulation.advance()
+    with pinned():
+        whole = Stepper(simulation, {})
+        rows = [("without", "a step saves", "of it", "sweeps")]
+        for name in whole.removable:
+            stripped = Stepper(simulation, {name: False})
+            saved, share = difference(whole, stripped)
+            rows.append(
+                (name, f"{1e6 * saved:.1f} us", f"{100 * share:.0f} %", f"{stripped.sweeps:.3g}")
+            )
+    print(
+        f"\nA step after {frames} frames, replayed from a graph: {1e6 * whole.seconds():.1f} us, "
+        f"{whole.sweeps:.3g} sweeps in the mean world. Without an effect it may sweep more or less."
+    )
+    print(table(rows))
+    return 0

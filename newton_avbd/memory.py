@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""How much memory a solver takes, and for which effect."""
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import warp as wp
+
+from . import data
+
+_OWNERS: dict[str, str] = {
+    "tree": "joints",
+    "tree.closures": "closures",
+    "loops": "loops",
+    "work.spin_momentum": "joints",
+    "work.wrench": "bdf2",
+    "work.lead": "bdf2",
+    "work.coasting": "bdf2",
+    "worlds.step": "bdf2",
+    "history.last": "bdf2",
+    "history.pushing": "bdf2",
+    "history.coordinate": "bdf2",
+    "history.rate": "bdf2",
+    "history.smooth": "bdf2",
+    "rows.piles": "piles",
+    "rows.owner": "contact",
+    "rows.contacts": "contact",
+    "rows.rows": "contact",
+    "rows.other_rows": "contact",
+    "rows.drift": "moving_surfaces",
+    "rows.impacts": "restitution",
+    "rows.struck_qd": "restitution",
+    "rows.struck_at": "restitution",
+    "rows.spin": "angular_friction",
+    "rows.share": "compliance",
+    "rows.stiffness": "ramp",
+    "rows.damping": "ramp",
+    "history.records": "contact",
+    "history.row_of_contact": "contact",
+    "history.torque": "angular_friction",
+    "history.joint_force": "joints",
+    "history.placed": "joints",
+    "history.lost": "joints",
+    "history.joint_angle": "joints",
+    "history.piece": "joints",
+    "history.velocity_lag": "joints",
+    "history.held_at": "joints",
+    "history.limit_force": "joints",
+    "history.acceleration": "joints",
+    "history.friction_force": "joints",
+    "history.loop_force": "loops",
+    "history.loop_torque": "loops",
+    "history.broken": "breaking",
+    "is_whole": "breaking",
+    "unbreakable": "breaking",
+    "pushing": "reaction",
+}
+"""Effect that a struct or one of its arrays is for; what is not here every scene has."""
+
+_OWNED: tuple[Any, ...] = (
+    data.BodyWork,
+    data.IslandWork,
+    data.RowWork,
+    data.History,
+    data.TreeWork,
+    data.LoopWork,
+    data.WorldWork,
+)
+"""Structs whose arrays are the solver's own, not the model's, a control's or a contact buffer's."""
+
+
+def bytes_by_effect(solver: object) -> Counter[str]:
+    """Memory of a solver's arrays [bytes], by the effect that they are for.
+
+    What every scene has is under ``""``. Not counted is what graphs still hold that were captured
+    before buffers grew.
+    """
+    sizes: Counter[str] = Counter()
+    for name, array in _arrays(solver):
+        group = name.rpartition(".")[0]
+        sizes[_OWNERS.get(name, _OWNERS.get(group, ""))] += array.capacity
+    if sizes["restitution"]:  # moving surfaces share its drift
+        sizes["restitution"] += sizes.pop("moving_surfaces", 0)
+    return sizes
+
+
+def _arrays(solver: object) -> Iterator[tuple[str, wp.array]]:
+    """Arrays of the solver and of its structs, with their names without underscores."""
+    owned = {struct.key for struct in _OWNED}
+    for name, value in vars(solver).items():
+        if isinstance(value, wp.array):
+            yield name.strip("_"), value
+        elif _struct_name(value) in owned:
+            yield from _members(name.strip("_"), value)
+
+
+def _members(name: str, struct: Any) -> Iterator[tuple[str, wp.array]]:
+    """Arrays in a struct, and in the structs that it holds."""
+    for key in struct._cls.vars:
+        value = getattr(struct, key)
+        if isinstance(value, wp.array):
+            yield f"{name}.{key}", value
+        elif _struct_name(value):
+            yield from _members(f"{name}.{key}", value)
+
+
+def _struct_name(value: object) -> str:
+    """Name of the type of a Warp struct; empty for anything else."""
+    return getattr(getattr(value, "_cls", None), "key", "")

@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A scene that calls for everything at once, to see what all effects cost to compile and to run."""
+
+from typing import Any
+
+import newton
+import numpy as np
+import warp as wp
+
+from newton_avbd import SolverAVBD
+
+SETTINGS: dict[str, Any] = {"angular_friction": True}
+"""Arguments of the solver that the scene is made for."""
+
+HINGE: dict[str, float] = {
+    "target_ke": 10.0,
+    "target_kd": 1.0,
+    "limit_lower": -1.0,
+    "limit_upper": 1.0,
+    "effort_limit": 5.0,
+    "velocity_limit": 10.0,
+    "armature": 0.01,
+    "friction": 0.1,
+    "stiffness": 1.0,
+    "damping": 0.1,
+}
+"""What a joint axis can have."""
+
+
+def add_everything(builder: newton.ModelBuilder) -> None:
+    """Add a ground, a box, and a mechanism with every type of joint, loops and a mimic."""
+    SolverAVBD.register_custom_attributes(builder)
+    cfg = newton.ModelBuilder.ShapeConfig(restitution=0.3, mu_torsional=0.01, mu_rolling=0.001)
+    builder.add_ground_plane(cfg=cfg)
+    box = builder.add_body(xform=_at(3.0, 0.0, 0.2))
+    builder.add_shape_box(box, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
+    links = [
+        builder.add_link(
+            xform=_at(0.5 * i, 0.0, 2.0), mass=1.0, inertia=wp.mat33(np.diag((0.02, 0.03, 0.04)))
+        )
+        for i in range(10)
+    ]
+    builder.add_shape_sphere(links[8], radius=0.1, cfg=cfg)
+
+    def ends(parent: int, child: int) -> dict[str, Any]:
+        first = wp.vec3(0.0, 0.0, 2.0) if parent < 0 else wp.vec3(0.5, 0.0, 0.0)
+        frame = wp.transform(first, wp.quat_identity())
+        return {"parent": parent, "child": child, "parent_xform": frame}
+
+    first = builder.add_joint_revolute(
+        **ends(-1, links[0]), **HINGE, custom_attributes={"avbd:joint_break_force": 1.0e4}
+    )
+    second = builder.add_joint_revolute(**ends(links[0], links[1]), **HINGE)
+    axes = [
+        newton.ModelBuilder.JointDofConfig(axis=axis) for axis in (newton.Axis.X, newton.Axis.Y)
+    ]
+    joints = [
+        first,
+        second,
+        builder.add_joint_d6(**ends(links[1], links[2]), angular_axes=axes),
+        builder.add_joint_ball(**ends(links[2], links[3])),
+        builder.add_joint_prismatic(**ends(links[3], links[4])),
+        builder.add_joint_fixed(**ends(links[4], links[5])),
+        builder.add_joint_revolute(**ends(links[5], links[6])),
+        builder.add_joint_distance(**ends(links[6], links[7]), min_distance=0.1, max_distance=0.8),
+    ]
+    builder.add_articulation(joints)
+    builder.set_joint_mimic(second, first)
+    builder.add_articulation([builder.add_joint_revolute(**ends(-1, links[8]))])
+    builder.add_articulation([builder.add_joint_rod(**ends(-1, links[9]))])
+    # these close loops: within a tree, and from a body that so hangs from its child
+    builder.add_joint_ball(**ends(-1, links[6]), child_xform=_at(-3.0, 0.0, 0.0))
+    builder.add_joint_revolute(**ends(links[7], links[8]))
+
+
+def _at(x: float, y: float, z: float) -> wp.transform:
+    return wp.transform(wp.vec3(x, y, z), wp.quat_identity())

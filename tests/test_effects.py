@@ -1,0 +1,283 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""A solver says which effects a scene calls for, and takes neither code nor memory for others."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from helpers import G, Simulation, add_box, add_ground
+from newton import ModelFlags
+
+import newton_avbd
+from newton_avbd import Effects, SolverAVBD
+from newton_avbd.__main__ import main
+from newton_avbd.effects import CAUSES
+from newton_avbd.execute.world import make_solve
+from newton_avbd.rows.joint import JointKinds
+from newton_avbd.study.effects_full import SETTINGS, add_everything
+from newton_avbd.study.effects_stripped import real_and_stripped, strip
+
+DOCS = Path(__file__).parent.parent / "docs" / "effects.md"
+
+
+def boxes(count: int, contacts: int = 0, **material: float) -> newton.Model:
+    """Free boxes and a contact capacity."""
+    builder = newton.ModelBuilder()
+    for i in range(count):
+        add_box(builder, (2.0 * i, 0.0, 0.5), 1.0, **material)
+    model = builder.finalize(device="cpu")
+    model.rigid_contact_max = contacts
+    return model
+
+
+def chain(count: int) -> newton.Model:
+    """Links on hinges, without shapes."""
+    builder = newton.ModelBuilder()
+    links = [builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3))) for _ in range(count)]
+    builder.add_articulation(
+        [builder.add_joint_revolute(i - 1 if i else -1, link) for i, link in enumerate(links)]
+    )
+    return builder.finalize(device="cpu")
+
+
+def memory(model: newton.Model, **settings: object) -> int:
+    """All of a solver's arrays [bytes]."""
+    effects = SolverAVBD(model, **settings).effects
+    return effects.always + sum(effect.bytes for effect in effects.values())
+
+
+def modules(sim: Simulation) -> set[str]:
+    """Compiled modules of the kernels that the solver launched, named by a hash of their code."""
+    return {kernel.module.name for kernel in sim.solver._launch._recorded}
+
+
+# What it says.
+
+
+def test_reasons_name_a_few_and_count_all() -> None:
+    builder = newton.ModelBuilder()
+    for i in range(5):
+        body = builder.add_body(label=f"box_{i}")
+        cfg = newton.ModelBuilder.ShapeConfig(mu=0.5, restitution=0.1 * (i == 3))
+        builder.add_shape_box(body, label=f"cube_{i}", cfg=cfg)
+    effects = SolverAVBD(builder.finalize(device="cpu")).effects
+    assert effects["friction"].on
+    assert effects["friction"].why.startswith("5 shapes")
+    assert effects["friction"].why.endswith("'cube_0', 'cube_1', 'cube_2', ...")
+    assert effects["restitution"].why.startswith("1 shape ")
+    assert effects["restitution"].why.endswith("'cube_3'")
+    assert not effects["gyroscopic"].on
+    assert effects["gyroscopic"].why == "no body with unequal principal moments of inertia"
+
+
+def test_effects_are_a_dict_and_a_table() -> None:
+    effects = SolverAVBD(boxes(2)).effects
+    values = json.loads(json.dumps(effects.as_dict()))
+    assert values["contact"] == {"on": True, "why": effects["contact"].why, "bytes": 0}
+    lines = str(effects).splitlines()
+    assert len(lines) == len(CAUSES) + 2
+    for name in CAUSES:
+        assert any(line.startswith(f"{name} ") for line in lines)
+
+
+def test_each_flag_has_a_cause_a_file_and_a_line_in_the_docs() -> None:
+    flags = {field.name for field in dataclasses.fields(Effects)} - {"kinds", "friction_mix"}
+    assert flags | {"joints"} == set(CAUSES)
+    text = DOCS.read_text()
+    for name, cause in CAUSES.items():
+        assert (Path(newton_avbd.__file__).parent / cause.code).is_file()
+        by = cause.by or "setting"
+        assert f"| `{name}` | {by} {cause.having} | `{cause.code}` |" in text
+
+
+def test_a_contact_buffer_calls_for_effects() -> None:
+    model = boxes(2, 100)
+    contacts = newton.CollisionPipeline(model, contact_matching="sticky").contacts()
+    solver = SolverAVBD(model)
+    assert not solver.effects["matching"].on
+    assert SolverAVBD(model, effects={"matching": False}) is not None
+    solver.step(model.state(), model.state(), None, contacts, 0.01)
+    assert solver.effects["matching"].on
+
+
+def test_the_full_scene_calls_for_everything() -> None:
+    """Save what other settings and contact buffers ask for."""
+    builder = newton.ModelBuilder()
+    add_everything(builder)
+    effects = SolverAVBD(builder.finalize(device="cpu"), **SETTINGS).effects
+    off = {name for name, effect in effects.items() if not effect.on}
+    assert off == {
+        *("compliance", "ramp", "bdf2", "matching", "moving_surfaces", "contact_materials"),
+        "light_roots",
+    }
+
+
+# Leaving out.
+
+
+def slope(**settings: object) -> Simulation:
+    """A box that friction of 1 would hold, under gravity that is tilted by 30 degrees."""
+    tilt = np.radians(30.0)
+    gravity = (G * np.sin(tilt), 0.0, -G * np.cos(tilt))
+    builder = newton.ModelBuilder(gravity=gravity)
+    add_ground(builder, mu=1.0)
+    add_box(builder, (0.0, 0.0, 0.25), 0.5, mu=1.0)
+    return Simulation(builder, **settings)
+
+
+def test_what_is_left_out_does_not_act_and_is_said_so() -> None:
+    """Without friction the box slides at g sin 30 from the first step."""
+    sim = slope(effects={"friction": False})
+    sim.run(0.5)
+    assert sim.velocity[0, 0] == pytest.approx(0.25 * G, rel=1.0e-3)
+    effect = sim.solver.effects["friction"]
+    assert not effect.on
+    assert effect.why.startswith("left out by the user; 2 shapes with friction")
+    held = slope(effects={"friction": True})
+    held.run(0.5)
+    assert abs(held.velocity[0, 0]) < 1.0e-4
+
+
+def test_what_is_left_out_stays_out_when_the_model_changes() -> None:
+    sim = slope(effects={"friction": False})
+    sim.model.shape_material_mu.fill_(0.7)
+    sim.solver.notify_model_changed(ModelFlags.SHAPE_PROPERTIES)
+    assert not sim.solver.effects["friction"].on
+    with wp.ScopedCapture(device="cpu"):
+        sim.solver.notify_model_changed(ModelFlags.SHAPE_PROPERTIES)
+    assert not sim.solver.effects["friction"].on
+    assert sim.solver.effects["gyroscopic"].why.startswith("a graph may call for it; so far no")
+
+
+def test_contact_takes_friction_along() -> None:
+    effects = SolverAVBD(boxes(1), effects={"contact": False}).effects
+    assert not (effects["contact"].on or effects["friction"].on)
+    assert effects["friction"].why.startswith("left out by the user")
+
+
+@pytest.mark.parametrize(
+    ("effects", "message"),
+    [
+        ({"restitution": True}, "nothing calls for it: no shape with restitution above zero"),
+        ({"drives": True}, "no joint with a drive that has a gain"),
+        ({"compliance": True}, "Pass compliant_contacts"),
+        ({"compliance": False}, "Pass compliant_contacts"),
+        ({"matching": True}, "it can only be left out"),
+        ({"loops": False}, "joint_enabled"),
+        ({"contact": False, "friction": True}, "another effect that is left out"),
+        ({"sticktion": False}, "'sticktion'; there are only contact, piles, "),
+    ],
+)
+def test_what_makes_no_sense_is_an_error_that_says_why(
+    effects: dict[str, bool], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        SolverAVBD(boxes(1), effects=effects)
+
+
+# What it compiles.
+
+
+def test_solvers_with_the_same_effects_share_kernels() -> None:
+    """Reasons do not matter: other shapes of other names call for the same."""
+    few, many = SolverAVBD(boxes(1)).effects, SolverAVBD(boxes(3, mu=0.2)).effects
+    assert few["friction"].why != many["friction"].why
+    assert make_solve(few.flags) is make_solve(many.flags)
+
+
+def test_values_compile_nothing_and_effects_only_what_holds_them() -> None:
+    """Friction, masses, gravity, the step; then restitution, which only the solve knows."""
+    sim = slope()
+    sim.step()
+    before = modules(sim)
+    sim.model.shape_material_mu.fill_(0.3)
+    for name, factor in (("body_mass", 2.0), ("body_inv_mass", 0.5), ("gravity", 1.5)):
+        array = getattr(sim.model, name)
+        array.assign(factor * array.numpy())
+    sim.solver.iterations, sim.dt = 4, 0.01
+    sim.solver.notify_model_changed(ModelFlags.ALL)
+    sim.step()
+    assert modules(sim) == before
+    sim.model.shape_material_restitution.fill_(0.5)
+    sim.solver.notify_model_changed(ModelFlags.SHAPE_PROPERTIES)
+    sim.step()
+    (new,) = modules(sim) - before
+    assert "solve" in new
+
+
+def test_precompiling_loads_what_a_step_launches_and_moves_nothing() -> None:
+    model = boxes(1, restitution=0.25, mu=0.0)
+    contacts = newton.CollisionPipeline(model).contacts()
+    effects = SolverAVBD.precompile(model, contacts=contacts)
+    solve = make_solve(effects.flags).module
+    assert solve.execs
+    solver = SolverAVBD(model)
+    state_in, state_out = model.state(), model.state()
+    loaded = dict(solve.execs)
+    solver.step(state_in, state_out, None, contacts, 0.01)
+    assert solve.execs == loaded
+    assert any(kernel.module is solve for kernel in solver._launch._recorded)
+    assert np.array_equal(state_in.body_q.numpy(), model.body_q.numpy())
+
+
+def test_absent_code_leaves_nothing_behind(tmp_path: Path) -> None:
+    """The kernels are those of a package from which the code of absent effects was removed."""
+    bare = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False)
+    hinged = dataclasses.replace(bare, kinds=JointKinds(linear=(0,), angular=(1,)))
+    assert strip(hinged, tmp_path) > 100
+    real, stripped = real_and_stripped(hinged)
+    assert len(real) == 4
+    assert real == stripped
+
+
+# What it takes.
+
+
+BODY, DOF, CONTACT = 381, 4, 180
+"""Bytes that docs/effects.md states, of each body, degree of freedom and contact."""
+LINK, AXIS = 462, 160
+"""Of each body and each axis in a scene with joints, beside those."""
+BY_CONTACT = {"restitution": 80, "angular_friction": 52, "compliance": 4, "ramp": 8}
+"""Of each contact, where the effect is on."""
+
+
+def test_memory_is_as_documented() -> None:
+    """Whole scenes, and what each effect adds."""
+    assert memory(boxes(200)) - memory(boxes(100)) == 100 * (BODY + 6 * DOF)
+    assert memory(boxes(1, 300)) - memory(boxes(1, 200)) == 100 * CONTACT
+    assert memory(chain(200)) - memory(chain(100)) == 100 * (BODY + DOF + LINK + AXIS)
+    bouncing = [
+        SolverAVBD(boxes(1, n, restitution=0.5), angular_friction=True).effects for n in (100, 200)
+    ]
+    compliant = [SolverAVBD(boxes(1, n), compliant_contacts=True).effects for n in (100, 200)]
+    ramped = [SolverAVBD(boxes(1, n), formulation="ramp").effects for n in (100, 200)]
+    for name, size in BY_CONTACT.items():
+        few, many = {"compliance": compliant, "ramp": ramped}.get(name, bouncing)
+        assert many[name].bytes - few[name].bytes == 100 * size
+    text = DOCS.read_text()
+    for size in (BODY, DOF, CONTACT, LINK, AXIS, *BY_CONTACT.values()):
+        assert f" {size} |" in text
+
+
+def test_a_hundred_thousand_boxes_fit() -> None:
+    """With 400,000 contacts in 400 MB: memory is linear in both, see above."""
+    small = memory(boxes(1, 1))
+    assert small + 99_999 * (BODY + 6 * DOF) + 399_999 * CONTACT < 400.0e6
+
+
+# The command.
+
+
+def test_the_command_prints_the_table_and_what_effects_cost(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(["effects", "fall", "--measure", "--frames", "2"]) == 0
+    table, _, costs = capsys.readouterr().out.partition("\n\n")
+    assert table.splitlines()[0].split() == ["effect", "bytes", "why"]
+    assert {line.split()[0] for line in costs.splitlines()[2:]} <= set(CAUSES)
+    assert "joint_force" in costs
