@@ -14,7 +14,6 @@ _OWNERS: dict[str, str] = {
     "tree": "joints",
     "tree.closures": "closures",
     "loops": "loops",
-    "work.spin_momentum": "joints",
     "work.wrench": "bdf2",
     "work.lead": "bdf2",
     "work.coasting": "bdf2",
