@@ -239,8 +239,8 @@ def test_absent_code_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 BODY, DOF, PILE, CONTACT = 421, 4, 284, 180
-"""Bytes that docs/effects.md states, of each body, its degrees of freedom, each body in a scene with
-contacts, beside those, and each contact."""
+"""Bytes that docs/effects.md states: of each body, degree of freedom, body in a scene with contacts
+(beside those), and contact."""
 LINK, AXIS = 599, 160
 """Of each body and each axis in a scene with joints, beside those."""
 BY_CONTACT = {"restitution": 80, "angular_friction": 52, "compliance": 4, "ramp": 8}
