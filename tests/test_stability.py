@@ -36,7 +36,6 @@ QUICK = {
     "top_10": 1.0,
     "top_1000": 1.0,
     "top_10000": 1.0,
-    "thin_plate": 0.75,
     "needle": 0.6,
     "spinning_top_1000": 0.5,
     "spinning_top_10000": 0.5,

@@ -191,8 +191,9 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
             else:
                 on_ground = is_grounded(body, work, rows)
                 rows.piles.whole[body] = wp.where(on_ground, 0.0, mass)
-                # what the body carries; its own mass is in the effective mass of its rows
-                rows.piles.held[body] = wp.where(on_ground, mass - model.mass[body], 0.0)
+                # a body that carries nothing is in the effective mass of its rows
+                carries = on_ground and mass > model.mass[body]
+                rows.piles.held[body] = wp.where(carries, mass, 0.0)
             at += 1
 
     @wp.func
