@@ -212,7 +212,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._friction_mix = settings.friction_mix_mode
         self._angular_friction = settings.angular_friction
         self.writes_joint_state = update_joint_state and model.joint_count > 0
-        self._all_joints = _AllJoints(model)
+        if self.writes_joint_state:
+            self._all_joints = _AllJoints(model)
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         self._topology: Topology | None = None
         self._worlds: data.WorldWork

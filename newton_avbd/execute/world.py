@@ -463,6 +463,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
             for i in range(rows.owned_start[body], rows.owned_end[body]):
                 row = rows.rows[i]
                 share = share_of(row, worlds, rows)
+                if share == 0.0:
+                    continue
                 row.k_n *= share
                 row.k_t *= share
                 h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
@@ -470,8 +472,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     h_aa += share * spin_rows.curvature(rows.spin[i], row.normal)
             for i in range(rows.other_start[body], rows.other_end[body]):
                 row = rows.rows[rows.other_rows[i]]
-                arm = row.arm + (work.com[row.a] - work.com[body])
                 share = share_of(row, worlds, rows)
+                if share == 0.0:
+                    continue
+                arm = row.arm + (work.com[row.a] - work.com[body])
                 row.k_n *= share
                 row.k_t *= share
                 h_ll, h_al, h_aa = contact_rows.curvature(row, arm, h_ll, h_al, h_aa)
