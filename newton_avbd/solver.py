@@ -23,8 +23,8 @@ from .coupling import RigidCoupling
 from .effects import Callers, Effects, SceneEffects, left_out, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
 from .execute.breaking import enable_joints
-from .execute.contacts import reset_bodies, sort_contacts
-from .execute.launch import Compiler, Launcher
+from .execute.contacts import make_sort_contacts, reset_bodies
+from .execute.launch import Compiler, Launcher, passing_on
 from .execute.observables import (
     count_turns,
     export_acceleration,
@@ -339,6 +339,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """The step with constraints: predict, sort the contacts by owner, solve each world."""
         source = self._no_contacts if contacts is None else self._contact_input(contacts)
         effects = self._flags_with(contacts)
+        passing = passing_on(self.device)
         if effects.breaking:
             self._launch(
                 enable_joints,
@@ -346,7 +347,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
         self._launch_bodies(
-            make_predict(self._flags),
+            make_predict(self._flags, passing),
             [
                 self._bodies,
                 state_in.body_q,
@@ -368,10 +369,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
         if contacts is not None:
             self._launch(
-                sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows]
+                make_sort_contacts(passing),
+                1,
+                [self._shapes, source, self._worlds, self._work, self._rows],
             )
         self._launch(
-            make_solve(effects),
+            make_solve(effects, passing),
             self._world_count,
             [
                 self._bodies,

@@ -28,6 +28,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
+from .launch import BY_VALUE, Passing
 
 FAST = wp.constant(0.25)
 """Turn of a step [rad] from which the spin of a linked body resists tilting within the step."""
@@ -211,9 +212,10 @@ def report_freed(
 
 
 @functools.cache
-def make_predict(effects: Effects) -> wp.Kernel:
+def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     """Kernel, one thread a body: everything about a body that the sweeps need, once a step."""
     external_wrench = make_wrench(effects)
+    a, read = passing.annotate, passing.read
 
     @wp.func
     def predict_body(
@@ -290,22 +292,32 @@ def make_predict(effects: Effects) -> wp.Kernel:
     @wp.kernel(enable_backward=False, module="unique")
     def predict(
         # Model:
-        model: BodyModel,
+        model: a(BodyModel),
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
         control: ControlInput,
         h: float,
-        worlds: WorldWork,
-        history: History,
-        tree: TreeWork,
+        worlds: a(WorldWork),
+        history: a(History),
+        tree: a(TreeWork),
         # Work out:
-        work: BodyWork,
+        work: a(BodyWork),
     ):
         mode = flush_denormals()
         predict_body(
-            wp.tid(), model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
+            wp.tid(),
+            read(model),
+            body_q,
+            body_qd,
+            body_f,
+            control,
+            h,
+            read(worlds),
+            read(history),
+            read(tree),
+            read(work),
         )
         restore_denormals(mode)
 

@@ -27,6 +27,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from .launch import BY_VALUE, Passing
 from .piles import LINK_WEIGHT, mass_behind
 
 NOT_UNIT = wp.constant(0.1)
@@ -80,19 +81,11 @@ def is_sound(row: ContactRow) -> bool:
     return wp.isfinite(row.gap) and wp.abs(wp.dot(row.normal, row.normal) - 1.0) < NOT_UNIT
 
 
-@wp.kernel(enable_backward=False, module="unique")
-def sort_contacts(
-    # Model:
-    shapes: ShapeModel,
-    # Contacts in:
-    contacts: ContactInput,
-    # Work:
-    worlds: WorldWork,
-    work: BodyWork,
-    # Work out:
-    rows: RowWork,
+@wp.func
+def sort_by_owner(
+    shapes: ShapeModel, contacts: ContactInput, worlds: WorldWork, work: BodyWork, rows: RowWork
 ):
-    """Counting sort of the contacts by owner, in the order of the buffer; one thread.
+    """Counting sort of the contacts by owner, in the order of the buffer.
 
     Makes room for the rows of each body: afterwards ``owned_start`` and ``owned_end`` enclose the
     body's contacts in ``rows.contacts``, and ``other_start`` = ``other_end`` is where the rows
@@ -140,6 +133,28 @@ def sort_contacts(
         if a >= 0:
             rows.contacts[rows.owned_end[a]] = contact
             rows.owned_end[a] = rows.owned_end[a] + 1
+
+
+@functools.cache
+def make_sort_contacts(passing: Passing = BY_VALUE) -> wp.Kernel:
+    """Kernel, one thread: makes room for the rows of each body."""
+    a, read = passing.annotate, passing.read
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def sort_contacts(
+        # Model:
+        shapes: a(ShapeModel),
+        # Contacts in:
+        contacts: ContactInput,
+        # Work:
+        worlds: a(WorldWork),
+        work: a(BodyWork),
+        # Work out:
+        rows: a(RowWork),
+    ):
+        sort_by_owner(read(shapes), contacts, read(worlds), read(work), read(rows))
+
+    return sort_contacts
 
 
 @wp.func

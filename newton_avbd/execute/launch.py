@@ -1,8 +1,53 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Launches that remember their arguments: packing them costs more than a small scene's step."""
+"""Launches that remember their arguments: packing them costs more than a small scene's step.
+
+A struct of arrays is an argument of many pointers. A graph that is replayed on a CPU looks up each
+of them, which took half the time of a pendulum's step. So structs that stay the same are *resident*
+there: they lie in an array of one, which is what kernels are given.
+"""
+
+import ctypes
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
 import warp as wp
+
+
+@wp.func
+def _itself(struct: Any):
+    return struct
+
+
+@wp.func
+def _first(structs: wp.array[Any]):
+    return structs[0]
+
+
+@dataclass(frozen=True)
+class Passing:
+    """How kernels are given the structs that stay the same.
+
+    Attributes:
+        annotate: Type of a kernel's argument, by the type of the struct.
+        read: Device function: the struct, from the argument.
+    """
+
+    annotate: Callable[[type], Any]
+    read: wp.Function
+
+
+BY_VALUE = Passing(lambda struct: struct, _itself)
+"""What a GPU likes: constants, of which a kernel loads those that it needs, when it does."""
+
+RESIDENT = Passing(lambda struct: wp.array[struct], _first)
+"""What a CPU likes, see above."""
+
+
+def passing_on(device: wp.Device) -> Passing:
+    """How kernels of a device are given structs."""
+    return RESIDENT if device.is_cpu else BY_VALUE
 
 
 class Launcher:
@@ -11,26 +56,50 @@ class Launcher:
     def __init__(self, device: wp.Device) -> None:
         self._device = device
         self._recorded: dict[wp.Kernel, tuple[int, wp.Launch, list]] = {}
+        self._resident: dict[int, tuple[Any, wp.array]] = {}
 
     def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
         """Launches ``kernel`` with ``dim`` threads; arguments are compared by identity."""
         known = self._recorded.get(kernel)
         if known is None or known[0] != dim:
-            command = wp.launch(
-                kernel, dim=dim, inputs=arguments, device=self._device, record_cmd=True
-            )
-            self._recorded[kernel] = (dim, command, list(arguments))
+            self._recorded[kernel] = (dim, self._pack(kernel, dim, arguments), list(arguments))
         else:
             _, command, packed = known
             for i, argument in enumerate(arguments):
                 if argument is not packed[i]:
-                    command.set_param_at_index(i, argument)
+                    command.set_param_at_index(i, self._passed(kernel, i, argument))
                     packed[i] = argument
         self._recorded[kernel][1].launch()
 
     def forget(self) -> None:
-        """Drops what was packed, after a struct among the arguments changed its arrays."""
+        """Drops what was packed, after a struct among the arguments changed its arrays.
+
+        Resident structs change where they lie, so that captured graphs see the new arrays, too.
+        """
         self._recorded.clear()
+        for struct, place in self._resident.values():
+            _write(struct, place)
+
+    def _pack(self, kernel: wp.Kernel, dim: int, arguments: list) -> wp.Launch:
+        inputs = [self._passed(kernel, i, argument) for i, argument in enumerate(arguments)]
+        return wp.launch(kernel, dim=dim, inputs=inputs, device=self._device, record_cmd=True)
+
+    def _passed(self, kernel: wp.Kernel, i: int, argument: Any) -> Any:
+        """What a kernel is given for an argument."""
+        struct = getattr(kernel.adj.args[i].type, "dtype", None)
+        if struct is None or argument is None or isinstance(argument, wp.array):
+            return argument
+        if id(argument) not in self._resident:
+            place = wp.empty(1, dtype=struct, device=self._device)
+            _write(argument, place)
+            self._resident[id(argument)] = argument, place
+        return self._resident[id(argument)][1]
+
+
+def _write(struct: Any, place: wp.array) -> None:
+    """Puts a struct into memory of the CPU at once, also while a graph is captured."""
+    content = struct.__ctype__()
+    ctypes.memmove(place.ptr, ctypes.byref(content), ctypes.sizeof(content))
 
 
 class Compiler(Launcher):
@@ -38,4 +107,4 @@ class Compiler(Launcher):
 
     def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
         """Makes ``kernel`` ready for ``dim`` threads."""
-        wp.launch(kernel, dim=dim, inputs=arguments, device=self._device, record_cmd=True)
+        self._pack(kernel, dim, arguments)

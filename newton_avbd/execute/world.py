@@ -37,6 +37,7 @@ from .contacts import make_rows
 from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
 from .islands import begin_island, join_islands, keep_momentum
+from .launch import BY_VALUE, Passing
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
 from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
@@ -389,8 +390,9 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
 
 
 @functools.cache
-def make_solve(effects: Effects) -> wp.Kernel:
+def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
+    a, read = passing.annotate, passing.read
     measure_world = make_measure_world(effects)
     is_world_finite = make_is_world_finite(effects)
     find_rows, penalise_rows = make_rows(effects)
@@ -1325,9 +1327,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
     @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
     def solve(
         # Model:
-        model: BodyModel,
-        shapes: ShapeModel,
-        joints: JointModel,
+        model: a(BodyModel),
+        shapes: a(ShapeModel),
+        joints: a(JointModel),
         control: ControlInput,
         # State in:
         body_q: wp.array[wp.transform],
@@ -1337,13 +1339,13 @@ def make_solve(effects: Effects) -> wp.Kernel:
         iterations: int,
         tolerance: float,
         # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        islands: IslandWork,
-        history: History,
+        worlds: a(WorldWork),
+        work: a(BodyWork),
+        rows: a(RowWork),
+        tree: a(TreeWork),
+        loops: a(LoopWork),
+        islands: a(IslandWork),
+        history: a(History),
         # State out:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
@@ -1351,9 +1353,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
         mode = flush_denormals()
         solve_world(
             wp.tid(),
-            model,
-            shapes,
-            joints,
+            read(model),
+            read(shapes),
+            read(joints),
             control,
             body_q,
             body_qd,
@@ -1361,13 +1363,13 @@ def make_solve(effects: Effects) -> wp.Kernel:
             h,
             iterations,
             tolerance,
-            worlds,
-            work,
-            rows,
-            tree,
-            loops,
-            islands,
-            history,
+            read(worlds),
+            read(work),
+            read(rows),
+            read(tree),
+            read(loops),
+            read(islands),
+            read(history),
             body_q_out,
             body_qd_out,
         )
