@@ -621,19 +621,34 @@ class RowWork:
 
 @wp.struct
 class LastStep:
-    """How a body moved in the last step, for BDF2."""
+    """How a body moved in the last step, for one of second order: rates at its end, and slopes."""
 
-    increment: wp.spatial_vectorf
-    """Pose increment (dx [m], dtheta [rad]), without the recovery."""
-    gain: wp.spatial_vectorf
-    """Change of the velocity [m/s, rad/s]."""
-    spun: wp.vec3
-    """Change of the angular momentum about the COM [N m s], where moments of inertia differ."""
+    slope: wp.spatial_vectorf
+    """Of the pose [m/s, rad/s], without the recovery."""
     velocity: wp.spatial_vectorf
     """Velocity at the end of the step [m/s, rad/s]."""
+    acceleration: wp.spatial_vectorf
+    """Without what external forces gave [m/s^2, rad/s^2]."""
+    gain: wp.spatial_vectorf
+    """Slope of the velocity, likewise [m/s^2, rad/s^2]."""
+    torque: wp.vec3
+    """Rate of the angular momentum about the COM, likewise [N m]; where moments differ."""
+    spun: wp.vec3
+    """Its slope [N m]."""
     wrench: wp.spatial_vectorf
     """External force [N] and torque [N m]."""
     pose: wp.transform
+
+
+@wp.struct
+class AxisMotion:
+    """How a coordinate of a joint, or its velocity, changed in the last step."""
+
+    start: float
+    """Its value at the start of the step."""
+    rate: float
+    """Its rate at the end."""
+    slope: float
 
 
 @wp.struct
@@ -686,15 +701,17 @@ class History:
     age: wp.array[wp.int32]
     """Steps since the world's multipliers were reset, shape (world_count,)."""
     last: wp.array[LastStep]
-    """BDF2: the last step of each body slot."""
+    """Second order: the last step of each body slot."""
     pushing: wp.array[wp.int32]
-    """BDF2: contacts that pushed in the last step, by owner."""
+    """Second order: contacts that pushed in the last step, by owner."""
     smooth: wp.array[wp.int32]
-    """BDF2: 1 where no velocity of a world jumped in the last step, shape (world_count,)."""
-    coordinate: wp.array[float]
-    """BDF2: coordinate of each degree of freedom at the start of the last step [m or rad]."""
-    rate: wp.array[float]
-    """BDF2: velocity of each degree of freedom then [m/s or rad/s], with the lag."""
+    """Second order: 1 where no velocity of a world jumped in the last step, by world."""
+    slope_age: wp.array[float]
+    """Second order: how long before the end of the last step its slopes held [s], by world."""
+    coordinate: wp.array[AxisMotion]
+    """Second order: each degree of freedom [m or rad]."""
+    rate: wp.array[AxisMotion]
+    """Second order: its velocity [m/s or rad/s], with the lag."""
 
 
 @wp.struct
@@ -704,12 +721,17 @@ class WorldScale:
     h: float
     """Time step [s]."""
     step: float
-    """The step that inertia sees [s]: h, less with BDF2."""
-    ahead: float
-    """Share of the last step's motion by which BDF2 starts ahead; 0 for backward Euler."""
+    """The step that inertia sees [s]: h, less in a step of second order."""
+    by_rate: float
+    """Weight of rates at the start in what a step of second order starts ahead by [s]; 0 in
+    others."""
+    by_slope: float
+    """Weight of the last step's slopes in it [s]."""
+    blend: float
+    """Weight of the new slope in the mean rate of the step; 1 for backward Euler."""
     lag: float
     """How far velocities lag behind the parabola of the positions, as a share of h: half a step
-    after backward Euler, not at all after BDF2."""
+    after backward Euler, not at all after a step of second order."""
     mass: float
     """Mass of all bodies that move [kg]: no contact at rest carries more."""
     gravity: float

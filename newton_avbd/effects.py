@@ -12,6 +12,7 @@ import newton
 import numpy as np
 
 from .attributes import break_limits
+from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology
 
@@ -54,7 +55,7 @@ CAUSES: dict[str, Cause] = {
     "compliance": Cause(
         "", "compliant_contacts=True", "rows/contact.py", "Pass compliant_contacts."
     ),
-    "bdf2": Cause("", "scheme='bdf2'", "execute/bdf2.py", "Pass scheme."),
+    "bdf2": Cause("", "scheme='bdf2' or 'generalized_alpha'", "execute/bdf2.py", "Pass scheme."),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
     "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
     "moving_surfaces": Cause(_OF_BUFFER, "with surface velocities", "execute/contacts.py"),
@@ -160,6 +161,8 @@ class Effects:
     """Free bodies in contact are solved at once."""
     bdf2: bool = False
     """Asked for: second order in time."""
+    rho: float = 0.0
+    """Share that its steps leave of what is infinitely fast."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
     friction_mix: str = "geometric_average"
@@ -186,7 +189,7 @@ class Effects:
         ramp: bool,
         friction_mix: str,
         angular_friction: bool,
-        bdf2: bool,
+        scheme: str,
         without: frozenset[str] = frozenset(),
     ) -> tuple["Effects", "Callers"]:
         """Reads from the model which effects it calls for; copies model arrays to the host.
@@ -199,7 +202,7 @@ class Effects:
             ramp: Whether penalties grow.
             friction_mix: How friction coefficients mix.
             angular_friction: Whether torsional and rolling friction is asked for.
-            bdf2: Whether second order in time is asked for.
+            scheme: Integration in time.
             without: Effects that are to be left out.
 
         Returns:
@@ -244,7 +247,8 @@ class Effects:
             kinds=JointKinds.of_model(model),
             piles=piles and flags["contact"] and not ramp,
             compliance=compliance,
-            bdf2=bdf2,
+            bdf2=scheme in SCHEMES,
+            rho=SCHEMES.get(scheme, 0.0),
             ramp=ramp,
             friction_mix=friction_mix,
         )

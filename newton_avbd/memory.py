@@ -23,6 +23,7 @@ _OWNERS: dict[str, str] = {
     "history.coordinate": "bdf2",
     "history.rate": "bdf2",
     "history.smooth": "bdf2",
+    "history.slope_age": "bdf2",
     "rows.piles": "piles",
     "rows.owner": "contact",
     "rows.contacts": "contact",

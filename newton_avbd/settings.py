@@ -13,6 +13,7 @@ import newton
 import numpy as np
 import warp as wp
 
+from .execute.slopes import SCHEMES
 from .rows.contact import FRICTION_MIXES
 
 
@@ -58,7 +59,7 @@ ITERATIONS = 10
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
     "formulation": ("augmented", "ramp"),
-    "scheme": ("euler", "bdf2"),
+    "scheme": ("euler", *SCHEMES),
     "blocks": ("articulation", "body"),
 }
 
@@ -136,8 +137,10 @@ class Settings:
             )
         if values["formulation"] == "ramp" and values["angular_friction"]:
             raise ValueError("formulation='ramp' has no angular_friction; leave it out.")
-        if values["formulation"] == "ramp" and values["scheme"] == "bdf2":
-            raise ValueError("formulation='ramp' is backward Euler; leave scheme='bdf2' out.")
+        if values["formulation"] == "ramp" and values["scheme"] in SCHEMES:
+            raise ValueError(
+                f"formulation='ramp' is backward Euler; leave scheme={values['scheme']!r} out."
+            )
         return cls(**values)
 
 

@@ -438,7 +438,15 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
         *("contact", "joint_force", "kinds", "reaction", "flipped", "loops"),  # what there is
         *("closures", "mimics"),
         "breaking",  # that some joint can break is said before
-        *("piles", "compliance", "ramp", "bdf2", "friction_mix", "angular_friction"),  # settings
+        *(
+            "piles",
+            "compliance",
+            "ramp",
+            "bdf2",
+            "rho",
+            "friction_mix",
+            "angular_friction",
+        ),  # settings
         "restitution",  # needs buffers: named where a graph is captured
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer
     }

@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Second order in time where the motion is smooth: BDF2 on poses and velocities.
+"""Second order in time where the motion is smooth, on poses and velocities: see ``slopes.py``.
 
-    v_n+1 = (3 x_n+1 - 4 x_n + x_n-1)/(2 h),   a_n+1 = (3 v_n+1 - 4 v_n + v_n-1)/(2 h)
+A step is backward Euler with a step H < h, which starts ahead by s and with the velocity v_n + ...:
 
-is backward Euler with the step H = 2/3 h, which starts ahead by s = (x_n - x_n-1)/3 and with the
-velocity v_n + (v_n - v_n-1)/3. So the increment from x_n is still the unknown and is where
-constraints hold; the inertia is m/H^2, the inertial target s + H (v_n + ...) + H^2 a, and the
-velocity (dx - s)/H, which dampers and friction see. After a step of another length, with
-r = h/h_last, H = h (1 + r)/(1 + 2 r), and r^2/(1 + 2 r) takes the place of 1/3 (Hairer, Norsett,
-Wanner, "Solving Ordinary Differential Equations I", section III.5). Rotations go by the rotation
-vectors of the steps, which commute to the third order of h; momenta add up in world axes.
+    x_n+1 = x_n + s + H v_n+1,    v_n+1 = v_n + (b h a_n + A g_n) + H a_n+1
+
+So the increment from x_n is still the unknown and is where constraints hold; the inertia is m/H^2,
+the inertial target s + H (v_n + ...) + H^2 a, and the velocity (dx - s)/H, which dampers and
+friction see. Rotations go by the rotation vectors of the steps, which commute to the third order of
+h; momenta add up in world axes.
 
 What extrapolates is wrong where the velocity jumps: a body that lands would bounce. A world takes
 backward Euler in the step of an impact and in the one after it, where a contact lets go or an
@@ -42,6 +41,7 @@ from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE, rotation_vector
 from .bodies import has_rows, target_shift, target_turn
 from .loops import has_loops
+from .slopes import constants, end_axis, lead, next_slope, second_order
 from .trees import is_linked
 
 JOLT = wp.constant(0.5)
@@ -91,7 +91,7 @@ def is_continued(
     world: int,
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
-    gravity: float,
+    scale: WorldScale,
     model: BodyModel,
     worlds: WorldWork,
     work: BodyWork,
@@ -109,11 +109,11 @@ def is_continued(
                 and wp.transform_get_rotation(pose) == wp.transform_get_rotation(last.pose)
                 and body_qd[body] == last.velocity
             )
-            turn = wp.length_sq(wp.spatial_bottom(last.increment))
-            if not is_left or turn > MOST_TURN * MOST_TURN:
+            turn = scale.h * wp.length(wp.spatial_bottom(last.slope))
+            if not is_left or turn > MOST_TURN:
                 return False
             force, torque = wp.spatial_top(work.wrench[body]), wp.spatial_bottom(work.wrench[body])
-            weight = gravity * model.mass[body]
+            weight = scale.gravity * model.mass[body]
             if jumps(force, wp.spatial_top(last.wrench), weight):
                 return False
             if jumps(torque, wp.spatial_bottom(last.wrench), 0.0):
@@ -155,7 +155,7 @@ def lets_go(world: int, worlds: WorldWork, rows: RowWork, history: History) -> b
 @wp.func
 def is_beyond(joints: JointModel, dof: int, at: float, history: History) -> bool:
     """Whether a coordinate that goes on as in the last step would be beyond a limit."""
-    goes_to = 2.0 * at - history.coordinate[dof]
+    goes_to = 2.0 * at - history.coordinate[dof].start
     lower = joints.limit_lower[dof] - LIMIT_JOLT
     return goes_to < lower or goes_to > joints.limit_upper[dof] + LIMIT_JOLT
 
@@ -166,11 +166,13 @@ class Bdf2Functions:
 
     begin_step: wp.Function
     remember_motion: wp.Function
+    remember_loops: wp.Function
     remember_pose: wp.Function
 
 
 def make_bdf2(effects: Effects) -> Bdf2Functions:
     """Generates the functions for a scene's effects."""
+    a, b = constants(effects.rho)
 
     @wp.func
     def meets_limit(
@@ -241,7 +243,6 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
     def lead_body(
         body: int,
         is_free: bool,
-        ratio: float,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -257,18 +258,17 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             work.lead[body] = (scale.h - step) * velocity
             return
         last = history.last[body]
-        lead = scale.ahead * last.increment
-        v = velocity + scale.ahead * last.gain
+        ahead = lead(scale, velocity, last.slope)
+        v = velocity + lead(scale, last.acceleration, last.gain)
         # external forces are those of the whole step: all of their impulse, none of the last one's
-        wrench = work.wrench[body]
-        wrench += (scale.ahead * scale.h / step) * (wrench - last.wrench)
+        wrench = (scale.h / step) * work.wrench[body]
         dx = target_shift(model, body, v, wrench, step)
         rotation = wp.transform_get_rotation(body_q[body])
-        turn = wp.spatial_bottom(lead)
+        turn = wp.spatial_bottom(ahead)
         dtheta = wp.vec3(0.0)
         if wp.static(effects.gyroscopic):
             momentum = spin_momentum(model, body, rotation, velocity)
-            momentum += scale.ahead * last.spun + step * wp.spatial_bottom(wrench)
+            momentum += step * wp.spatial_bottom(wrench)
             if is_free:
                 start = exp_quat(turn) * rotation
                 kept = wp.quat_rotate_inv(start, momentum)
@@ -279,16 +279,17 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                 rounded = (turn + dtheta) - turn
                 work.spin_gain[body] = wp.quat_rotate(end, spin) - rounded / step
             else:
+                momentum += lead(scale, last.torque, last.spun)
                 # the inertia of the end of the step, where the body goes if all stays smooth
-                spin = wp.spatial_bottom(velocity + ratio * last.gain)
+                spin = wp.spatial_bottom(velocity + scale.h * last.gain)
                 end = exp_quat(turn + step * spin) * rotation
                 work.inertia[body] = world_inertia(end, model.inertia[body])
                 dtheta = step * (world_inertia(end, model.inv_inertia[body]) * momentum)
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
-        target = lead + wp.spatial_vector(dx, dtheta)
-        coasting = lead + step * v
-        work.lead[body] = lead
+        target = ahead + wp.spatial_vector(dx, dtheta)
+        coasting = ahead + step * v
+        work.lead[body] = ahead
         work.coasting[body] = coasting
         work.target[body] = target
         work.increment[body] = coasting + history.falling[body] * (target - coasting)
@@ -313,7 +314,6 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
     @wp.func
     def begin_step(
         world: int,
-        last_step: float,
         has_bounce: bool,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
@@ -339,11 +339,10 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             smooth
             and was_smooth
             and not lets_go(world, worlds, rows, history)
-            and is_continued(world, body_q, body_qd, scale.gravity, model, worlds, work, history)
+            and is_continued(world, body_q, body_qd, scale, model, worlds, work, history)
         ):
-            ratio = scale.h / last_step
-            out.step = scale.h * (1.0 + ratio) / (1.0 + 2.0 * ratio)
-            out.ahead = ratio * ratio / (1.0 + 2.0 * ratio)
+            age = history.slope_age[world]
+            out = second_order(scale, age, wp.static(a), wp.static(b))
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 body = worlds.bodies[i]
                 is_free = bool(True)
@@ -353,22 +352,26 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                     is_free = is_free and worlds.block_end[i] == i + 1 and tree.joint[body] < 0
                 if wp.static(effects.loops):
                     is_free = is_free and not has_loops(loops, body)
-                lead_body(body, is_free, ratio, out, body_q, body_qd, model, work, history)
+                lead_body(body, is_free, out, body_q, body_qd, model, work, history)
             if wp.static(effects.contact):
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                     lead_rows(worlds.bodies[i], out, work, rows)
         worlds.step[world] = out.step
+        history.slope_age[world] = wp.where(out.step < out.h, wp.static(a), 0.5) * out.h
         return out
 
     @wp.func
     def remember_motion(
         body: int,
         velocity: wp.spatial_vector,
-        start: wp.transform,
         start_velocity: wp.spatial_vector,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
         model: BodyModel,
+        joints: JointModel,
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
         history: History,
     ):
         """How a body has moved in the step, before anything old is recovered, and what pushes."""
@@ -377,24 +380,75 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             for i in range(rows.owned_start[body], rows.owned_end[body]):
                 pushing += int(is_pushing(rows.rows[i]))
             history.pushing[body] = pushing
+        if wp.static(effects.joints and effects.coordinates):
+            if is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                k = tree.axis_start[body]
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    end_axis(
+                        dof,
+                        tree.start_coordinate[k],
+                        tree.coordinate[k],
+                        scale,
+                        history.coordinate,
+                    )
+                    k += 1
         last = history.last[body]
-        last.increment = work.increment[body]
-        last.gain = velocity - start_velocity
+        wrench = work.wrench[body]
+        given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
+        if wp.static(not effects.gyroscopic):
+            rotation = wp.transform_get_rotation(body_q[body])
+            spin = world_inertia(rotation, model.inv_inertia[body]) * wp.spatial_bottom(wrench)
+            given = wp.spatial_vector(wp.spatial_top(given), spin)
+        change = velocity - start_velocity - scale.h * given
+        ahead = lead(scale, last.acceleration, last.gain)
+        last.acceleration = (change - ahead) / scale.step
+        last.gain = next_slope(scale, change, last.gain)
+        last.slope = next_slope(scale, work.increment[body], last.slope)
         last.velocity = velocity
-        last.wrench = work.wrench[body]
-        if wp.static(effects.gyroscopic):
-            rotation = wp.transform_get_rotation(start)
-            last.spun = -spin_momentum(model, body, rotation, start_velocity)
+        last.wrench = wrench
         history.last[body] = last
 
     @wp.func
-    def remember_pose(body: int, pose: wp.transform, model: BodyModel, history: History):
+    def remember_loops(
+        world: int, scale: WorldScale, joints: JointModel, loops: LoopWork, history: History
+    ):
+        """Likewise the coordinates of a world's loop joints."""
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                joint = loops.joints[i]
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    end_axis(
+                        dof,
+                        loops.start_coordinate[dof],
+                        loops.coordinate[dof],
+                        scale,
+                        history.coordinate,
+                    )
+
+    @wp.func
+    def remember_pose(
+        body: int,
+        pose: wp.transform,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: BodyModel,
+        work: BodyWork,
+        history: History,
+    ):
         """Where a step has left a body."""
         last = history.last[body]
         last.pose = pose
         if wp.static(effects.gyroscopic):
-            rotation = wp.transform_get_rotation(pose)
-            last.spun += spin_momentum(model, body, rotation, last.velocity)
+            before = wp.transform_get_rotation(body_q[body])
+            after = wp.transform_get_rotation(pose)
+            change = spin_momentum(model, body, after, last.velocity)
+            change -= spin_momentum(model, body, before, body_qd[body])
+            change -= scale.h * wp.spatial_bottom(last.wrench)
+            ahead = lead(scale, last.torque, last.spun)
+            last.torque = (change - ahead) / scale.step
+            last.spun = next_slope(scale, change, last.spun)
         history.last[body] = last
 
-    return Bdf2Functions(begin_step, remember_motion, remember_pose)
+    return Bdf2Functions(begin_step, remember_motion, remember_loops, remember_pose)

@@ -25,12 +25,14 @@ from ..data import (
     JointModel,
     LoopWork,
     TreeWork,
+    WorldScale,
 )
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.joint import BALL, DISTANCE, ROD
+from .slopes import begin_axis
 from .trees import (
     ROUNDING,
     anchor_arm,
@@ -166,8 +168,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     @wp.func
     def begin_loop(
         i: int,
-        ahead: float,
-        h: float,
+        scale: WorldScale,
         body_q: wp.array[wp.transform],
         model: BodyModel,
         joints: JointModel,
@@ -181,8 +182,9 @@ def make_loops(effects: Effects) -> LoopFunctions:
         Expects increments of zero and rotations at the start of the step. Returns whether the joint
         is open by more than rounding.
         """
+        h = scale.step
         joint = loops.joints[i]
-        static_slot = work.inv_mass.shape[0] - 1
+        static_slot = scale.static_slot
         child = joints.child[joint]
         parent = parent_slot(joints, joint, static_slot)
         loops.apart[i] = start_span(
@@ -237,11 +239,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                     # a kinematic body has been put elsewhere since: what damps feels its motion
                     q = loops.coordinate[index]
                 if wp.static(effects.bdf2):
-                    moved = q - history.coordinate[index]
-                    if joints.type[joint] == BALL:
-                        moved = loops.coordinate[index]
-                    history.coordinate[index] = q
-                    q += ahead * moved
+                    q = begin_axis(index, q, scale, history.coordinate)
                 loops.start_coordinate[index] = q
         reach = wp.length(arm_c) + wp.length(arm_p)
         allowed = ROUNDING * (wp.length(work.com[child]) + reach)

@@ -28,6 +28,7 @@ from ..data import (
     RowWork,
     TreeAxis,
     TreeWork,
+    WorldScale,
     WorldWork,
 )
 from ..effects import Effects
@@ -35,6 +36,7 @@ from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.joint import BALL, ROD, rotation_vector
 from .bodies import has_rows
+from .slopes import begin_axis
 
 ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
@@ -341,8 +343,7 @@ def make_trees(
     @wp.func
     def measure_start(
         body: int,
-        static_slot: int,
-        ahead: float,
+        scale: WorldScale,
         model: BodyModel,
         joints: JointModel,
         work: BodyWork,
@@ -356,6 +357,7 @@ def make_trees(
         """
         joint = tree.joint[body]
         parent = tree.parent[body]
+        static_slot = scale.static_slot
         is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
         is_beyond = bool(False)
         for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
@@ -373,11 +375,7 @@ def make_trees(
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]
             if wp.static(effects.bdf2):
-                moved = q - history.coordinate[index]
-                if joints.type[joint] == BALL:
-                    moved = tree.coordinate[tree.axis_start[body] + dof]
-                history.coordinate[index] = q
-                q += ahead * moved
+                q = begin_axis(index, q, scale, history.coordinate)
             if wp.static(effects.joint_friction):
                 # what rounding moves, friction brings back
                 drift = wp.abs(q - history.held_at[index])

@@ -40,6 +40,7 @@ from .islands import begin_island, join_islands, keep_momentum
 from .launch import BY_VALUE, Passing
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
+from .slopes import begin_axis, end_axis
 from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
 
 FUSED = "-ffp-contract=fast"
@@ -194,6 +195,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
         scale = WorldScale()
         scale.h = h
         scale.step = h
+        scale.blend = 1.0
         scale.lag = 0.5
         scale.static_slot = work.inv_mass.shape[0] - 1
         farthest = float(0.0)
@@ -400,7 +402,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     coasting_increment = make_coasting(effects)
     bdf2 = make_bdf2(effects)
     begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
-    remember_pose = bdf2.remember_pose
+    remember_pose, remember_loops = bdf2.remember_pose, bdf2.remember_loops
     find_impacts = impacts.find_impacts
     release_impacts = impacts.release_impacts
     restore_impacts = impacts.restore_impacts
@@ -753,8 +755,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     @wp.func
     def begin_armature(
         joint: int,
-        static_slot: int,
-        ahead: float,
+        scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
         model: BodyModel,
         joints: JointModel,
@@ -767,20 +768,18 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         Their momenta are those at the end of the last step, when the axes stood otherwise.
         """
         measure_velocity(
-            joint, static_slot, body_qd, model, joints, work, tree, tree.start_velocity
+            joint, scale.static_slot, body_qd, model, joints, work, tree, tree.start_velocity
         )
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             rate = tree.start_velocity[dof] + history.velocity_lag[dof]
             tree.start_velocity[dof] = rate
             if wp.static(effects.bdf2):
-                tree.start_velocity[dof] = rate + ahead * (rate - history.rate[dof])
-                history.rate[dof] = rate
+                tree.start_velocity[dof] = begin_axis(dof, rate, scale, history.rate)
 
     @wp.func
     def end_armatures(
         world: int,
-        static_slot: int,
-        h: float,
+        scale: WorldScale,
         body_qd_out: wp.array[wp.spatial_vector],
         model: BodyModel,
         joints: JointModel,
@@ -796,22 +795,40 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 measure_velocity(
-                    joint, static_slot, body_qd_out, model, joints, work, tree, history.velocity_lag
+                    joint,
+                    scale.static_slot,
+                    body_qd_out,
+                    model,
+                    joints,
+                    work,
+                    tree,
+                    history.velocity_lag,
                 )
                 k = tree.axis_start[body]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    moved = tree.coordinate[k] - tree.start_coordinate[k]
-                    history.velocity_lag[dof] = moved / h - history.velocity_lag[dof]
+                    rate = (tree.coordinate[k] - tree.start_coordinate[k]) / scale.step
+                    history.velocity_lag[dof] = rate - history.velocity_lag[dof]
+                    if wp.static(effects.bdf2):
+                        end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
                     k += 1
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 joint = loops.joints[i]
                 measure_velocity(
-                    joint, static_slot, body_qd_out, model, joints, work, tree, history.velocity_lag
+                    joint,
+                    scale.static_slot,
+                    body_qd_out,
+                    model,
+                    joints,
+                    work,
+                    tree,
+                    history.velocity_lag,
                 )
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    moved = loops.coordinate[dof] - loops.start_coordinate[dof]
-                    history.velocity_lag[dof] = moved / h - history.velocity_lag[dof]
+                    rate = (loops.coordinate[dof] - loops.start_coordinate[dof]) / scale.step
+                    history.velocity_lag[dof] = rate - history.velocity_lag[dof]
+                    if wp.static(effects.bdf2):
+                        end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
 
     @wp.func
     def begin_trees(
@@ -884,15 +901,12 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 if measure_misfit(body, static_slot, body_q, model, joints, work, tree, history):
                     is_open = True
                 if wp.static(effects.coordinates):
-                    if measure_start(
-                        body, static_slot, scale.ahead, model, joints, work, tree, history
-                    ):
+                    if measure_start(body, scale, model, joints, work, tree, history):
                         is_open = True
                 if wp.static(effects.armature):
                     begin_armature(
                         tree.joint[body],
-                        static_slot,
-                        scale.ahead,
+                        scale,
                         body_qd,
                         model,
                         joints,
@@ -905,8 +919,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 if wp.static(effects.armature):
                     begin_armature(
                         loops.joints[i],
-                        static_slot,
-                        scale.ahead,
+                        scale,
                         body_qd,
                         model,
                         joints,
@@ -914,7 +927,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                         tree,
                         history,
                     )
-                if begin_loop(i, scale.ahead, h, body_q, model, joints, work, tree, loops, history):
+                if begin_loop(i, scale, body_q, model, joints, work, tree, loops, history):
                     is_open = True
         if wp.static(effects.mimics):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -976,9 +989,8 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         # forces that stopped something within a short step would push too long in a longer one
         if h > LONGER * history.step[world]:
             history.age[world] = 0
-        last_step = history.step[world]
         if wp.static(effects.bdf2):
-            if worlds.step[world] < last_step:
+            if worlds.step[world] < history.step[world]:
                 scale.lag = 0.0
         history.step[world] = h
         deepest = float(0.0)
@@ -1033,7 +1045,6 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         if wp.static(effects.bdf2):
             scale = begin_bdf2(
                 world,
-                last_step,
                 has_impacts,
                 scale,
                 body_q,
@@ -1153,6 +1164,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             if update > enough * enough:
                 # what does not settle tells nothing of the next step
                 history.smooth[world] = 0
+            remember_loops(world, scale, joints, loops, history)
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
         side = 1 - history.parity[world]
@@ -1205,7 +1217,17 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                     velocity += wp.spatial_vector(wp.vec3(0.0), gain)
                 if wp.static(effects.bdf2):
                     remember_motion(
-                        body, velocity, body_q[body], body_qd[body], model, work, rows, history
+                        body,
+                        velocity,
+                        body_qd[body],
+                        scale,
+                        body_q,
+                        model,
+                        joints,
+                        work,
+                        rows,
+                        tree,
+                        history,
                     )
             body_qd_out[body] = velocity
 
@@ -1220,8 +1242,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         if wp.static(effects.armature):
             end_armatures(
                 world,
-                scale.static_slot,
-                step,
+                scale,
                 body_qd_out,
                 model,
                 joints,
@@ -1319,7 +1340,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 else:
                     report_held(worlds, world)
                 if wp.static(effects.bdf2):
-                    remember_pose(body, pose, model, history)
+                    remember_pose(body, pose, scale, body_q, body_qd, model, work, history)
             body_q_out[body] = pose
 
     flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"

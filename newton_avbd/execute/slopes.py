@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""How a step of second order continues a motion: by rates, and by slopes that lag behind them.
+
+The generalized alpha method of K. Jansen, C. Whiting, G. Hulbert (2000) for y' = f keeps beside the
+rate f_n, which holds at the end of a step, a slope s_n, which holds a time a_n before it. From
+
+    y_n+1 = y_n + A s_n + B f_n + C f_n+1,    y_n+1 = y_n + h ((1 - g) s_n + g s_n+1)
+
+and B = b h, a_n+1 = a h by two constants, the other weights follow: both sums are of second order,
+whatever the steps before, with A + B + C = h, C h - A a_n = h^2/2 and
+g = (h/2 + a_n)/(h - a h + a_n). A step of backward Euler leaves a slope of age h/2.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from ..data import AxisMotion, WorldScale
+
+SCHEMES = {"bdf2": 0.0, "generalized_alpha": 0.5}
+"""Schemes of second order, and the share that their steps leave of what is infinitely fast, rho."""
+
+
+def constants(rho: float) -> tuple[float, float]:
+    """a and b above (Jansen, Whiting, Hulbert, equations 20, 23, 24).
+
+    Args:
+        rho: Share that a step leaves of what is infinitely fast: 0 makes BDF2 of the method, 1 the
+            trapezoidal rule.
+    """
+    alpha_m, alpha_f = 0.5 * (3.0 - rho) / (1.0 + rho), 1.0 / (1.0 + rho)
+    gamma = 0.5 + alpha_m - alpha_f
+    return gamma - 0.5, gamma * (1.0 - alpha_f) / alpha_m
+
+
+@wp.func
+def second_order(scale: WorldScale, age: float, a: float, b: float) -> WorldScale:
+    """Weights of a step after one whose slopes are older than its end by ``age`` [s]."""
+    out = scale
+    h = scale.h
+    out.by_rate = b * h
+    out.by_slope = (0.5 - b) * h * h / (h + age)
+    out.step = h - out.by_rate - out.by_slope
+    out.blend = (0.5 * h + age) / ((1.0 - a) * h + age)
+    return out
+
+
+@wp.func
+def lead(scale: WorldScale, rate: Any, slope: Any):
+    """By how much a step starts ahead."""
+    return scale.by_rate * rate + scale.by_slope * slope
+
+
+@wp.func
+def next_slope(scale: WorldScale, change: Any, slope: Any):
+    """The slope after a step, by the change in it."""
+    return (change / scale.h - (1.0 - scale.blend) * slope) / scale.blend
+
+
+@wp.func
+def begin_axis(dof: int, start: float, scale: WorldScale, motions: wp.array[AxisMotion]) -> float:
+    """Where a step starts a degree of freedom, ahead of the value that it has."""
+    motion = motions[dof]
+    motions[dof].start = start
+    return start + lead(scale, motion.rate, motion.slope)
+
+
+@wp.func
+def end_axis(
+    dof: int, lead_start: float, end: float, scale: WorldScale, motions: wp.array[AxisMotion]
+):
+    """How a degree of freedom moved from where :func:`begin_axis` started it."""
+    motion = motions[dof]
+    motion.rate = (end - lead_start) / scale.step
+    motion.slope = next_slope(scale, end - motion.start, motion.slope)
+    motions[dof] = motion
