@@ -78,7 +78,7 @@ def _effort(setting: Setting) -> tuple[float, int]:
     return setting.substeps * (setting.iterations or 1), setting.substeps
 
 
-SUBSTEPS = (1, 2, 4, 8, 16, 32, 64)
+SUBSTEPS = (1, 2, 3, 4, 6, 8, 12, 16, 32, 64)
 ITERATIONS = (2, 5, 10, 20, 40)
 
 
@@ -172,7 +172,7 @@ def _featherstone(model: newton.Model, setting: Setting) -> SolverBase:
     return newton.solvers.SolverFeatherstone(model, angular_damping=0.0)
 
 
-AVBD_SCHEMES = ("euler", "bdf2")
+AVBD_SCHEMES = ("euler", "generalized_alpha")
 """Time integrations of SolverAVBD."""
 
 INTEGRATORS = ("implicitfast", "rk4")
