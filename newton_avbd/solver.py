@@ -349,8 +349,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self.model.joint_count,
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
-        self._launch_bodies(
+        self._launch(
             make_predict(self._flags, passing),
+            -(-self.model.body_count // passing.bodies_per_thread),
             [
                 self._bodies,
                 state_in.body_q,

@@ -213,7 +213,7 @@ def report_freed(
 
 @functools.cache
 def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
-    """Kernel, one thread a body: everything about a body that the sweeps need, once a step."""
+    """Kernel, one thread for one body or some: everything about a body that the sweeps need, once a step."""
     external_wrench = make_wrench(effects)
     a, read = passing.annotate, passing.read
 
@@ -289,6 +289,26 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         coasting = h * velocity
         work.increment[body] = coasting + history.falling[body] * (target - coasting)
 
+    @wp.func
+    def predict_bodies(
+        thread: int,
+        model: BodyModel,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        body_f: wp.array[wp.spatial_vector],
+        control: ControlInput,
+        h: float,
+        worlds: WorldWork,
+        history: History,
+        tree: TreeWork,
+        work: BodyWork,
+    ):
+        each = wp.static(passing.bodies_per_thread)
+        for body in range(thread * each, wp.min((thread + 1) * each, body_q.shape[0])):
+            predict_body(
+                body, model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
+            )
+
     @wp.kernel(enable_backward=False, module="unique")
     def predict(
         # Model:
@@ -306,7 +326,7 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         work: a(BodyWork),
     ):
         mode = flush_denormals()
-        predict_body(
+        predict_bodies(
             wp.tid(),
             read(model),
             body_q,

@@ -32,16 +32,18 @@ class Passing:
     Attributes:
         annotate: Type of a kernel's argument, by the type of the struct.
         read: Device function: the struct, from the argument.
+        bodies_per_thread: Bodies that a thread predicts, since it has to read the structs once.
     """
 
     annotate: Callable[[type], Any]
     read: wp.Function
+    bodies_per_thread: int
 
 
-BY_VALUE = Passing(lambda struct: struct, _itself)
+BY_VALUE = Passing(lambda struct: struct, _itself, 1)
 """What a GPU likes: constants, of which a kernel loads those that it needs, when it does."""
 
-RESIDENT = Passing(lambda struct: wp.array[struct], _first)
+RESIDENT = Passing(lambda struct: wp.array[struct], _first, 64)
 """What a CPU likes, see above."""
 
 
