@@ -636,7 +636,7 @@ class LastStep:
     spun: wp.vec3
     """Its slope [N m]."""
     wrench: wp.spatial_vectorf
-    """External force [N] and torque [N m]."""
+    """External force [N], weight included, and torque [N m]."""
     pose: wp.transform
 
 

@@ -311,3 +311,16 @@ def test_the_ramp_is_backward_euler() -> None:
     add_mass(builder)
     with pytest.raises(ValueError, match="leave scheme='generalized_alpha' out"):
         SolverAVBD(builder.finalize(device="cpu"), formulation="ramp", scheme=ALPHA)
+
+
+@both
+def test_gravity_that_is_switched_off_is_gone_at_once(scheme: str) -> None:
+    """After ten steps of it a body falls at 10 g h, and goes on so."""
+    builder = newton.ModelBuilder()
+    add_mass(builder)
+    sim = Simulation(builder, collide=False, scheme=scheme)
+    sim.step(10)
+    sim.model.set_gravity((0.0, 0.0, 0.0))
+    sim.solver.notify_model_changed(newton.ModelFlags.MODEL_PROPERTIES)
+    sim.step(10)
+    assert sim.velocity[0, 2] == pytest.approx(-10.0 * G * sim.dt, rel=1.0e-5)

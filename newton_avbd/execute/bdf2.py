@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..algebra.so3 import exp_quat, world_inertia
-from ..blocks.body import target_spin
+from ..blocks.body import target_spin, target_translation
 from ..data import (
     BodyModel,
     BodyWork,
@@ -39,7 +39,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE, rotation_vector
-from .bodies import has_rows, target_shift, target_turn
+from .bodies import has_rows, target_turn
 from .loops import has_loops
 from .slopes import constants, end_axis, lead, next_slope, second_order
 from .trees import is_linked
@@ -80,6 +80,13 @@ def begin_bodies(
 
 
 @wp.func
+def external_wrench(model: BodyModel, body: int, work: BodyWork) -> wp.spatial_vector:
+    """External force [N], weight included, and torque [N m] on a body."""
+    weight = model.mass[body] * model.gravity[model.world[body]]
+    return work.wrench[body] + wp.spatial_vector(weight, wp.vec3(0.0))
+
+
+@wp.func
 def jumps(now: wp.vec3, last: wp.vec3, least: float) -> bool:
     """Whether what pushes a body has changed by half of it, or half of ``least``."""
     most = wp.max(wp.max(wp.length_sq(now), wp.length_sq(last)), least * least)
@@ -112,7 +119,8 @@ def is_continued(
             turn = scale.h * wp.length(wp.spatial_bottom(last.slope))
             if not is_left or turn > MOST_TURN:
                 return False
-            force, torque = wp.spatial_top(work.wrench[body]), wp.spatial_bottom(work.wrench[body])
+            wrench = external_wrench(model, body, work)
+            force, torque = wp.spatial_top(wrench), wp.spatial_bottom(wrench)
             weight = scale.gravity * model.mass[body]
             if jumps(force, wp.spatial_top(last.wrench), weight):
                 return False
@@ -261,8 +269,9 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         ahead = lead(scale, velocity, last.slope)
         v = velocity + lead(scale, last.acceleration, last.gain)
         # external forces are those of the whole step: all of their impulse, none of the last one's
-        wrench = (scale.h / step) * work.wrench[body]
-        dx = target_shift(model, body, v, wrench, step)
+        wrench = (scale.h / step) * external_wrench(model, body, work)
+        push = model.inv_mass[body] * wp.spatial_top(wrench)
+        dx = target_translation(wp.spatial_top(v), push, step)
         rotation = wp.transform_get_rotation(body_q[body])
         turn = wp.spatial_bottom(ahead)
         dtheta = wp.vec3(0.0)
@@ -394,7 +403,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                     )
                     k += 1
         last = history.last[body]
-        wrench = work.wrench[body]
+        wrench = external_wrench(model, body, work)
         given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
         if wp.static(not effects.gyroscopic):
             rotation = wp.transform_get_rotation(body_q[body])

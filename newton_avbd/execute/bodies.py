@@ -213,7 +213,7 @@ def report_freed(
 
 @functools.cache
 def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
-    """Kernel, one thread for one body or some: everything about a body that the sweeps need, once a step."""
+    """Kernel, a thread for a body or some: all that the sweeps need of one, once a step."""
     external_wrench = make_wrench(effects)
     a, read = passing.annotate, passing.read
 
