@@ -33,6 +33,7 @@ QUICK = {
     "joint_grid_8": 0.5,
     "breakable_wall": 0.3,
     "crushed_stack": 1.5,
+    "thin_plate": 1.0,
     "top_10": 1.0,
     "top_1000": 1.0,
     "top_10000": 1.0,

@@ -1003,7 +1003,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         history,
                     )
             if wp.static(effects.piles):
-                link_piles(world, model, worlds, work, rows, tree)
+                link_piles(world, scale.slop, model, worlds, work, rows, tree)
             if contact_count > 0:
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
