@@ -166,7 +166,7 @@ class Bdf2Functions:
 
     begin_step: wp.Function
     remember_motion: wp.Function
-    remember_pose: wp.Function
+    remember_state: wp.Function
 
 
 def make_bdf2(effects: Effects) -> Bdf2Functions:
@@ -269,15 +269,13 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         if wp.static(effects.gyroscopic):
             momentum = spin_momentum(model, body, rotation, velocity)
             momentum += scale.ahead * last.spun + step * wp.spatial_bottom(wrench)
+            work.momentum[body] = momentum
             if is_free:
                 start = exp_quat(turn) * rotation
                 kept = wp.quat_rotate_inv(start, momentum)
                 w = target_spin(model.inertia[body], model.inv_inertia[body], kept, step)
                 end = start * exp_quat(step * w)
                 dtheta = rotation_vector(end * wp.quat_inverse(rotation)) - turn
-                spin = model.inv_inertia[body] * wp.quat_rotate_inv(end, momentum)
-                rounded = (turn + dtheta) - turn
-                work.spin_gain[body] = wp.quat_rotate(end, spin) - rounded / step
             else:
                 # the inertia of the end of the step, where the body goes if all stays smooth
                 spin = wp.spatial_bottom(velocity + ratio * last.gain)
@@ -363,7 +361,6 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
     @wp.func
     def remember_motion(
         body: int,
-        velocity: wp.spatial_vector,
         start: wp.transform,
         start_velocity: wp.spatial_vector,
         model: BodyModel,
@@ -379,8 +376,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             history.pushing[body] = pushing
         last = history.last[body]
         last.increment = work.increment[body]
-        last.gain = velocity - start_velocity
-        last.velocity = velocity
+        last.gain = -start_velocity
         last.wrench = work.wrench[body]
         if wp.static(effects.gyroscopic):
             rotation = wp.transform_get_rotation(start)
@@ -388,13 +384,21 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         history.last[body] = last
 
     @wp.func
-    def remember_pose(body: int, pose: wp.transform, model: BodyModel, history: History):
-        """Where a step has left a body."""
+    def remember_state(
+        body: int,
+        pose: wp.transform,
+        velocity: wp.spatial_vector,
+        model: BodyModel,
+        history: History,
+    ):
+        """Where a step has left a body, and how fast."""
         last = history.last[body]
         last.pose = pose
+        last.velocity = velocity
+        last.gain += velocity
         if wp.static(effects.gyroscopic):
             rotation = wp.transform_get_rotation(pose)
             last.spun += spin_momentum(model, body, rotation, last.velocity)
         history.last[body] = last
 
-    return Bdf2Functions(begin_step, remember_motion, remember_pose)
+    return Bdf2Functions(begin_step, remember_motion, remember_state)
