@@ -27,6 +27,7 @@ QUICK = {
     "heavy_on_ten_1000": 0.5,
     "heavy_dropped_1000": 0.6,
     "light_between_heavy_100000": 0.5,
+    "landing_20_balls": 3.0,
     "alternating_steps": 1.0,
     "pendulum_50_50000": 1.0,
     "zero_distance": 0.5,

@@ -1213,9 +1213,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                             spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
                     velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
                 if wp.static(effects.bdf2):
-                    remember_motion(
-                        body, body_q[body], body_qd[body], model, work, rows, history
-                    )
+                    remember_motion(body, body_q[body], body_qd[body], model, work, rows, history)
             body_qd_out[body] = velocity
 
         if wp.static(effects.restitution):
