@@ -374,6 +374,7 @@ def test_momentum_is_balanced(scene: Scene) -> None:
         linear += pushed.sum(axis=0)
         twisted = sim.spin_momentum[indices] - spin
         angular += (np.cross(center, pushed) + twisted).sum(axis=0)
+    assert not sim.solver.status.held_steps.any()
     assert np.abs(linear).max() <= 1e-5 * scale
     assert np.abs(angular).max() <= 1e-5 * scale
 
