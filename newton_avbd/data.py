@@ -247,8 +247,9 @@ class BodyWork:
     """Inertial target of the pose increment: (dx* [m], dtheta* [rad])."""
     increment: wp.array[wp.spatial_vector]
     """The unknowns: (dx [m], dtheta [rad]) from the pose in state_in."""
-    spin_gain: wp.array[wp.vec3]
-    """Angular velocity that the gyroscopic solve leaves beside dtheta*/h [rad/s]."""
+    momentum: wp.array[wp.vec3]
+    """Angular momentum at the end of the step without constraints [N m s], world axes; where bodies
+    have unequal principal moments."""
     spin_momentum: wp.array[wp.vec3]
     """Angular momentum [N m s] that a linked body resists tilting with, once it turns fast; zero
     for others."""
@@ -307,7 +308,7 @@ class IslandSum:
     momentum: wp.vec3
     """Missing momentum times h [kg m]."""
     angular: wp.vec3
-    """Missing angular momentum about the island's COM times h [kg m^2]."""
+    """Missing angular momentum about the island's COM, of increments times h [kg m^2 or N m s]."""
     inertia: wp.mat33
     """Inertia about the island's COM [kg m^2]."""
 

@@ -682,7 +682,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._work.inv_inertia = wp.zeros(slots, dtype=wp.mat33)
             self._work.target = wp.zeros(slots, dtype=wp.spatial_vector)
             self._work.increment = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._work.spin_gain = wp.zeros(slots, dtype=wp.vec3)
+            self._work.momentum = wp.zeros(slots, dtype=wp.vec3)
             self._work.spin_momentum = wp.zeros(slots, dtype=wp.vec3)
             self._work.finite = wp.zeros(slots, dtype=wp.int32)
             self._work.pose = wp.zeros(slots, dtype=wp.transform)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import newton
 import numpy as np
 import pytest
-from helpers import NO_GRAVITY, G, Simulation
+from helpers import NO_GRAVITY, G, Simulation, surface
 from joint_scenes import (
     WORLD,
     add_link,
@@ -258,6 +258,21 @@ def test_a_least_distance_keeps_bodies_apart() -> None:
         farthest = max(farthest, anchor_gaps(sim)[0])
     assert 0.5 - 1.0e-4 < nearest < 0.5 + 1.0e-4
     assert farthest > 1.0  # it left: no largest distance
+
+
+def test_bodies_on_strings_stay_where_they_touch() -> None:
+    """What pushes them apart does not let them fall."""
+    builder = newton.ModelBuilder()
+    for x in (-0.1, 0.1):
+        ball = builder.add_link(xform=transform((x, 0.0, 0.0)))
+        builder.add_shape_sphere(ball, radius=0.1, cfg=surface())
+        top = transform((x, 0.0, 1.0))
+        joint = builder.add_joint_distance(WORLD, ball, parent_xform=top, max_distance=1.0)
+        builder.add_articulation([joint])
+    sim = Simulation(builder)
+    for _ in range(120):
+        sim.step()
+        assert np.abs(sim.pose[:, 2]).max() < 1.0e-4
 
 
 def rod(gravity: bool, **stiffness: float) -> Simulation:

@@ -317,9 +317,30 @@ def assert_same_motion(one: Array, other: Array, tolerance: float) -> None:
     assert turn.magnitude().max() <= 10.0 * tolerance
 
 
+SLIDING_ROOT = Scene(
+    (
+        Body(
+            *("cylinder", 0.1, 1.0, (0.125, -0.375, 0.0), (0.0, 0.6, 0.0, 0.8)),
+            *((0.0, -1.0, 2.5), (14.0, 16.0, 6.0), None),
+        ),
+        Body(
+            *("sphere", 0.5, 1e6, (0.0,) * 3, (0.0, 0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3),
+            Joint(
+                *("prismatic", 0, (1.0, 0.0, 0.0)),
+                *((0.125, 0.3125, -0.0625), (-0.4375, 0.1875, 0.0), 0.0, False),
+            ),
+        ),
+    ),
+    ground=False,
+    gravity=True,
+)
+"""0.4 g that slide on what carries 65 t: less than the rounding of those."""
+
+
 @hypothesis.seed(SEED)
 @random_scenes
 @hypothesis.given(scenes())
+@hypothesis.example(SLIDING_ROOT)
 def test_everything_stays_finite(scene: Scene) -> None:
     """And no body flies: nothing in these scenes can push one to more than 100 m/s."""
     sim, indices = build(scene)
@@ -337,18 +358,15 @@ def test_momentum_is_balanced(scene: Scene) -> None:
 
     Forces that bodies exert on each other in a step have no moment about the origin where the
     bodies were when it began (what pushes overlapping bodies apart moves them without a force).
-    What a step adds to spin momentum is linear in the turn, an error of first order: up to 2e-3 at
-    240 Hz in what tumbles at 25 rad/s, a fourth of that at 960 Hz. The rest is rounding, relative
-    to the momentum of all bodies, each without its sign.
+    The rest is rounding, relative to the momentum of all bodies, each without its sign.
     """
     sim, indices = build(scene)
-    sim.dt = 0.25 * DT
     mass = sim.mass[indices][:, None]
     speed = np.linalg.norm(sim.velocity[indices], axis=1)[:, None] + G * STEPS * DT
     scale = float(np.sum(mass * speed))
-    gained = np.array([0.0, 0.0, -G * sim.dt if scene.gravity else 0.0])
+    gained = np.array([0.0, 0.0, -G * DT if scene.gravity else 0.0])
     linear, angular = np.zeros(3), np.zeros(3)
-    for _ in range(2 * STEPS):
+    for _ in range(STEPS):
         center, velocity = sim.center[indices], sim.velocity[indices, :3]
         spin = sim.spin_momentum[indices]
         sim.step()
@@ -356,8 +374,9 @@ def test_momentum_is_balanced(scene: Scene) -> None:
         linear += pushed.sum(axis=0)
         twisted = sim.spin_momentum[indices] - spin
         angular += (np.cross(center, pushed) + twisted).sum(axis=0)
+    assert not sim.solver.status.held_steps.any()
     assert np.abs(linear).max() <= 1e-5 * scale
-    assert np.abs(angular).max() <= 1e-3 * scale
+    assert np.abs(angular).max() <= 1e-5 * scale
 
 
 @hypothesis.seed(SEED)

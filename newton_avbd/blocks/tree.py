@@ -22,6 +22,10 @@ import warp as wp
 
 from ..data import TreeAxis
 
+ROUNDED = wp.constant(3.0e-8)
+"""What rounding may take from a sum of blocks, as a share of the larger. (4e-7 slows what has 6e-8
+of what it carries: after ten sweeps it has slid 17 % too far; without, 6e-9 was not finite.)"""
+
 
 @wp.func
 def geometric_stiffness(force: wp.vec3, arm: wp.vec3) -> wp.mat33:
@@ -195,3 +199,13 @@ def projected(
 ):
     """The block without what rounding has left in it along directions in which nothing holds."""
     return shifting * h_ll * shifting, turning * h_al * shifting, turning * h_aa * turning
+
+
+@wp.func
+def not_less_than_rounding(held: wp.mat33, block: wp.mat33) -> wp.mat33:
+    """A projected block with the rounding of its largest along the directions that it leaves free.
+
+    What a light parent has of its own along these is lost in the sum, and a sum that rounding makes
+    negative throws it away. So it gives way more slowly, sweep by sweep.
+    """
+    return block + (ROUNDED * wp.trace(block)) * (wp.identity(n=3, dtype=float) - held)

@@ -175,7 +175,7 @@ class Bdf2Functions:
     begin_step: wp.Function
     remember_motion: wp.Function
     remember_loops: wp.Function
-    remember_pose: wp.Function
+    remember_state: wp.Function
 
 
 def make_bdf2(effects: Effects) -> Bdf2Functions:
@@ -284,9 +284,6 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                 w = target_spin(model.inertia[body], model.inv_inertia[body], kept, step)
                 end = start * exp_quat(step * w)
                 dtheta = rotation_vector(end * wp.quat_inverse(rotation)) - turn
-                spin = model.inv_inertia[body] * wp.quat_rotate_inv(end, momentum)
-                rounded = (turn + dtheta) - turn
-                work.spin_gain[body] = wp.quat_rotate(end, spin) - rounded / step
             else:
                 momentum += lead(scale, last.torque, last.spun)
                 # the inertia of the end of the step, where the body goes if all stays smooth
@@ -294,6 +291,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                 end = exp_quat(turn + step * spin) * rotation
                 work.inertia[body] = world_inertia(end, model.inertia[body])
                 dtheta = step * (world_inertia(end, model.inv_inertia[body]) * momentum)
+            work.momentum[body] = momentum
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
         target = ahead + wp.spatial_vector(dx, dtheta)
@@ -372,11 +370,8 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
     @wp.func
     def remember_motion(
         body: int,
-        velocity: wp.spatial_vector,
         start_velocity: wp.spatial_vector,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: BodyModel,
         joints: JointModel,
         work: BodyWork,
         rows: RowWork,
@@ -403,19 +398,9 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                     )
                     k += 1
         last = history.last[body]
-        wrench = external_wrench(model, body, work)
-        given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
-        if wp.static(not effects.gyroscopic):
-            rotation = wp.transform_get_rotation(body_q[body])
-            spin = world_inertia(rotation, model.inv_inertia[body]) * wp.spatial_bottom(wrench)
-            given = wp.spatial_vector(wp.spatial_top(given), spin)
-        change = velocity - start_velocity - scale.h * given
-        ahead = lead(scale, last.acceleration, last.gain)
-        last.acceleration = (change - ahead) / scale.step
-        last.gain = next_slope(scale, change, last.gain)
+        # until the step is done, that of its start
+        last.velocity = start_velocity
         last.slope = next_slope(scale, work.increment[body], last.slope)
-        last.velocity = velocity
-        last.wrench = wrench
         history.last[body] = last
 
     @wp.func
@@ -436,28 +421,37 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                     )
 
     @wp.func
-    def remember_pose(
+    def remember_state(
         body: int,
         pose: wp.transform,
+        velocity: wp.spatial_vector,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
         model: BodyModel,
         work: BodyWork,
         history: History,
     ):
-        """Where a step has left a body."""
+        """Where a step has left a body, how fast, and what its constraints did to that."""
         last = history.last[body]
-        last.pose = pose
+        before = wp.transform_get_rotation(body_q[body])
+        wrench = external_wrench(model, body, work)
+        given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
         if wp.static(effects.gyroscopic):
-            before = wp.transform_get_rotation(body_q[body])
             after = wp.transform_get_rotation(pose)
-            change = spin_momentum(model, body, after, last.velocity)
-            change -= spin_momentum(model, body, before, body_qd[body])
-            change -= scale.h * wp.spatial_bottom(last.wrench)
-            ahead = lead(scale, last.torque, last.spun)
-            last.torque = (change - ahead) / scale.step
+            change = spin_momentum(model, body, after, velocity)
+            change -= spin_momentum(model, body, before, last.velocity)
+            change -= scale.h * wp.spatial_bottom(wrench)
+            last.torque = (change - lead(scale, last.torque, last.spun)) / scale.step
             last.spun = next_slope(scale, change, last.spun)
+        else:
+            spin = world_inertia(before, model.inv_inertia[body]) * wp.spatial_bottom(wrench)
+            given = wp.spatial_vector(wp.spatial_top(given), spin)
+        gain = velocity - last.velocity - scale.h * given
+        last.acceleration = (gain - lead(scale, last.acceleration, last.gain)) / scale.step
+        last.gain = next_slope(scale, gain, last.gain)
+        last.velocity = velocity
+        last.wrench = wrench
+        last.pose = pose
         history.last[body] = last
 
-    return Bdf2Functions(begin_step, remember_motion, remember_loops, remember_pose)
+    return Bdf2Functions(begin_step, remember_motion, remember_loops, remember_state)

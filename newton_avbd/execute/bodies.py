@@ -256,21 +256,12 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         if wp.static(effects.bdf2):
             work.wrench[body] = wrench
         if wp.static(effects.gyroscopic):
-            is_linked = bool(False)
-            if wp.static(effects.joints):
-                is_linked = tree.joint[body] >= 0
-            if is_linked:
-                # its joint decides what spin is left; the target's mean spin is all that counts
-                w, momentum = mean_spin(model, body, rotation, velocity, wrench, h)
-                dtheta = h * w
-                if wp.static(effects.tilting):
-                    is_fast = wp.length_sq(dtheta) > FAST * FAST
-                    work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
-            else:
-                w, turn, spin = free_turn_of(model, body, rotation, velocity, wrench, h)
-                w = wp.quat_rotate(rotation, w)
-                dtheta = h * w
-                work.spin_gain[body] = wp.quat_rotate(rotation * turn, spin) - w
+            w, momentum = mean_spin(model, body, rotation, velocity, wrench, h)
+            dtheta = h * w
+            work.momentum[body] = momentum
+            if wp.static(effects.tilting):
+                is_fast = tree.joint[body] >= 0 and wp.length_sq(dtheta) > FAST * FAST
+                work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
             work.inertia[body] = world_inertia(rotation, model.inertia[body])
             if wp.static(effects.contact or effects.loops or effects.reaction):
                 work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
@@ -425,5 +416,6 @@ def push_parents(
             push = model.inv_mass[parent] * force
             spin = work.inv_inertia[parent] * torque
             work.target[parent] = work.target[parent] - (h * h) * wp.spatial_vector(push, spin)
+            work.momentum[parent] = work.momentum[parent] - h * torque
             if work.wrench.shape[0] > 0:
                 work.wrench[parent] = work.wrench[parent] - wp.spatial_vector(force, torque)

@@ -3,12 +3,15 @@
 """Momentum of islands: bodies that may push each other and push nothing that is fixed.
 
 Forces within an island cannot change its momentum. Sweeps that stop early do: two bodies that meet
-are held together by the penalty, and their common motion converges slowly. The rigid motion of the
-island that brings back its momentum is known in closed form and leaves all slips as they are.
+are held together by the penalty, and their common motion converges slowly. So do turns, in which
+the block of a body keeps the inertia that it had at the start of the step, and recovery, which
+turns a body and leaves its spin. The rigid motion of the island that brings back its momentum is
+known in closed form and leaves all slips as they are.
 """
 
 import warp as wp
 
+from ..algebra.so3 import world_inertia
 from ..data import BodyModel, BodyWork, IslandSum, IslandWork, WorldWork
 
 
@@ -51,13 +54,35 @@ def is_free_island(islands: IslandWork, body: int) -> bool:
 
 
 @wp.func
+def is_alone(islands: IslandWork, body: int) -> bool:
+    """Whether nothing pushes the body."""
+    root = island_of(islands, body)
+    return islands.fixed[root] == 0 and islands.sum[root].bodies == 1
+
+
+@wp.func
+def rigid_turn(total: IslandSum) -> wp.vec3:
+    """Turn that gives an island its missing angular momentum."""
+    # scaled: the determinant of a small island's inertia would underflow
+    size = wp.trace(total.inertia)
+    return wp.inverse(total.inertia / size) * (total.angular / size)
+
+
+@wp.func
+def point_inertia(mass: float, r: wp.vec3) -> wp.mat33:
+    """Inertia of a point mass at r [kg m^2]."""
+    return mass * (wp.diag(wp.vec3(wp.dot(r, r))) - wp.outer(r, r))
+
+
+@wp.func
 def keep_momentum(
     world: int, model: BodyModel, worlds: WorldWork, work: BodyWork, islands: IslandWork
-):
+) -> bool:
     """Moves each free island rigidly so that it has the momentum of its inertial targets.
 
     With r from the island's COM, the missing momentum is sum m (dx* - dx) and the missing angular
-    momentum sum r x m (dx* - dx) + I (dtheta* - dtheta), both times h.
+    momentum sum r x m (dx* - dx) + I (dtheta* - dtheta), both times h. Returns whether there is
+    a free island.
     """
     first = worlds.body_start[world]
     last = worlds.body_start[world + 1]
@@ -77,7 +102,7 @@ def keep_momentum(
                 islands.sum[root] = total
                 largest = wp.max(largest, total.bodies)
     if largest < 2:
-        return
+        return False
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
@@ -89,16 +114,70 @@ def keep_momentum(
             total.momentum += momentum
             total.angular += wp.cross(r, momentum)
             total.angular += work.inertia[body] * wp.spatial_bottom(missing)
-            total.inertia += work.inertia[body]
-            total.inertia += model.mass[body] * (wp.diag(wp.vec3(wp.dot(r, r))) - wp.outer(r, r))
+            total.inertia += work.inertia[body] + point_inertia(model.mass[body], r)
             islands.sum[root] = total
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
             total = islands.sum[island_of(islands, body)]
             r = work.com[body] - total.com / total.mass
-            # scaled: the determinant of a small island's inertia would underflow
-            size = wp.trace(total.inertia)
-            turn = wp.inverse(total.inertia / size) * (total.angular / size)
+            turn = rigid_turn(total)
             shift = total.momentum / total.mass + wp.cross(turn, r)
             work.increment[body] = work.increment[body] + wp.spatial_vector(shift, turn)
+    return True
+
+
+@wp.func
+def keep_spin(
+    world: int,
+    h: float,
+    body_q: wp.array[wp.transform],
+    model: BodyModel,
+    worlds: WorldWork,
+    work: BodyWork,
+    islands: IslandWork,
+    body_qd: wp.array[wp.spatial_vector],
+):
+    """Turns the velocities of each free island so that it has its angular momentum.
+
+    Of what forces within the island leave as it is, sum r x m v + I w with r at the start and I at
+    the end of the step lacks sum r x m (v* - v) + L - I w, where L is the momentum of a body that
+    nothing pushes.
+
+    Args:
+        world: The world.
+        h: Time step [s].
+        body_q: Poses after the step.
+        model: The bodies.
+        worlds: Which of them are in the world.
+        work: Their targets and increments.
+        islands: As :func:`keep_momentum` has summed them.
+        body_qd: Velocities after the step.
+    """
+    first = worlds.body_start[world]
+    last = worlds.body_start[world + 1]
+    for i in range(first, last):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
+            root = island_of(islands, body)
+            total = islands.sum[root]
+            if body == root:
+                total.angular = wp.vec3(0.0)
+                total.inertia = wp.mat33(0.0)
+            free = work.target[body]
+            if work.lead.shape[0] > 0:
+                free -= work.lead[body]
+            inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
+            missing = wp.spatial_top(free) / h - wp.spatial_top(body_qd[body])
+            r = work.com[body] - total.com / total.mass
+            total.angular += model.mass[body] * wp.cross(r, missing)
+            total.angular += work.momentum[body] - inertia * wp.spatial_bottom(body_qd[body])
+            total.inertia += inertia + point_inertia(model.mass[body], r)
+            islands.sum[root] = total
+    for i in range(first, last):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
+            total = islands.sum[island_of(islands, body)]
+            r = work.com[body] - total.com / total.mass
+            spin = rigid_turn(total)
+            body_qd[body] = body_qd[body] + wp.spatial_vector(wp.cross(spin, r), spin)

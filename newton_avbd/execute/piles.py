@@ -103,10 +103,10 @@ def row_of(body: int, i: int, rows: RowWork) -> int:
 
 
 @wp.func
-def is_grounded(body: int, work: BodyWork, rows: RowWork) -> bool:
-    """Whether a body has a contact with something that the solver does not move."""
+def is_grounded(body: int, gap: float, work: BodyWork, rows: RowWork) -> bool:
+    """Whether a body is at most ``gap`` [m] from something that the solver does not move."""
     for i in range(rows.owned_start[body], rows.owned_end[body]):
-        if work.inv_mass[rows.rows[i].b] == 0.0:
+        if work.inv_mass[rows.rows[i].b] == 0.0 and rows.rows[i].gap <= gap:
             return True
     return False
 
@@ -119,6 +119,18 @@ def reach(slot: int, parent: int, at: int, rows: RowWork) -> int:
     rows.piles.parent[slot] = parent
     rows.piles.order[at] = slot
     return at + 1
+
+
+@wp.func
+def spread(at: int, end: int, rows: RowWork) -> int:
+    """Links, breadth first, what the bodies listed from ``at`` to ``end`` touch; the new end."""
+    while at < end:
+        body = rows.piles.order[at]
+        for k in range(row_count(body, rows)):
+            row = rows.rows[row_of(body, k, rows)]
+            end = reach(row.a + row.b - body, body, end, rows)
+        at += 1
+    return end
 
 
 @dataclass(frozen=True)
@@ -142,6 +154,7 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
     @wp.func
     def link_piles(
         world: int,
+        slop: float,
         model: BodyModel,
         worlds: WorldWork,
         work: BodyWork,
@@ -158,20 +171,19 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
                 is_loose = is_loose and not has_joints(i, worlds, tree)
             rows.piles.parent[body] = wp.where(is_loose, _UNSEEN, OUTSIDE)
         end = int(first)
-        for i in range(first, last):
-            if is_grounded(worlds.bodies[i], work, rows):
-                end = reach(worlds.bodies[i], ROOT, end, rows)
-        at = int(first)
+        near = float(slop)
+        for _ in range(2):
+            # what the ground carries comes first: another body may be in the way of what falls
+            at = int(end)
+            for i in range(first, last):
+                if is_grounded(worlds.bodies[i], near, work, rows):
+                    end = reach(worlds.bodies[i], ROOT, end, rows)
+            end = spread(at, end, rows)
+            near = wp.inf
         for i in range(first, last):
             # what the ground does not carry starts from its first body
-            if at == end:
-                end = reach(worlds.bodies[i], ROOT, end, rows)
-            while at < end:
-                body = rows.piles.order[at]
-                for k in range(row_count(body, rows)):
-                    row = rows.rows[row_of(body, k, rows)]
-                    end = reach(row.a + row.b - body, body, end, rows)
-                at += 1
+            end = spread(end, reach(worlds.bodies[i], ROOT, end, rows), rows)
+        at = int(end)
         while at > first:
             at -= 1
             body = rows.piles.order[at]
@@ -189,7 +201,7 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
                 # of a pile that floats, the reduced mass of the two sides
                 rows.piles.held[body] = wp.where(whole > 0.0, mass * (whole - mass) / whole, mass)
             else:
-                on_ground = is_grounded(body, work, rows)
+                on_ground = is_grounded(body, wp.inf, work, rows)
                 rows.piles.whole[body] = wp.where(on_ground, 0.0, mass)
                 # a body that carries nothing is in the effective mass of its rows
                 carries = on_ground and mass > model.mass[body]

@@ -698,6 +698,8 @@ def make_trees(
             if wp.static(effects.light_roots):
                 h_ll, h_al, h_aa = algebra.span_block(-arm_c, h_ll, h_al, h_aa)
                 h_ll, h_al, h_aa = algebra.projected(shifting, turning, h_ll, h_al, h_aa)
+                h_ll = algebra.not_less_than_rounding(shifting, h_ll)
+                h_aa = algebra.not_less_than_rounding(turning, h_aa)
                 push = algebra.handed_down(-arm_c, push)
                 push = wp.spatial_vector(
                     shifting * wp.spatial_top(push) + thrust,

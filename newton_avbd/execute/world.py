@@ -8,7 +8,7 @@ import warp as wp
 
 from ..algebra.block import factor_block, solve_block
 from ..algebra.so3 import exp_quat
-from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
+from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, spin_of, turned
 from ..data import (
     BodyModel,
     BodyWork,
@@ -36,7 +36,7 @@ from .closures import make_closures
 from .contacts import make_rows
 from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
-from .islands import begin_island, join_islands, keep_momentum
+from .islands import begin_island, is_alone, join_islands, keep_momentum, keep_spin
 from .launch import BY_VALUE, Passing
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
@@ -402,7 +402,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     coasting_increment = make_coasting(effects)
     bdf2 = make_bdf2(effects)
     begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
-    remember_pose, remember_loops = bdf2.remember_pose, bdf2.remember_loops
+    remember_loops, remember_state = bdf2.remember_loops, bdf2.remember_state
     find_impacts = impacts.find_impacts
     release_impacts = impacts.release_impacts
     restore_impacts = impacts.restore_impacts
@@ -432,17 +432,23 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         return 1.0
 
     @wp.func
-    def only_contacts_hold(
-        rank: int, worlds: WorldWork, rows: RowWork, tree: TreeWork, loops: LoopWork
-    ) -> bool:
-        """Whether the body of this rank has contacts and no joints."""
-        body = worlds.bodies[rank]
-        result = has_rows(rows, body)
+    def has_no_joints(rank: int, worlds: WorldWork, tree: TreeWork, loops: LoopWork) -> bool:
+        """Whether no joint holds the body of this rank."""
+        result = bool(True)
         if wp.static(effects.joints):
-            result = result and not is_tree(rank, worlds.block_end[rank], body, tree)
+            result = not is_tree(rank, worlds.block_end[rank], worlds.bodies[rank], tree)
         if wp.static(effects.loops):
-            result = result and not has_loops(loops, body)
+            result = result and not has_loops(loops, worlds.bodies[rank])
         return result
+
+    @wp.func
+    def is_touched_by(body: int, rows: RowWork, islands: IslandWork) -> bool:
+        """Whether contacts have pushed a body."""
+        if wp.static(not effects.contact):
+            return False
+        if wp.static(effects.ramp):
+            return has_rows(rows, body)
+        return has_rows(rows, body) and not is_alone(islands, body)
 
     @wp.func
     def assemble_body(
@@ -1017,7 +1023,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                         history,
                     )
             if wp.static(effects.piles):
-                link_piles(world, model, worlds, work, rows, tree)
+                link_piles(world, scale.slop, model, worlds, work, rows, tree)
             if contact_count > 0:
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
@@ -1127,9 +1133,6 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                     work.increment[body] = work.target[body]
                 else:
                     sweeps = iterations
-                    if wp.static(effects.gyroscopic):
-                        # constraints see the mean spin over the step, and so does the velocity
-                        work.spin_gain[body] = wp.vec3(0.0)
         if wp.static(effects.piles):
             factor_piles(world, worlds, work, rows)
         if wp.static(not effects.ramp):
@@ -1168,14 +1171,20 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
         side = 1 - history.parity[world]
+        has_islands = bool(False)
         if wp.static(effects.contact):
             for i in range(body_start, body_end):
                 remember_rows(
                     worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
                 )
+            if wp.static(effects.loops):
+                for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                    joint = loops.joints[i]
+                    parent = parent_slot(joints, joint, scale.static_slot)
+                    join_islands(islands, worlds, work, joints.child[joint], parent)
             if wp.static(not effects.ramp):
                 if sweeps > 0:
-                    keep_momentum(world, model, worlds, work, islands)
+                    has_islands = keep_momentum(world, model, worlds, work, islands)
         if not is_solution_finite(world, worlds, work):
             hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
             return
@@ -1200,35 +1209,25 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 history.falling[body] = wp.clamp(
                     wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
                 )
-                if wp.static(effects.bdf2):
-                    increment -= work.lead[body]
                 velocity = increment / step
+                if wp.static(effects.bdf2):
+                    velocity = (increment - work.lead[body]) / step
                 if wp.static(effects.gyroscopic):
-                    gain = work.spin_gain[body]
+                    turn = wp.spatial_bottom(increment)
+                    spin = wp.spatial_bottom(velocity)
+                    if has_no_joints(i, worlds, tree, loops):
+                        if is_touched_by(body, rows, islands):
+                            spin += carried_roll(turn, work.inv_inertia[body]) / step
+                        else:
+                            end = turned(body_q[body], increment)
+                            spin = spin_of(model.inv_inertia[body], end, work.momentum[body])
                     if wp.static(effects.tilting):
                         if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                            spin = wp.spatial_bottom(work.target[body])
-                            tilt = wp.spatial_bottom(increment) - spin
-                            gain = (wp.quat_rotate(exp_quat(tilt), spin) - spin) / step
-                    if wp.static(effects.contact):
-                        if only_contacts_hold(i, worlds, rows, tree, loops):
-                            turn = wp.spatial_bottom(increment)
-                            gain = carried_roll(turn, work.inv_inertia[body]) / step
-                    velocity += wp.spatial_vector(wp.vec3(0.0), gain)
+                            free = wp.spatial_bottom(work.target[body])
+                            spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
+                    velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
                 if wp.static(effects.bdf2):
-                    remember_motion(
-                        body,
-                        velocity,
-                        body_qd[body],
-                        scale,
-                        body_q,
-                        model,
-                        joints,
-                        work,
-                        rows,
-                        tree,
-                        history,
-                    )
+                    remember_motion(body, body_qd[body], scale, joints, work, rows, tree, history)
             body_qd_out[body] = velocity
 
         if wp.static(effects.restitution):
@@ -1323,8 +1322,8 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                     rotation = renormalised(tree.rotation[body])
                 if not is_turned:
                     rotation = turned(pose, increment)
-                    if wp.static(effects.gyroscopic and effects.contact):
-                        if only_contacts_hold(i, worlds, rows, tree, loops):
+                    if wp.static(effects.gyroscopic):
+                        if is_touched_by(body, rows, islands):
                             rotation = rolled(pose, increment, work.inv_inertia[body])
                 shift = origin_shift(pose, model.com[body], increment, rotation)
                 if wp.static(effects.joints):
@@ -1339,9 +1338,16 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                         history.lost[body] = shift - (after - before)
                 else:
                     report_held(worlds, world)
-                if wp.static(effects.bdf2):
-                    remember_pose(body, pose, scale, body_q, body_qd, model, work, history)
             body_q_out[body] = pose
+        if wp.static(effects.gyroscopic and effects.contact):
+            if has_islands:
+                keep_spin(world, step, body_q_out, model, worlds, work, islands, body_qd_out)
+        if wp.static(effects.bdf2):
+            for i in range(body_start, body_end):
+                body = worlds.bodies[i]
+                if work.inv_mass[body] > 0.0:
+                    pose, velocity = body_q_out[body], body_qd_out[body]
+                    remember_state(body, pose, velocity, scale, body_q, model, work, history)
 
     flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
 

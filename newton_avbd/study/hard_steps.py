@@ -5,6 +5,7 @@
 
 import math
 from functools import partial
+from typing import Any
 
 import newton
 import numpy as np
@@ -14,7 +15,7 @@ from newton_avbd.study.chains import add_chain
 from newton_avbd.study.hard_bodies import fastest
 from newton_avbd.study.hard_case import Bounds, Catalog, Trial
 from newton_avbd.study.hard_joints import OPEN, at
-from newton_avbd.study.hard_piles import SUNK, add_box
+from newton_avbd.study.hard_piles import SUNK, add_box, block
 from newton_avbd.study.scenes import add_ground, add_pyramid, add_stack
 
 STEPS = Catalog()
@@ -69,14 +70,19 @@ for label, dt in (("10000", 1e-4), ("1000", 1e-3), ("60", 1 / 60), ("30", 1 / 30
     )
 
 
+# a tenth of an edge in impacts at 5 m/s, 24 cm a step, which detection must see coming
+_LANDING: dict[str, Any] = {
+    "bounds": Bounds(penetration=0.05, gain=1e-2),
+    "dt": 1 / 20,
+    "speculative": 1.0,
+    "seconds": 10.0,
+}
+
+
 @STEPS.declare(
     "landing_20",
     "boxes, tilted, fall by a meter and more at 20 steps a second",
-    # a tenth of an edge in impacts at 5 m/s, 24 cm a step, which detection must see coming
-    Bounds(penetration=0.05, gain=1e-2),
-    dt=1 / 20,
-    speculative=1.0,
-    seconds=10.0,
+    **_LANDING,
 )
 def _(builder: newton.ModelBuilder) -> None:
     add_ground(builder, mu=0.5, gap=0.1)
@@ -86,6 +92,21 @@ def _(builder: newton.ModelBuilder) -> None:
         turn = wp.normalize(wp.quat(float(x), float(y), float(z), float(w)))
         position = (0.8 * (i % 3 - 1), 0.8 * (i // 3 % 3 - 1), 1.5 + 1.0 * (i // 9))
         add_box(builder, position, (0.5, 0.5, 0.5), turn, gap=0.1)
+
+
+@STEPS.declare(
+    "landing_20_balls",
+    "balls fall likewise, which contacts found a step before say all about",
+    **_LANDING,
+)
+def _(builder: newton.ModelBuilder) -> None:
+    add_ground(builder, mu=0.5, gap=0.1)
+    rng = np.random.default_rng(5)
+    for i in range(20):
+        x, y = rng.uniform(-0.15, 0.15, size=2)
+        position = (0.8 * (i % 3 - 1) + x, 0.8 * (i // 3 % 3 - 1) + y, 1.5 + 1.0 * (i // 9))
+        body = builder.add_body(xform=at(*map(float, position)))
+        builder.add_shape_sphere(body, radius=0.25, cfg=block(builder, gap=0.1))
 
 
 def _uneven(step: int) -> float:
