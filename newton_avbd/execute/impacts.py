@@ -227,7 +227,13 @@ def aim_rows(body: int, noise: float, lag: float, h: float, work: BodyWork, rows
 
 @wp.func
 def add_target(
-    slot: int, arm: wp.vec3, force: wp.vec3, torque: wp.vec3, h: float, work: BodyWork, rows: RowWork
+    slot: int,
+    arm: wp.vec3,
+    force: wp.vec3,
+    torque: wp.vec3,
+    h: float,
+    work: BodyWork,
+    rows: RowWork,
 ) -> wp.spatial_vector:
     """Adds to a body's target what an impact's force does from its time on.
 
