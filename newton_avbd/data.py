@@ -567,12 +567,16 @@ class PileWork:
     """Bodies of the piles of a world from its first place on, each after its parent."""
     end: wp.array[wp.int32]
     """Where the list of each world ends, shape (world_count,)."""
+    level: wp.array[wp.int32]
+    """Links from the body to the root."""
+    supports: wp.array[wp.int32]
+    """Bodies of a lower level that the body touches."""
     mass: wp.array[float]
-    """Mass of the body and of all that is linked behind it [kg]."""
+    """Mass of the body and its share of that of all bodies of higher levels that touch it [kg]."""
     whole: wp.array[float]
     """Mass of the body's pile [kg], 0 for one on the ground."""
     held: wp.array[float]
-    """Mass that the link to the parent, or to the ground, has to hold [kg]."""
+    """Mass that the contacts with lower levels, or the ground, have to hold [kg]."""
     ll: wp.array[wp.mat33]
     """Block of the body and of what is linked behind it, without the link to its parent."""
     al: wp.array[wp.mat33]

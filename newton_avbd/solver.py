@@ -885,6 +885,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             piles.parent = wp.full(slots, value=OUTSIDE, dtype=wp.int32)
             piles.order = wp.zeros(slots, dtype=wp.int32)
             piles.end = wp.zeros(self._world_count, dtype=wp.int32)
+            piles.level = wp.zeros(slots, dtype=wp.int32)
+            piles.supports = wp.zeros(slots, dtype=wp.int32)
             piles.mass = wp.zeros(slots, dtype=float)
             piles.whole = wp.zeros(slots, dtype=float)
             piles.held = wp.zeros(slots, dtype=float)

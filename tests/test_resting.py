@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 from helpers import G, Simulation, add_box, add_ground, add_sphere
 
+from newton_avbd.study.hard_piles import add_box as add_solid
 from newton_avbd.study.scenes import add_pyramid, add_stack
 
 
@@ -158,6 +159,27 @@ def test_a_tumbling_pile_gains_no_energy(seed: int) -> None:
         lowest = min(lowest, now)
     assert gained < 0.01 * (energy - lowest)
     assert sim.penetration < 5.0e-3
+
+
+def test_a_table_on_four_feet_takes_a_heavy_impact_with_all_of_them() -> None:
+    """8.1 t fall 0.4 m on a table top of 10 kg, off its center, on four feet of 8 kg.
+
+    Where one foot has to take what the others do not know of, they go 1.3 mm into each other.
+    """
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu=0.5, gap=0.02)
+    for x in (-0.4, 0.4):
+        for y in (-0.4, 0.4):
+            add_solid(builder, (x, y, 0.1), (0.2, 0.2, 0.2))
+    add_solid(builder, (0.0, 0.0, 0.25), (1.0, 1.0, 0.1), density=100.0)
+    add_solid(builder, (0.1, 0.1, 0.65), (0.3, 0.3, 0.3), density=3.0e5)
+    sim = Simulation(builder)
+    deepest = 0.0
+    for _ in range(120):
+        sim.step()
+        deepest = max(deepest, sim.penetration)
+    assert deepest < 3.0e-4
+    assert np.abs(sim.velocity).max() < 1.0e-3
 
 
 def test_a_stack_stands_a_kilometre_from_the_origin() -> None:

@@ -28,7 +28,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .launch import BY_VALUE, Passing
-from .piles import LINK_WEIGHT, mass_behind
+from .piles import mass_to_hold
 
 NOT_UNIT = wp.constant(0.1)
 """Squared length of a normal, less 1, that no detection means."""
@@ -421,7 +421,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 load = contact_rows.carried_mass(row, scale)
                 held = float(0.0)
                 if wp.static(effects.piles):
-                    held = LINK_WEIGHT * mass_behind(row, work, rows)
+                    held = mass_to_hold(row, work, rows)
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(
                         row, wp.max(mass, held), load, u, stiffness, damping, scale

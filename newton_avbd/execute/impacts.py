@@ -32,6 +32,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .loops import has_loops
+from .piles import row_count, row_of
 
 THRESHOLD = wp.constant(2.0)
 """Closing speed from which a contact bounces, as a multiple of g h: a body at rest stays so."""
@@ -225,18 +226,23 @@ def aim_rows(body: int, noise: float, lag: float, h: float, work: BodyWork, rows
 
 
 @wp.func
-def shift_bodies(
-    row: ContactRow, impact: Impact, target: float, increment: float, h: float, work: BodyWork
-):
-    """Adds to targets and increments what the impact's force moves in these times [s]."""
-    moved = -h * response(work, row.a, row.arm, impact.force, impact.torque)
-    work.target[row.a] = work.target[row.a] + target * moved
-    work.increment[row.a] = work.increment[row.a] + increment * moved
-    if work.inv_mass[row.b] > 0.0:
-        arm = row.arm + (work.com[row.a] - work.com[row.b])
-        moved = h * response(work, row.b, arm, impact.force, impact.torque)
-        work.target[row.b] = work.target[row.b] + target * moved
-        work.increment[row.b] = work.increment[row.b] + increment * moved
+def add_target(
+    slot: int,
+    arm: wp.vec3,
+    force: wp.vec3,
+    torque: wp.vec3,
+    h: float,
+    work: BodyWork,
+    rows: RowWork,
+) -> wp.spatial_vector:
+    """Adds to a body's target what an impact's force does from its time on.
+
+    Returns by how much the force has moved it before.
+    """
+    change = h * response(work, slot, arm, force, torque)
+    wait = rows.struck_at[slot]
+    work.target[slot] = work.target[slot] + (h - wait) * change
+    return wait * change
 
 
 @wp.func
@@ -252,6 +258,7 @@ class ImpactFunctions:
     """Device functions that make of a world's impacts what restitution says."""
 
     find_impacts: wp.Function
+    find_wait: wp.Function
     release_impacts: wp.Function
     restore_impacts: wp.Function
 
@@ -319,20 +326,30 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         return True
 
     @wp.func
-    def release_impacts(
-        body: int,
-        h: float,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-    ):
+    def find_wait(
+        body: int, worlds: WorldWork, rows: RowWork, tree: TreeWork, loops: LoopWork
+    ) -> float:
+        """How long the impacts of a body waited [s], the first of them; negative without any.
+
+        A body that joints hold, or that something else pushes, is where those say that it is.
+        """
+        wait = float(-1.0)
+        is_held = is_joined(body, worlds, tree, loops)
+        for k in range(row_count(body, rows)):
+            i = row_of(body, k, rows)
+            impact = rows.impacts[i]
+            if impact.total > 0.0:
+                wait = wp.where(wait < 0.0, impact.wait, wp.min(wait, impact.wait))
+            elif wp.length_sq(rows.rows[i].force) > 0.0:
+                is_held = True
+        return wp.where(is_held, wp.min(wait, 0.0), wait)
+
+    @wp.func
+    def release_impacts(body: int, h: float, work: BodyWork, rows: RowWork):
         """Puts bodies where their rebounds are; the rows that a body owns go back to their gaps.
 
         The sweeps let the force of an impact act all step long, though it acts from its time on.
         What it has done goes to the targets of the bodies, so that the recovery leaves it alone.
-        With joints it is for them to say how far a body got; there the bodies stay.
         """
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             if rows.impacts[i].total > 0.0:
@@ -342,13 +359,18 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
                 if wp.static(effects.angular_friction):
                     impact.torque = rows.spin[i].torque
                     rows.spin[i].torque = wp.vec3(0.0)
-                if is_joined(row.a, worlds, tree, loops) or is_joined(row.b, worlds, tree, loops):
-                    impact.wait = 0.0
                 rows.impacts[i] = impact
                 rows.drift[i] = impact.drift
                 rows.rows[i].force = wp.vec3(0.0)
                 rows.rows[i].gap = impact.gap
-                shift_bodies(row, impact, h - impact.wait, -impact.wait, h, work)
+                force = impact.force
+                torque = impact.torque
+                early = add_target(row.a, row.arm, -force, -torque, h, work, rows)
+                work.increment[row.a] = work.increment[row.a] - early
+                if work.inv_mass[row.b] > 0.0:
+                    arm = row.arm + (work.com[row.a] - work.com[row.b])
+                    early = add_target(row.b, arm, force, torque, h, work, rows)
+                    work.increment[row.b] = work.increment[row.b] - early
 
     @wp.func
     def restore_impacts(body: int, h: float, work: BodyWork, rows: RowWork):
@@ -359,6 +381,12 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
                 rows.rows[i].force = impact.force
                 if wp.static(effects.angular_friction):
                     rows.spin[i].torque = impact.torque
-                shift_bodies(rows.rows[i], impact, impact.wait - h, 0.0, h, work)
+                row = rows.rows[i]
+                force = impact.force
+                torque = impact.torque
+                add_target(row.a, row.arm, force, torque, h, work, rows)
+                if work.inv_mass[row.b] > 0.0:
+                    arm = row.arm + (work.com[row.a] - work.com[row.b])
+                    add_target(row.b, arm, -force, -torque, h, work, rows)
 
-    return ImpactFunctions(find_impacts, release_impacts, restore_impacts)
+    return ImpactFunctions(find_impacts, find_wait, release_impacts, restore_impacts)

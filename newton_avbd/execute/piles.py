@@ -19,6 +19,9 @@ the two in series. Rows that are no link are seen by both bodies as if the other
 twice their curvature, which is an upper bound: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2.
 
 Since nothing has to travel, the penalty of a link can be as large as the mass behind it asks for.
+That of the rows which are no link would hold bodies back, so theirs is smaller. But what falls on a
+body that hangs on four others has to be held by all of them: each body hands its mass, and what
+rests on it, down to all bodies of lower levels that it touches, in equal shares.
 """
 
 from dataclasses import dataclass
@@ -53,6 +56,8 @@ _UNSEEN = wp.constant(-3)
 
 LINK_WEIGHT = wp.constant(0.3)
 """Weight of the mass behind a link against the effective mass of the link's rows."""
+SHARE_WEIGHT = wp.constant(0.15)
+"""Likewise, of its share, where a body rests on others than the one that it is linked to."""
 
 
 @wp.func
@@ -68,14 +73,25 @@ def is_link(row: ContactRow, rows: RowWork) -> bool:
 
 
 @wp.func
-def mass_behind(row: ContactRow, work: BodyWork, rows: RowWork) -> float:
-    """Mass [kg] that the link of a row has to hold, 0 where it is no link."""
-    if rows.piles.parent[row.b] == row.a:
-        return rows.piles.held[row.b]
-    parent = rows.piles.parent[row.a]
+def mass_to_hold(row: ContactRow, work: BodyWork, rows: RowWork) -> float:
+    """Mass by which a row is to be as stiff as its pile needs it [kg]."""
+    piles = rows.piles
+    if piles.parent[row.b] == row.a:
+        return LINK_WEIGHT * piles.held[row.b]
+    parent = piles.parent[row.a]
     if parent == row.b or (parent == ROOT and work.inv_mass[row.b] == 0.0):
-        return rows.piles.held[row.a]
+        return LINK_WEIGHT * piles.held[row.a]
+    if in_pile(rows, row.a) and in_pile(rows, row.b):
+        if piles.level[row.a] != piles.level[row.b]:
+            upper = wp.where(piles.level[row.a] > piles.level[row.b], row.a, row.b)
+            return SHARE_WEIGHT * piles.held[upper] / float(piles.supports[upper])
     return 0.0
+
+
+@wp.func
+def supports(other: int, body: int, rows: RowWork) -> bool:
+    """Whether a body of the same pile lies on a lower level than another that touches it."""
+    return in_pile(rows, other) and rows.piles.level[other] < rows.piles.level[body]
 
 
 @wp.func
@@ -117,18 +133,29 @@ def reach(slot: int, parent: int, at: int, rows: RowWork) -> int:
     if rows.piles.parent[slot] != _UNSEEN:
         return at
     rows.piles.parent[slot] = parent
+    rows.piles.level[slot] = 0
+    if parent >= 0:
+        rows.piles.level[slot] = rows.piles.level[parent] + 1
     rows.piles.order[at] = slot
     return at + 1
 
 
 @wp.func
 def spread(at: int, end: int, rows: RowWork) -> int:
-    """Links, breadth first, what the bodies listed from ``at`` to ``end`` touch; the new end."""
+    """Links, breadth first, what the bodies listed from ``at`` to ``end`` touch, and counts what
+    supports each; the new end."""
     while at < end:
         body = rows.piles.order[at]
+        count = int(0)
+        before = int(-1)
         for k in range(row_count(body, rows)):
             row = rows.rows[row_of(body, k, rows)]
-            end = reach(row.a + row.b - body, body, end, rows)
+            other = row.a + row.b - body
+            end = reach(other, body, end, rows)
+            if other != before and supports(other, body, rows):
+                count += 1
+            before = other
+        rows.piles.supports[body] = count
         at += 1
     return end
 
@@ -187,9 +214,15 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
         while at > first:
             at -= 1
             body = rows.piles.order[at]
-            parent = rows.piles.parent[body]
-            if parent >= 0:
-                rows.piles.mass[parent] = rows.piles.mass[parent] + rows.piles.mass[body]
+            if rows.piles.parent[body] >= 0:
+                share = rows.piles.mass[body] / float(rows.piles.supports[body])
+                before = int(-1)
+                for k in range(row_count(body, rows)):
+                    row = rows.rows[row_of(body, k, rows)]
+                    other = row.a + row.b - body
+                    if other != before and supports(other, body, rows):
+                        rows.piles.mass[other] = rows.piles.mass[other] + share
+                    before = other
         rows.piles.end[world] = end
         while at < end:
             body = rows.piles.order[at]

@@ -404,6 +404,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
     remember_loops, remember_state = bdf2.remember_loops, bdf2.remember_state
     find_impacts = impacts.find_impacts
+    find_wait = impacts.find_wait
     release_impacts = impacts.release_impacts
     restore_impacts = impacts.restore_impacts
     loop_functions = make_loops(effects)
@@ -1233,7 +1234,10 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):
-                    release_impacts(worlds.bodies[i], h, worlds, work, rows, tree, loops)
+                    body = worlds.bodies[i]
+                    rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
+                for i in range(body_start, body_end):
+                    release_impacts(worlds.bodies[i], h, work, rows)
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
                     if rows.struck_at[body] >= 0.0:
