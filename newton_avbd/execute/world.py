@@ -37,12 +37,10 @@ from .contacts import make_rows
 from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
 from .islands import begin_island, join_islands, keep_momentum
+from .launch import KERNEL
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
 from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
-
-FUSED = "-ffp-contract=fast"
-"""CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
@@ -295,6 +293,7 @@ def make_gather(
                         rows.spin[i].torque = spin.torque
                     f_n = wp.dot(row.normal, push)
                     tau -= spin_rows.torque(spin, row.normal, rolled, f_n)
+        if wp.static(effects.pairs):
             partner = int(-1)
             for i in range(rows.other_start[body], rows.other_end[body]):
                 other = rows.other_rows[i]
@@ -470,6 +469,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
                 if wp.static(effects.angular_friction):
                     h_aa += share * spin_rows.curvature(rows.spin[i], row.normal)
+        if wp.static(effects.pairs):
             for i in range(rows.other_start[body], rows.other_end[body]):
                 row = rows.rows[rows.other_rows[i]]
                 share = share_of(row, worlds, rows)
@@ -542,17 +542,18 @@ def make_solve(effects: Effects) -> wp.Kernel:
             f -= push
             tau -= wp.cross(row.arm, push)
             h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm, h_ll, h_al, h_aa)
-        for j in range(rows.other_start[body], rows.other_end[body]):
-            i = rows.other_rows[j]
-            row = rows.rows[i]
-            span = work.com[row.a] - work.com[body]
-            u = contact_rows.slip(row, work.increment[row.a], increment, span)
-            if wp.static(effects.moving_surfaces):
-                u += rows.drift[i]
-            push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
-            f += push
-            tau += wp.cross(row.arm + span, push)
-            h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm + span, h_ll, h_al, h_aa)
+        if wp.static(effects.pairs):
+            for j in range(rows.other_start[body], rows.other_end[body]):
+                i = rows.other_rows[j]
+                row = rows.rows[i]
+                span = work.com[row.a] - work.com[body]
+                u = contact_rows.slip(row, work.increment[row.a], increment, span)
+                if wp.static(effects.moving_surfaces):
+                    u += rows.drift[i]
+                push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
+                f += push
+                tau += wp.cross(row.arm + span, push)
+                h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm + span, h_ll, h_al, h_aa)
         work.increment[body] = increment + solve_block(factor_block(h_ll, h_al, h_aa), f, tau)
 
     @wp.func
@@ -603,12 +604,13 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
                     torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
                     rows.spin[i].torque = torque
-                # a row that has let go by now may have pushed one of them in the last sweep
-                is_joining = wp.length_sq(push) > 0.0
-                is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
-                if row.b != joined and is_joining:
-                    joined = row.b
-                    join_islands(islands, worlds, work, body, joined)
+                if wp.static(effects.pairs):
+                    # a row that has let go by now may have pushed one of them in the last sweep
+                    is_joining = wp.length_sq(push) > 0.0
+                    is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
+                    if row.b != joined and is_joining:
+                        joined = row.b
+                        join_islands(islands, worlds, work, body, joined)
                 if wp.static(not effects.compliance):
                     coasting = contact_rows.slip(
                         row,
@@ -1070,8 +1072,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
             if work.inv_mass[body] > 0.0:
                 is_touched = bool(False)
                 is_jointed = bool(False)
-                if wp.static(effects.contact):
+                if wp.static(effects.pairs):
                     begin_island(islands, body)
+                if wp.static(effects.contact):
                     is_touched = has_rows(rows, body)
                 if wp.static(effects.loops):
                     is_touched = is_touched or has_loops(loops, body)
@@ -1107,7 +1110,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                                 rows.piles.aa[body] = h_aa
                         if is_alone:
                             work.factor[body] = factor_block(h_ll, h_al, h_aa)
-                if wp.static(effects.joints and effects.contact):
+                if wp.static(effects.joints and effects.pairs):
                     if tree.joint[body] >= 0:
                         join_islands(islands, worlds, work, body, tree.parent[body])
                 if not is_touched and not is_jointed:
@@ -1159,7 +1162,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 remember_rows(
                     worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
                 )
-            if wp.static(not effects.ramp):
+            if wp.static(effects.pairs and not effects.ramp):
                 if sweeps > 0:
                     keep_momentum(world, model, worlds, work, islands)
         if not is_solution_finite(world, worlds, work):
@@ -1320,9 +1323,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     remember_pose(body, pose, model, history)
             body_q_out[body] = pose
 
-    flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
-
-    @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
+    @wp.kernel(**KERNEL)
     def solve(
         # Model:
         model: BodyModel,
