@@ -1127,134 +1127,20 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 sweeps = COLD_FACTOR * sweeps
         enough = wp.max(tolerance, SETTLED * scale.gravity * h * h)
         update = float(0.0)
+        # joints close even where impacts keep the sweeps from settling
+        unsettled = float(wp.inf)
+        if wp.static(effects.joints):
+            unsettled = scale.slop
+        recovery = float(0.0)
         sweep = int(0)
-        while sweep < sweeps:
-            update = sweep_world(
-                world,
-                sweep > 0,
-                0.0,
-                scale.slop,
-                step,
-                body_q,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
-            )
-            sweep += 1
-            if wp.static(not effects.ramp):
-                if update <= enough * enough:
-                    sweeps = sweep
-        if wp.static(effects.bdf2):
-            if update > enough * enough:
-                # what does not settle tells nothing of the next step
-                history.smooth[world] = 0
-        worlds.sweeps[world] = sweeps
-        worlds.update[world] = wp.sqrt(update)
-        side = 1 - history.parity[world]
-        if wp.static(effects.contact):
-            for i in range(body_start, body_end):
-                remember_rows(
-                    worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
-                )
-            if wp.static(effects.pairs and not effects.ramp):
-                if sweeps > 0:
-                    keep_momentum(world, model, worlds, work, islands)
-        if not is_solution_finite(world, worlds, work):
-            hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
-            return
-        if wp.static(effects.breaking):
-            break_joints(
-                world, step, model, joints, control, worlds, work, rows, tree, loops, history
-            )
-        history.parity[world] = side
-        history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
-
-        # Velocity, from the increments themselves.
-        for i in range(body_start, body_end):
-            body = worlds.bodies[i]
-            velocity = body_qd[body]
-            if work.inv_mass[body] > 0.0:
-                increment = work.increment[body]
-                coasting = coasting_increment(work, body_qd, body, step)
-                free = wp.spatial_top(work.target[body] - coasting)
-                got = wp.spatial_top(increment - coasting)
-                if wp.static(effects.joints):
-                    history.acceleration[body] = (increment - coasting) / (step * step)
-                history.falling[body] = wp.clamp(
-                    wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
-                )
-                if wp.static(effects.bdf2):
-                    increment -= work.lead[body]
-                velocity = increment / step
-                if wp.static(effects.gyroscopic):
-                    gain = work.spin_gain[body]
-                    if wp.static(effects.tilting):
-                        if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                            spin = wp.spatial_bottom(work.target[body])
-                            tilt = wp.spatial_bottom(increment) - spin
-                            gain = (wp.quat_rotate(exp_quat(tilt), spin) - spin) / step
-                    if wp.static(effects.contact):
-                        if only_contacts_hold(i, worlds, rows, tree, loops):
-                            turn = wp.spatial_bottom(increment)
-                            gain = carried_roll(turn, work.inv_inertia[body]) / step
-                    velocity += wp.spatial_vector(wp.vec3(0.0), gain)
-                if wp.static(effects.bdf2):
-                    remember_motion(
-                        body, velocity, body_q[body], body_qd[body], model, work, rows, history
-                    )
-            body_qd_out[body] = velocity
-
-        if wp.static(effects.restitution):
-            if has_impacts:
-                for i in range(body_start, body_end):
-                    release_impacts(worlds.bodies[i], h, worlds, work, rows, tree, loops)
-                for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    if rows.struck_at[body] >= 0.0:
-                        history.falling[body] = free_share(body, scale, work)
-        if wp.static(effects.armature):
-            end_armatures(
-                world,
-                scale.static_slot,
-                step,
-                body_qd_out,
-                model,
-                joints,
-                worlds,
-                work,
-                tree,
-                loops,
-                history,
-            )
-
-        # Recovery: old errors go, without entering the velocity.
-        if wp.static(not effects.ramp):
-            # joints close even where impacts keep the sweeps from settling
-            unsettled = float(wp.inf)
-            if wp.static(effects.joints):
-                unsettled = scale.slop
-            passes = int(0)
-            if wp.static(not effects.compliance):
-                if sweeps > 0 and deepest > scale.slop:
-                    passes = 1
-            if is_open or update > unsettled * unsettled:
-                passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
-            if wp.static(effects.loops):
-                # what closes them now is no force of the motion
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    loops.kept_force[i] = history.loop_force[i]
-                    loops.kept_torque[i] = history.loop_torque[i]
-            while passes > 0:
+        rounds = int(wp.static(1 if effects.ramp else 2))
+        # Two rounds of sweeps, the motion and the recovery, by one call: it is most of the code.
+        for _round in range(rounds):
+            while sweep < sweeps:
                 update = sweep_world(
                     world,
-                    False,
-                    contact_rows.RECOVERY,
+                    sweep > 0 and recovery == 0.0,
+                    recovery,
                     scale.slop,
                     step,
                     body_q,
@@ -1268,20 +1154,123 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     loops,
                     history,
                 )
-                passes -= 1
-                if update <= enough * enough:
-                    passes = 0
-            if wp.static(effects.joints):
-                if update > unsettled * unsettled:
-                    # after impacts that no iteration settles joints are closed all the same
+                sweep += 1
+                if wp.static(not effects.ramp):
+                    if update <= enough * enough:
+                        sweeps = sweep
+            if recovery > 0.0:
+                break
+            if wp.static(effects.bdf2):
+                if update > enough * enough:
+                    # what does not settle tells nothing of the next step
+                    history.smooth[world] = 0
+            worlds.sweeps[world] = sweeps
+            worlds.update[world] = wp.sqrt(update)
+            side = 1 - history.parity[world]
+            if wp.static(effects.contact):
+                for i in range(body_start, body_end):
+                    remember_rows(
+                        worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
+                    )
+                if wp.static(effects.pairs and not effects.ramp):
+                    if sweeps > 0:
+                        keep_momentum(world, model, worlds, work, islands)
+            if not is_solution_finite(world, worlds, work):
+                hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
+                return
+            if wp.static(effects.breaking):
+                break_joints(
+                    world, step, model, joints, control, worlds, work, rows, tree, loops, history
+                )
+            history.parity[world] = side
+            history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
+
+            # Velocity, from the increments themselves.
+            for i in range(body_start, body_end):
+                body = worlds.bodies[i]
+                velocity = body_qd[body]
+                if work.inv_mass[body] > 0.0:
+                    increment = work.increment[body]
+                    coasting = coasting_increment(work, body_qd, body, step)
+                    free = wp.spatial_top(work.target[body] - coasting)
+                    got = wp.spatial_top(increment - coasting)
+                    if wp.static(effects.joints):
+                        history.acceleration[body] = (increment - coasting) / (step * step)
+                    history.falling[body] = wp.clamp(
+                        wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
+                    )
+                    if wp.static(effects.bdf2):
+                        increment -= work.lead[body]
+                    velocity = increment / step
+                    if wp.static(effects.gyroscopic):
+                        gain = work.spin_gain[body]
+                        if wp.static(effects.tilting):
+                            if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                                spin = wp.spatial_bottom(work.target[body])
+                                tilt = wp.spatial_bottom(increment) - spin
+                                gain = (wp.quat_rotate(exp_quat(tilt), spin) - spin) / step
+                        if wp.static(effects.contact):
+                            if only_contacts_hold(i, worlds, rows, tree, loops):
+                                turn = wp.spatial_bottom(increment)
+                                gain = carried_roll(turn, work.inv_inertia[body]) / step
+                        velocity += wp.spatial_vector(wp.vec3(0.0), gain)
+                    if wp.static(effects.bdf2):
+                        remember_motion(
+                            body, velocity, body_q[body], body_qd[body], model, work, rows, history
+                        )
+                body_qd_out[body] = velocity
+
+            if wp.static(effects.restitution):
+                if has_impacts:
+                    for i in range(body_start, body_end):
+                        release_impacts(worlds.bodies[i], h, worlds, work, rows, tree, loops)
                     for i in range(body_start, body_end):
                         body = worlds.bodies[i]
-                        if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                            put_together(body, scale.static_slot, model, joints, work, tree)
-            if wp.static(effects.loops):
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    history.loop_force[i] = loops.kept_force[i]
-                    history.loop_torque[i] = loops.kept_torque[i]
+                        if rows.struck_at[body] >= 0.0:
+                            history.falling[body] = free_share(body, scale, work)
+            if wp.static(effects.armature):
+                end_armatures(
+                    world,
+                    scale.static_slot,
+                    step,
+                    body_qd_out,
+                    model,
+                    joints,
+                    worlds,
+                    work,
+                    tree,
+                    loops,
+                    history,
+                )
+
+            # Recovery: old errors go, without entering the velocity.
+            if wp.static(not effects.ramp):
+                passes = int(0)
+                if wp.static(not effects.compliance):
+                    if sweeps > 0 and deepest > scale.slop:
+                        passes = 1
+                if is_open or update > unsettled * unsettled:
+                    passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
+                recovery = contact_rows.RECOVERY
+                sweep = 0
+                sweeps = passes
+                if wp.static(effects.loops):
+                    # what closes them now is no force of the motion
+                    for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                        loops.kept_force[i] = history.loop_force[i]
+                        loops.kept_torque[i] = history.loop_torque[i]
+
+        if wp.static(effects.joints):
+            if update > unsettled * unsettled:
+                # after impacts that no iteration settles joints are closed all the same
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                        put_together(body, scale.static_slot, model, joints, work, tree)
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                history.loop_force[i] = loops.kept_force[i]
+                history.loop_torque[i] = loops.kept_torque[i]
 
         if wp.static(effects.restitution):
             if has_impacts:
