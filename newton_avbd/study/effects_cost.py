@@ -41,9 +41,6 @@ STEPS = 8
 """Steps in a captured graph."""
 ROUNDS = 200
 """Replays that are timed of each of two solvers."""
-REPLAY = "wp_apic_cpu_replay_state"
-"""Warp's function that replays a graph: what is counted."""
-
 DUMP, ZERO, START, STOP = 0x43540000, 0x43540001, 0x43540004, 0x43540005
 """What ``valgrind/callgrind.h`` calls its requests."""
 
@@ -80,24 +77,28 @@ class Replay:
         pipeline.collide(state, contacts)
         for _ in range(STEPS):  # the first after a reset sweep more
             self.solver.step(state, after, None, contacts, 1.0 / 240.0)
-        with wp.ScopedCapture("cpu") as capture:
-            for _ in range(STEPS):
-                self.solver.step(state, after, None, contacts, 1.0 / 240.0)
-        self._graph = capture.graph
+        self._graphs = []
+        for steps in (STEPS, 2 * STEPS):
+            with wp.ScopedCapture("cpu") as capture:
+                for _ in range(steps):
+                    self.solver.step(state, after, None, contacts, 1.0 / 240.0)
+            self._graphs.append(capture.graph)
+            wp.capture_launch(capture.graph)
 
     def seconds(self) -> float:
         """Processor time of a step [s]."""
         begin = time.process_time()
-        wp.capture_launch(self._graph)
+        wp.capture_launch(self._graphs[0])
         return (time.process_time() - begin) / STEPS
 
     def count(self) -> None:
-        """Have valgrind write down how many instructions a replay takes."""
-        for code in (START, ZERO):
-            ask_valgrind(code)
-        wp.capture_launch(self._graph)
-        for code in (DUMP, STOP):
-            ask_valgrind(code)
+        """Have valgrind write down the instructions of two replays, the second twice as long."""
+        for graph in self._graphs:
+            for code in (START, ZERO):
+                ask_valgrind(code)
+            wp.capture_launch(graph)
+            for code in (DUMP, STOP):
+                ask_valgrind(code)
 
 
 def stripped(folder: Path, without: str) -> ModuleType:
@@ -139,15 +140,16 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         said = _run([], folder, names, count=False)
         times = [line.split()[1:] for line in said.splitlines() if line.startswith("times")]
-        tool = ("--tool=callgrind", "--instr-atstart=no", f"--toggle-collect={REPLAY}")
+        tool = ("--tool=callgrind", "--instr-atstart=no")
         _run(["valgrind", *tool, f"--callgrind-out-file={folder}/out"], folder, names, count=True)
         counts = [
-            int(re.findall(r"^totals: (\d+)", file.read_text(), re.M)[-1]) / STEPS
+            int(re.findall(r"^totals: (\d+)", file.read_text(), re.M)[-1])
             for file in sorted(Path(folder).glob("out.*"), key=lambda file: int(file.suffix[1:]))
         ]
     rows = [("without", "instructions", "never written", "", "time [us]", "never written", "")]
     for i, name in enumerate(names):
-        instructions = _compared(*counts[2 * i : 2 * i + 2])
+        once, twice, other_once, other_twice = counts[4 * i : 4 * i + 4]
+        instructions = _compared((twice - once) / STEPS, (other_twice - other_once) / STEPS)
         rows.append((name or "(nothing)", *instructions, *_compared(*map(float, times[i]))))
     print(table(rows))
 
