@@ -36,12 +36,19 @@ class Cause:
 
 
 _OF_JOINTS = "It follows from the joints; disable those that are to hold nothing (joint_enabled)."
+_OF_BODIES = "It follows from the bodies that there are."
 _OF_BUFFER = "contact buffer"
 
 CAUSES: dict[str, Cause] = {
     "contact": Cause("shape", "that can touch", "rows/contact.py"),
+    "pairs": Cause(
+        "body", "that could meet another one of its world", "execute/islands.py", _OF_BODIES
+    ),
     "piles": Cause(
-        "", "blocks='articulation', the default", "execute/piles.py", "Pass blocks='body'."
+        "body",
+        "free, and not the only one of its world; and blocks='articulation', the default",
+        "execute/piles.py",
+        "Pass blocks='body'.",
     ),
     "friction": Cause("shape", "with friction (mu) above zero", "rows/contact.py"),
     "angular_friction": Cause(
@@ -102,7 +109,7 @@ CAUSES: dict[str, Cause] = {
 """What calls for each effect, where its code is, and whether a user can leave it out."""
 
 _IMPLIED: dict[str, tuple[str, ...]] = {
-    "contact": ("piles", "friction", "angular_friction", "restitution", "ramp"),
+    "contact": ("pairs", "piles", "friction", "angular_friction", "restitution", "ramp"),
     "joint_force": ("reaction",),
     "drives": ("effort_limits",),
 }
@@ -155,10 +162,12 @@ class Effects:
     """A joint axis with a velocity limit."""
     breaking: bool = False
     """A joint that breaks at some force or torque."""
+    pairs: bool = False
+    """Two bodies in a world, which may meet: contacts are not all with what does not move."""
     compliance: bool = False
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
     piles: bool = False
-    """Free bodies in contact are solved at once."""
+    """Free bodies in contact are solved at once, and a world has two of them."""
     bdf2: bool = False
     """Asked for: second order in time."""
     rho: float = 0.0
@@ -221,6 +230,12 @@ class Effects:
             "restitution": _shapes_with(model, "restitution")[
                 : 0 if ramp or compliance else shapes.size
             ],
+            "pairs": topology.in_company(np.ones(model.body_count, dtype=bool))[
+                : model.body_count if shapes.size else 0
+            ],
+            "piles": topology.in_company(topology.is_alone)[
+                : model.body_count if shapes.size and piles and not ramp else 0
+            ],
             "gyroscopic": _unequal_moments(model),
             "joint_force": np.flatnonzero(np.isin(types, [int(kind) for kind in PUSHED_AT_COM])),
             "reaction": pushing_joints(model),
@@ -245,7 +260,6 @@ class Effects:
         effects = cls(
             **flags,
             kinds=JointKinds.of_model(model),
-            piles=piles and flags["contact"] and not ramp,
             compliance=compliance,
             bdf2=scheme in SCHEMES,
             rho=SCHEMES.get(scheme, 0.0),

@@ -105,6 +105,17 @@ class Topology:
         rank[self.order] = np.arange(len(self.order))
         return rank
 
+    @property
+    def is_alone(self) -> np.ndarray:
+        """Whether each body is a block of its own and hangs on no joint of a tree."""
+        is_single = np.bincount(self.block_end)[self.block_end] == 1
+        return is_single[self.rank] & (self.joint < 0)
+
+    def in_company(self, chosen: np.ndarray) -> np.ndarray:
+        """Those of the chosen bodies whose world has another one of them."""
+        bodies = np.flatnonzero(chosen)
+        return bodies[np.bincount(self.worlds[bodies])[self.worlds[bodies]] > 1]
+
     @classmethod
     def of_model(cls, model: newton.Model, worlds: np.ndarray, *, trees: bool) -> "Topology":
         """Reads the joints of a model; copies model arrays to the host.

@@ -53,7 +53,8 @@ VARIANTS = {
     "hinges": HINGED,
     "driven hinges": with_all(HINGED, "drives limits armature springs bdf2"),
     "contacts": with_all(
-        BODIES, "piles restitution angular_friction matching moving_surfaces contact_materials"
+        BODIES,
+        "pairs piles restitution angular_friction matching moving_surfaces contact_materials",
     ),
     "compliance": with_all(BODIES, "compliance matching contact_materials"),
     "ramp": with_all(BODIES, "ramp matching contact_materials"),

@@ -95,6 +95,33 @@ def test_each_flag_has_a_cause_a_file_and_a_line_in_the_docs() -> None:
         assert f"| `{name}` | {by} {cause.having} | `{cause.code}` |" in text
 
 
+def test_only_bodies_that_share_a_world_are_pairs_and_only_free_ones_piles() -> None:
+    """A body alone, two in worlds of their own, a robot of two links, and that with a box."""
+
+    def on(builder: newton.ModelBuilder) -> list[bool]:
+        effects = SolverAVBD(builder.finalize(device="cpu")).effects
+        return [effects[name].on for name in ("contact", "pairs", "piles")]
+
+    box, worlds, robot = (newton.ModelBuilder() for _ in range(3))
+    add_box(box, (0.0, 0.0, 0.5), 1.0)
+    worlds.replicate(box, 2)
+    assert on(box) == on(worlds) == [True, False, False]
+    links = [robot.add_link() for _ in range(2)]
+    for link in links:
+        robot.add_shape_sphere(link, radius=0.1)
+    robot.add_articulation(
+        [
+            robot.add_joint_revolute(parent, link)
+            for parent, link in zip((-1, 0), links, strict=True)
+        ]
+    )
+    assert on(robot) == [True, True, False]
+    add_box(robot, (0.0, 0.0, 0.5), 1.0)
+    assert on(robot) == [True, True, False]
+    add_box(robot, (0.0, 0.0, 0.5), 1.0)
+    assert on(robot) == [True, True, True]
+
+
 def test_a_contact_buffer_calls_for_effects() -> None:
     model = boxes(2, 100)
     contacts = newton.CollisionPipeline(model, contact_matching="sticky").contacts()
@@ -170,7 +197,7 @@ def test_contact_takes_friction_along() -> None:
         ({"matching": True}, "it can only be left out"),
         ({"loops": False}, "joint_enabled"),
         ({"contact": False, "friction": True}, "another effect that is left out"),
-        ({"sticktion": False}, "'sticktion'; there are only contact, piles, "),
+        ({"sticktion": False}, "'sticktion'; there are only contact, pairs, piles, "),
     ],
 )
 def test_what_makes_no_sense_is_an_error_that_says_why(
@@ -185,7 +212,7 @@ def test_what_makes_no_sense_is_an_error_that_says_why(
 
 def test_solvers_with_the_same_effects_share_kernels() -> None:
     """Reasons do not matter: other shapes of other names call for the same."""
-    few, many = SolverAVBD(boxes(1)).effects, SolverAVBD(boxes(3, mu=0.2)).effects
+    few, many = SolverAVBD(boxes(2)).effects, SolverAVBD(boxes(3, mu=0.2)).effects
     assert few["friction"].why != many["friction"].why
     assert make_solve(few.flags) is make_solve(many.flags)
 

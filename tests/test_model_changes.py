@@ -435,7 +435,15 @@ def test_a_body_that_a_graph_frees_at_its_joint_is_reported(capfd: pytest.Captur
 def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
     """Each effect either follows from what there is and from settings, or is compiled in."""
     given = {
-        *("contact", "joint_force", "kinds", "reaction", "flipped", "loops"),  # what there is
+        *(
+            "contact",
+            "joint_force",
+            "pairs",
+            "kinds",
+            "reaction",
+            "flipped",
+            "loops",
+        ),  # what there is
         *("closures", "mimics"),
         "breaking",  # that some joint can break is said before
         *(

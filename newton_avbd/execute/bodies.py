@@ -28,7 +28,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
-from .launch import BY_VALUE, Passing
+from .launch import BY_VALUE, KERNEL, Passing
 
 FAST = wp.constant(0.25)
 """Turn of a step [rad] from which the spin of a linked body resists tilting within the step."""
@@ -194,7 +194,7 @@ def report_held(worlds: WorldWork, world: int):
         wp.printf("SolverAVBD: world %d is not finite and is held still until it is reset\n", world)
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def report_freed(
     # Model:
     model: BodyModel,
@@ -300,7 +300,7 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 body, model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
             )
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(**KERNEL)
     def predict(
         # Model:
         model: a(BodyModel),
@@ -340,7 +340,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: the whole step where nothing touches, which is exact."""
     external_wrench = make_wrench(effects)
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(**KERNEL)
     def integrate(
         # Model:
         model: BodyModel,
@@ -387,7 +387,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
     return integrate
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def push_parents(
     # Model:
     model: BodyModel,

@@ -18,10 +18,11 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import joint as joint_rows
+from .launch import KERNEL
 from .trees import anchor_arm, anchor_rotation, is_linked
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def enable_joints(
     # Model:
     enabled: wp.array[wp.bool],

@@ -27,7 +27,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
-from .launch import BY_VALUE, Passing
+from .launch import BY_VALUE, KERNEL, Passing
 from .piles import mass_to_hold
 
 NOT_UNIT = wp.constant(0.1)
@@ -140,7 +140,7 @@ def make_sort_contacts(passing: Passing = BY_VALUE) -> wp.Kernel:
     """Kernel, one thread: makes room for the rows of each body."""
     a, read = passing.annotate, passing.read
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(**KERNEL)
     def sort_contacts(
         # Model:
         shapes: a(ShapeModel),
@@ -332,10 +332,11 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     rows.spin[index] = spin
                 rows.rows[index] = row
                 history.records[1 - side, index] = record
-                if work.inv_mass[row.b] > 0.0:
-                    other = rows.other_end[row.b]
-                    rows.other_rows[other] = index
-                    rows.other_end[row.b] = other + 1
+                if wp.static(effects.pairs):
+                    if work.inv_mass[row.b] > 0.0:
+                        other = rows.other_end[row.b]
+                        rows.other_rows[other] = index
+                        rows.other_end[row.b] = other + 1
                 index += 1
         rows.owned_end[body] = index
 
@@ -499,7 +500,7 @@ def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], his
             history.joint_angle[dof] = rest_angle[dof]
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def reset_bodies(
     # Model:
     body_world: wp.array[wp.int32],

@@ -14,6 +14,16 @@ from typing import Any
 
 import warp as wp
 
+FUSED = "-ffp-contract=fast"
+"""CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
+
+KERNEL: dict[str, Any] = {
+    "enable_backward": False,
+    "module": "unique",
+    "module_options": {"cpu_compiler_flags": f"{wp.config.cpu_compiler_flags or ''} {FUSED}"},
+}
+"""How all kernels are made: Warp compiles its headers once for each set of flags (1.5 s)."""
+
 
 @wp.func
 def _itself(struct: Any):

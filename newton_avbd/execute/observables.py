@@ -20,11 +20,12 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.joint import has_axes, wrapped
+from .launch import KERNEL
 from .loops import make_loops
 from .trees import is_linked
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def export_acceleration(
     # State out:
     body_qd_out: wp.array[wp.spatial_vector],
@@ -45,7 +46,7 @@ def row_torque(i: int, rows: RowWork) -> wp.vec3:
     return rows.spin[i].torque
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def export_contact_force(
     # Work:
     work: BodyWork,
@@ -74,7 +75,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
     loop_wrench = make_loops(effects).loop_wrench
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(**KERNEL)
     def export_parent_force(
         # Model:
         model: BodyModel,
@@ -117,6 +118,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                     row = rows.rows[k]
                     torque = wp.cross(row.arm, row.force) + row_torque(k, rows)
                     wrench += wp.spatial_vector(row.force, torque)
+            if wp.static(effects.pairs):
                 for k in range(rows.other_start[body], rows.other_end[body]):
                     row = rows.rows[rows.other_rows[k]]
                     arm = row.arm + (work.com[row.a] - work.com[body])
@@ -156,7 +158,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
     return export_parent_force
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def count_turns(
     # Model:
     joints: JointModel,

@@ -5,9 +5,10 @@
 import warp as wp
 
 from ..algebra.so3 import world_inertia
+from .launch import KERNEL
 
 
-@wp.kernel(enable_backward=False, module="unique")
+@wp.kernel(**KERNEL)
 def harvest_momentum(
     # Model:
     body_mass: wp.array[float],

@@ -37,14 +37,11 @@ from .contacts import make_rows
 from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
 from .islands import begin_island, is_alone, join_islands, keep_momentum, keep_spin
-from .launch import BY_VALUE, Passing
+from .launch import BY_VALUE, KERNEL, Passing
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
 from .slopes import begin_axis, end_axis
 from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
-
-FUSED = "-ffp-contract=fast"
-"""CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
@@ -298,6 +295,7 @@ def make_gather(
                         rows.spin[i].torque = spin.torque
                     f_n = wp.dot(row.normal, push)
                     tau -= spin_rows.torque(spin, row.normal, rolled, f_n)
+        if wp.static(effects.pairs):
             partner = int(-1)
             for i in range(rows.other_start[body], rows.other_end[body]):
                 other = rows.other_rows[i]
@@ -481,6 +479,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 h_ll, h_al, h_aa = contact_rows.curvature(row, row.arm, h_ll, h_al, h_aa)
                 if wp.static(effects.angular_friction):
                     h_aa += share * spin_rows.curvature(rows.spin[i], row.normal)
+        if wp.static(effects.pairs):
             for i in range(rows.other_start[body], rows.other_end[body]):
                 row = rows.rows[rows.other_rows[i]]
                 share = share_of(row, worlds, rows)
@@ -553,17 +552,18 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             f -= push
             tau -= wp.cross(row.arm, push)
             h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm, h_ll, h_al, h_aa)
-        for j in range(rows.other_start[body], rows.other_end[body]):
-            i = rows.other_rows[j]
-            row = rows.rows[i]
-            span = work.com[row.a] - work.com[body]
-            u = contact_rows.slip(row, work.increment[row.a], increment, span)
-            if wp.static(effects.moving_surfaces):
-                u += rows.drift[i]
-            push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
-            f += push
-            tau += wp.cross(row.arm + span, push)
-            h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm + span, h_ll, h_al, h_aa)
+        if wp.static(effects.pairs):
+            for j in range(rows.other_start[body], rows.other_end[body]):
+                i = rows.other_rows[j]
+                row = rows.rows[i]
+                span = work.com[row.a] - work.com[body]
+                u = contact_rows.slip(row, work.increment[row.a], increment, span)
+                if wp.static(effects.moving_surfaces):
+                    u += rows.drift[i]
+                push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
+                f += push
+                tau += wp.cross(row.arm + span, push)
+                h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm + span, h_ll, h_al, h_aa)
         work.increment[body] = increment + solve_block(factor_block(h_ll, h_al, h_aa), f, tau)
 
     @wp.func
@@ -614,12 +614,13 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                         turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
                     torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
                     rows.spin[i].torque = torque
-                # a row that has let go by now may have pushed one of them in the last sweep
-                is_joining = wp.length_sq(push) > 0.0
-                is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
-                if row.b != joined and is_joining:
-                    joined = row.b
-                    join_islands(islands, worlds, work, body, joined)
+                if wp.static(effects.pairs):
+                    # a row that has let go by now may have pushed one of them in the last sweep
+                    is_joining = wp.length_sq(push) > 0.0
+                    is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
+                    if row.b != joined and is_joining:
+                        joined = row.b
+                        join_islands(islands, worlds, work, body, joined)
                 if wp.static(not effects.compliance):
                     coasting = contact_rows.slip(
                         row,
@@ -1090,8 +1091,9 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             if work.inv_mass[body] > 0.0:
                 is_touched = bool(False)
                 is_jointed = bool(False)
-                if wp.static(effects.contact):
+                if wp.static(effects.pairs):
                     begin_island(islands, body)
+                if wp.static(effects.contact):
                     is_touched = has_rows(rows, body)
                 if wp.static(effects.loops):
                     is_touched = is_touched or has_loops(loops, body)
@@ -1127,7 +1129,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                                 rows.piles.aa[body] = h_aa
                         if is_alone:
                             work.factor[body] = factor_block(h_ll, h_al, h_aa)
-                if wp.static(effects.joints and effects.contact):
+                if wp.static(effects.joints and effects.pairs):
                     if tree.joint[body] >= 0:
                         join_islands(islands, worlds, work, body, tree.parent[body])
                 if not is_touched and not is_jointed:
@@ -1141,143 +1143,21 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 sweeps = COLD_FACTOR * sweeps
         enough = wp.max(tolerance, SETTLED * scale.gravity * h * h)
         update = float(0.0)
+        # joints close even where impacts keep the sweeps from settling
+        unsettled = float(wp.inf)
+        if wp.static(effects.joints):
+            unsettled = scale.slop
+        recovery = float(0.0)
         sweep = int(0)
-        while sweep < sweeps:
-            update = sweep_world(
-                world,
-                sweep > 0,
-                0.0,
-                scale.slop,
-                step,
-                body_q,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
-            )
-            sweep += 1
-            if wp.static(not effects.ramp):
-                if update <= enough * enough:
-                    sweeps = sweep
-        if wp.static(effects.bdf2):
-            if update > enough * enough:
-                # what does not settle tells nothing of the next step
-                history.smooth[world] = 0
-            remember_loops(world, scale, joints, loops, history)
-        worlds.sweeps[world] = sweeps
-        worlds.update[world] = wp.sqrt(update)
-        side = 1 - history.parity[world]
         has_islands = bool(False)
-        if wp.static(effects.contact):
-            for i in range(body_start, body_end):
-                remember_rows(
-                    worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
-                )
-            if wp.static(effects.loops):
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    joint = loops.joints[i]
-                    parent = parent_slot(joints, joint, scale.static_slot)
-                    join_islands(islands, worlds, work, joints.child[joint], parent)
-            if wp.static(not effects.ramp):
-                if sweeps > 0:
-                    has_islands = keep_momentum(world, model, worlds, work, islands)
-        if not is_solution_finite(world, worlds, work):
-            hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
-            return
-        if wp.static(effects.breaking):
-            break_joints(
-                world, step, model, joints, control, worlds, work, rows, tree, loops, history
-            )
-        history.parity[world] = side
-        history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
-
-        # Velocity, from the increments themselves.
-        for i in range(body_start, body_end):
-            body = worlds.bodies[i]
-            velocity = body_qd[body]
-            if work.inv_mass[body] > 0.0:
-                increment = work.increment[body]
-                coasting = coasting_increment(work, body_qd, body, step)
-                free = wp.spatial_top(work.target[body] - coasting)
-                got = wp.spatial_top(increment - coasting)
-                if wp.static(effects.joints):
-                    history.acceleration[body] = (increment - coasting) / (step * step)
-                history.falling[body] = wp.clamp(
-                    wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
-                )
-                velocity = increment / step
-                if wp.static(effects.bdf2):
-                    velocity = (increment - work.lead[body]) / step
-                if wp.static(effects.gyroscopic):
-                    turn = wp.spatial_bottom(increment)
-                    spin = wp.spatial_bottom(velocity)
-                    if has_no_joints(i, worlds, tree, loops):
-                        if is_touched_by(body, rows, islands):
-                            spin += carried_roll(turn, work.inv_inertia[body]) / step
-                        else:
-                            end = turned(body_q[body], increment)
-                            spin = spin_of(model.inv_inertia[body], end, work.momentum[body])
-                    if wp.static(effects.tilting):
-                        if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                            free = wp.spatial_bottom(work.target[body])
-                            spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
-                    velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
-                if wp.static(effects.bdf2):
-                    remember_motion(body, body_qd[body], scale, joints, work, rows, tree, history)
-            body_qd_out[body] = velocity
-
-        if wp.static(effects.restitution):
-            if has_impacts:
-                for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
-                for i in range(body_start, body_end):
-                    release_impacts(worlds.bodies[i], h, work, rows)
-                for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    if rows.struck_at[body] >= 0.0:
-                        history.falling[body] = free_share(body, scale, work)
-        if wp.static(effects.armature):
-            end_armatures(
-                world,
-                scale,
-                body_qd_out,
-                model,
-                joints,
-                worlds,
-                work,
-                tree,
-                loops,
-                history,
-            )
-
-        # Recovery: old errors go, without entering the velocity.
-        if wp.static(not effects.ramp):
-            # joints close even where impacts keep the sweeps from settling
-            unsettled = float(wp.inf)
-            if wp.static(effects.joints):
-                unsettled = scale.slop
-            passes = int(0)
-            if wp.static(not effects.compliance):
-                if sweeps > 0 and deepest > scale.slop:
-                    passes = 1
-            if is_open or update > unsettled * unsettled:
-                passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
-            if wp.static(effects.loops):
-                # what closes them now is no force of the motion
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    loops.kept_force[i] = history.loop_force[i]
-                    loops.kept_torque[i] = history.loop_torque[i]
-            while passes > 0:
+        rounds = int(wp.static(1 if effects.ramp else 2))
+        # Two rounds of sweeps, the motion and the recovery, by one call: it is most of the code.
+        for _round in range(rounds):
+            while sweep < sweeps:
                 update = sweep_world(
                     world,
-                    False,
-                    contact_rows.RECOVERY,
+                    sweep > 0 and recovery == 0.0,
+                    recovery,
                     scale.slop,
                     step,
                     body_q,
@@ -1291,20 +1171,133 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                     loops,
                     history,
                 )
-                passes -= 1
-                if update <= enough * enough:
-                    passes = 0
-            if wp.static(effects.joints):
-                if update > unsettled * unsettled:
-                    # after impacts that no iteration settles joints are closed all the same
+                sweep += 1
+                if wp.static(not effects.ramp):
+                    if update <= enough * enough:
+                        sweeps = sweep
+            if recovery > 0.0:
+                break
+            if wp.static(effects.bdf2):
+                if update > enough * enough:
+                    # what does not settle tells nothing of the next step
+                    history.smooth[world] = 0
+                remember_loops(world, scale, joints, loops, history)
+            worlds.sweeps[world] = sweeps
+            worlds.update[world] = wp.sqrt(update)
+            side = 1 - history.parity[world]
+            if wp.static(effects.contact):
+                for i in range(body_start, body_end):
+                    remember_rows(
+                        worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
+                    )
+                if wp.static(effects.loops):
+                    for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                        joint = loops.joints[i]
+                        parent = parent_slot(joints, joint, scale.static_slot)
+                        join_islands(islands, worlds, work, joints.child[joint], parent)
+                if wp.static(effects.pairs and not effects.ramp):
+                    if sweeps > 0:
+                        has_islands = keep_momentum(world, model, worlds, work, islands)
+            if not is_solution_finite(world, worlds, work):
+                hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
+                return
+            if wp.static(effects.breaking):
+                break_joints(
+                    world, step, model, joints, control, worlds, work, rows, tree, loops, history
+                )
+            history.parity[world] = side
+            history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
+
+            # Velocity, from the increments themselves.
+            for i in range(body_start, body_end):
+                body = worlds.bodies[i]
+                velocity = body_qd[body]
+                if work.inv_mass[body] > 0.0:
+                    increment = work.increment[body]
+                    coasting = coasting_increment(work, body_qd, body, step)
+                    free = wp.spatial_top(work.target[body] - coasting)
+                    got = wp.spatial_top(increment - coasting)
+                    if wp.static(effects.joints):
+                        history.acceleration[body] = (increment - coasting) / (step * step)
+                    history.falling[body] = wp.clamp(
+                        wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
+                    )
+                    velocity = increment / step
+                    if wp.static(effects.bdf2):
+                        velocity = (increment - work.lead[body]) / step
+                    if wp.static(effects.gyroscopic):
+                        turn = wp.spatial_bottom(increment)
+                        spin = wp.spatial_bottom(velocity)
+                        if has_no_joints(i, worlds, tree, loops):
+                            if is_touched_by(body, rows, islands):
+                                spin += carried_roll(turn, work.inv_inertia[body]) / step
+                            else:
+                                end = turned(body_q[body], increment)
+                                spin = spin_of(model.inv_inertia[body], end, work.momentum[body])
+                        if wp.static(effects.tilting):
+                            if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                                free = wp.spatial_bottom(work.target[body])
+                                spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
+                        velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
+                    if wp.static(effects.bdf2):
+                        remember_motion(
+                            body, body_qd[body], scale, joints, work, rows, tree, history
+                        )
+                body_qd_out[body] = velocity
+
+            if wp.static(effects.restitution):
+                if has_impacts:
                     for i in range(body_start, body_end):
                         body = worlds.bodies[i]
-                        if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                            put_together(body, scale.static_slot, model, joints, work, tree)
-            if wp.static(effects.loops):
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    history.loop_force[i] = loops.kept_force[i]
-                    history.loop_torque[i] = loops.kept_torque[i]
+                        rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
+                    for i in range(body_start, body_end):
+                        release_impacts(worlds.bodies[i], h, work, rows)
+                    for i in range(body_start, body_end):
+                        body = worlds.bodies[i]
+                        if rows.struck_at[body] >= 0.0:
+                            history.falling[body] = free_share(body, scale, work)
+            if wp.static(effects.armature):
+                end_armatures(
+                    world,
+                    scale,
+                    body_qd_out,
+                    model,
+                    joints,
+                    worlds,
+                    work,
+                    tree,
+                    loops,
+                    history,
+                )
+
+            # Recovery: old errors go, without entering the velocity.
+            if wp.static(not effects.ramp):
+                passes = int(0)
+                if wp.static(not effects.compliance):
+                    if sweeps > 0 and deepest > scale.slop:
+                        passes = 1
+                if is_open or update > unsettled * unsettled:
+                    passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
+                recovery = contact_rows.RECOVERY
+                sweep = 0
+                sweeps = passes
+                if wp.static(effects.loops):
+                    # what closes them now is no force of the motion
+                    for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                        loops.kept_force[i] = history.loop_force[i]
+                        loops.kept_torque[i] = history.loop_torque[i]
+
+        if wp.static(effects.joints):
+            if update > unsettled * unsettled:
+                # after impacts that no iteration settles joints are closed all the same
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                        put_together(body, scale.static_slot, model, joints, work, tree)
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                history.loop_force[i] = loops.kept_force[i]
+                history.loop_torque[i] = loops.kept_torque[i]
 
         if wp.static(effects.restitution):
             if has_impacts:
@@ -1350,12 +1343,18 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             for i in range(body_start, body_end):
                 body = worlds.bodies[i]
                 if work.inv_mass[body] > 0.0:
-                    pose, velocity = body_q_out[body], body_qd_out[body]
-                    remember_state(body, pose, velocity, scale, body_q, model, work, history)
+                    remember_state(
+                        body,
+                        body_q_out[body],
+                        body_qd_out[body],
+                        scale,
+                        body_q,
+                        model,
+                        work,
+                        history,
+                    )
 
-    flags = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
-
-    @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
+    @wp.kernel(**KERNEL)
     def solve(
         # Model:
         model: a(BodyModel),

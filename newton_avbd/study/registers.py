@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Registers, stack and spills of the kernels on a GPU, which need not be there.
+
+Run as ``python -m newton_avbd.study.registers [SCENE ...]``. Warp's compiler makes the code, and
+``ptxas`` of the CUDA toolkit (``pip install nvidia-cuda-nvcc``) says what it takes.
+"""
+
+import argparse
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import newton
+import warp as wp
+
+from newton_avbd import SolverAVBD
+from newton_avbd.commands.output import table
+from newton_avbd.execute.launch import Launcher
+
+from .effects_full import SETTINGS, add_everything
+
+HOPPER = 90
+"""Compute capability of the GPU."""
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a kernel takes on a GPU."""
+
+    registers: int
+    """Registers of a thread."""
+    stack: int
+    """Local memory of a thread [bytes]: arrays and structs that are no registers, and spills."""
+    spilled: int
+    """Stores of registers that did not suffice [bytes]."""
+    seconds: float
+    """CPU time to compile it [s]."""
+
+
+def usage(kernel: wp.Kernel) -> Usage:
+    """Compile a kernel for a GPU and look at what it takes."""
+    begin = time.process_time()
+    with tempfile.TemporaryDirectory() as folder:
+        (file,) = wp.compile_aot_module(kernel.module, arch=HOPPER, module_dir=folder, use_ptx=True)
+        seconds = time.process_time() - begin
+        # the assembler may be older than Warp's compiler, and want no terminator
+        text = re.sub(r"\.version .*", ".version 8.4", Path(file).read_text()).rstrip("\0")
+        Path(file).write_text(text)
+        command = [_assembler(), "-v", f"-arch=sm_{HOPPER}", file, "-o", f"{folder}/kernel.cubin"]
+        said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    found = re.search(r"(\d+) bytes stack frame, (\d+) bytes spill stores", said)
+    used = re.search(r"Used (\d+) registers", said)
+    assert found and used
+    return Usage(int(used[1]), int(found[1]), int(found[2]), seconds)
+
+
+def launched(model: newton.Model, **settings: Any) -> dict[str, wp.Kernel]:
+    """Kernels that a step launches, by name; none is compiled."""
+    solver = SolverAVBD(model, **settings)
+    recorder = _Recorder(solver.device)
+    solver._launch = recorder
+    contacts = newton.CollisionPipeline(model).contacts() if model.shape_count else None
+    solver.step(model.state(), model.state(), None, contacts, 0.01)
+    return {kernel.func.__name__: kernel for kernel in recorder.kernels}
+
+
+class _Recorder(Launcher):
+    """Notes which kernels it is to launch, and launches none."""
+
+    def __init__(self, device: wp.Device) -> None:
+        super().__init__(device)
+        self.kernels: list[wp.Kernel] = []
+
+    def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
+        self.kernels.append(kernel)
+
+
+def _assembler() -> str:
+    """Path of ``ptxas``."""
+    places = [shutil.which("ptxas"), *Path(newton.__file__).parents[1].glob("nvidia/*/bin/ptxas")]
+    for place in filter(None, places):
+        return str(place)
+    raise SystemExit("There is no ptxas here: pip install nvidia-cuda-nvcc.")
+
+
+def add_falling(builder: newton.ModelBuilder) -> None:
+    """Add a body that nothing can touch."""
+    builder.add_body(mass=1.0, inertia=wp.mat33(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0))
+
+
+def add_boxes(builder: newton.ModelBuilder, count: int) -> None:
+    """Add cubes on the ground."""
+    builder.add_ground_plane()
+    for i in range(count):
+        body = builder.add_body(xform=wp.transform(wp.vec3(2.0 * i, 0.0, 0.5), wp.quat_identity()))
+        builder.add_shape_box(body, hx=0.5, hy=0.5, hz=0.5)
+
+
+SCENES: dict[str, Callable[[newton.ModelBuilder], None]] = {
+    "a body that falls": add_falling,
+    "a box on the ground": lambda builder: add_boxes(builder, 1),
+    "two boxes": lambda builder: add_boxes(builder, 2),
+    "all effects": add_everything,
+}
+"""From the least to the most that a scene can call for."""
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description="what the kernels take on a GPU")
+    parser.add_argument("scenes", nargs="*", choices=[[], *SCENES], metavar="SCENE")
+    rows = [("scene", "kernel", "registers", "stack [B]", "spilled [B]", "compiled [s]")]
+    for name in parser.parse_args().scenes or SCENES:
+        builder = newton.ModelBuilder()
+        SCENES[name](builder)
+        settings = SETTINGS if name == "all effects" else {}
+        for label, kernel in launched(builder.finalize(device="cpu"), **settings).items():
+            used = usage(kernel)
+            seconds = f"{used.seconds:.0f}"
+            sizes = (str(used.registers), str(used.stack), str(used.spilled))
+            rows.append((name, label, *sizes, seconds))
+            print(*rows[-1], flush=True)
+    print(f"\n{table(rows)}")
+
+
+if __name__ == "__main__":
+    main()
