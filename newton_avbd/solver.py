@@ -32,6 +32,7 @@ from .execute.observables import (
     make_export_parent_force,
 )
 from .execute.piles import OUTSIDE
+from .execute.workers import Workers
 from .execute.world import SETTLED, make_solve
 from .memory import bytes_by_effect
 from .report import Report
@@ -116,6 +117,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
+        workers: int | None = None,
         collision_pipeline: newton.CollisionPipeline | None = None,
         collision_frequency: Mapping[SolverBase.CollisionSlot, int] | None = None,
         collision_frequency_type: Mapping[
@@ -161,6 +163,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 the turns of hinges counted; without it only poses and velocities of bodies.
             strict: What the model holds and this solver does not simulate (particles, cloth,
                 tendons, ...) is an error instead of a warning.
+            workers: Threads that share the worlds of a step on a CPU, to the same bits; None for as
+                many as pay, up to the cores of the process. A captured graph is replayed by one.
             collision_pipeline: A pipeline that the solver runs at the start of each step, on
                 ``state_in``; ``step`` then takes ``contacts=None``.
             collision_frequency: See :class:`newton.solvers.SolverBase`.
@@ -199,6 +203,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
+        self._workers = Workers(workers)
         self.settings = settings
         """What the arguments and the scene say, as arguments of a solver that does the same."""
         self.iterations = settings.iterations
@@ -374,6 +379,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             make_solve(effects),
             self._world_count,
             [
+                0,
                 self._bodies,
                 self._shapes,
                 self._joints,
@@ -394,6 +400,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 state_out.body_q,
                 state_out.body_qd,
             ],
+            self._workers,
         )
 
     # What a user may do besides stepping.

@@ -1324,6 +1324,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
     @wp.kernel(enable_backward=False, module="unique", module_options={"cpu_compiler_flags": flags})
     def solve(
+        first: int,
         # Model:
         model: BodyModel,
         shapes: ShapeModel,
@@ -1348,9 +1349,10 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
+        """The worlds from ``first`` on."""
         mode = flush_denormals()
         solve_world(
-            wp.tid(),
+            first + wp.tid(),
             model,
             shapes,
             joints,
