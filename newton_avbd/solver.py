@@ -5,7 +5,7 @@
 import dataclasses
 import warnings
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -34,7 +34,7 @@ from .execute.observables import (
 from .execute.piles import OUTSIDE
 from .execute.workers import Workers
 from .execute.world import SETTLED, make_solve
-from .memory import bytes_by_effect
+from .memory import bytes_by_effect, members
 from .report import Report
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
@@ -553,6 +553,47 @@ class SolverAVBD(SolverBase, RigidCoupling):
             ],
         )
 
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """What is remembered of the last step, on the host.
+
+        With the state that the step wrote it is all that a run needs to go on to the same bits, in
+        this solver or in another one of an equal model with equal settings and contact buffers.
+
+        Returns:
+            Copies of the solver's arrays, by name.
+        """
+        return {name: array.numpy().copy() for name, array in self._remembered()}
+
+    def restore(self, checkpoint: Mapping[str, np.ndarray]) -> None:
+        """Remember what :meth:`checkpoint` returned, instead of the last step.
+
+        Args:
+            checkpoint: Arrays by name.
+
+        Raises:
+            ValueError: If they are those of a solver of another model, with other settings or for
+                other contact buffers.
+        """
+        arrays = dict(self._remembered())
+        own = {name: array.capacity for name, array in arrays.items()}
+        given = {name: array.nbytes for name, array in checkpoint.items()}
+        other = [name for name in {**own, **given} if own.get(name) != given.get(name)]
+        if other:
+            raise ValueError(
+                f"The checkpoint does not fit this solver: {', '.join(other)}. Construct it with "
+                "the model and settings of the other, and its collision pipeline before it."
+            )
+        for name, array in arrays.items():
+            array.assign(checkpoint[name])
+
+    def _remembered(self) -> Iterator[tuple[str, wp.array]]:
+        """Arrays that a step leaves to the next one, by name."""
+        for name, array in members("history", self._history):
+            if array.ptr:
+                yield name, array
+        if self._bdf2:
+            yield "worlds.step", self._worlds.step
+
     def notify_model_changed(self, flags: ModelFlags | int) -> None:
         """Look again at what the model calls for.
 
@@ -715,7 +756,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         model = self.model
         angles = np.zeros(model.joint_dof_count, dtype=np.float32)
         if model.joint_count:
-            joint_q, types = model.joint_q.numpy(), model.joint_type.numpy()
+            joint_q, types = model.joint_q.numpy(), model.joint_type.numpy().tolist()
             q_start, qd_start = model.joint_q_start.numpy(), model.joint_qd_start.numpy()
             for joint in np.flatnonzero([KINDS[kind].has_axes for kind in types]):
                 count = qd_start[joint + 1] - qd_start[joint]
@@ -999,7 +1040,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if not self._flags.closures:
             return
         work = self._tree.closures
-        joints = list(self._loops.joints.numpy()) if self._flags.loops else []
+        joints = self._loops.joints.numpy().tolist() if self._flags.loops else []
+        loop_of = {joint: loop for loop, joint in enumerate(joints)}
         body_of = {int(joint): body for body, joint in enumerate(topology.joint)}
         slots, rank = topology.order.size + 1, topology.rank
         block_of = np.full(topology.order.size, -1)
@@ -1018,7 +1060,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 nodes.append(data.ClosureNode())
                 passing.append([])
             closure = data.Closure()
-            closure.loop = joints.index(item.joint) if item.leader < 0 else -1
+            closure.loop = loop_of[item.joint] if item.leader < 0 else -1
             closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
             if item.leader >= 0:
                 closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]
