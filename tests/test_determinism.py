@@ -105,6 +105,24 @@ def test_threads_that_share_the_worlds_change_nothing(
     np.testing.assert_array_equal(by_world(shared), expected)
 
 
+def test_another_solver_goes_on_from_a_checkpoint(sim: Simulation, expected: Array) -> None:
+    """To the bits of the run that was left, whatever that solver did before."""
+    first = workshops_of((0, 1, 2))
+    first.step(STEPS // 2)
+    checkpoint = first.solver.checkpoint()
+    left = {name: getattr(first.state, name).numpy().copy() for name in ("body_q", "body_qd")}
+    first.step(3)  # copies do not change
+    sim.step(2)
+    sim.solver.restore(checkpoint)
+    for name, array in left.items():
+        getattr(sim.state, name).assign(array)
+    sim.step(STEPS - STEPS // 2)
+    np.testing.assert_array_equal(by_world(sim), expected)
+    checkpoint.pop("history.step")
+    with pytest.raises(ValueError, match=r"does not fit this solver: history\.step\."):
+        sim.solver.restore(checkpoint)
+
+
 @pytest.mark.parametrize("order", [(2, 0, 1), (1, 2, 0)])
 def test_the_order_of_worlds_changes_nothing(order: tuple[int, ...], expected: Array) -> None:
     """Each world moves as in its own place, bit for bit."""

@@ -219,9 +219,12 @@ def measure(name: str, bodies: int, device: str | None = None) -> Point:
         construction = time.process_time() - begin
         pipeline = None
         if model.shape_contact_pair_count:
-            # neighbours share 4 contacts, and some report more that are apart
+            # more than there are: no box is near more than six others, or has more than 16 contacts
             pipeline = newton.CollisionPipeline(
-                model, broad_phase="sap", rigid_contact_max=16 * model.body_count + 1000
+                model,
+                broad_phase="sap",
+                rigid_contact_max=16 * model.body_count + 1000,
+                shape_pairs_max=8 * model.shape_count + 1000,
             )
         contacts = pipeline.contacts() if pipeline else None
         state, other = model.state(), model.state()
