@@ -163,8 +163,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 the turns of hinges counted; without it only poses and velocities of bodies.
             strict: What the model holds and this solver does not simulate (particles, cloth,
                 tendons, ...) is an error instead of a warning.
-            workers: Threads that share the worlds of a step on a CPU, to the same bits; None for as
-                many as pay, up to the cores of the process. A captured graph is replayed by one.
+            workers: Most threads that share the worlds of a step on a CPU, to the same bits; None
+                for one a core. Those that pay are used: one below some 0.6 ms of work, and where a
+                graph is captured.
             collision_pipeline: A pipeline that the solver runs at the start of each step, on
                 ``state_in``; ``step`` then takes ``contacts=None``.
             collision_frequency: See :class:`newton.solvers.SolverBase`.
@@ -203,7 +204,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
-        self._workers = Workers(workers)
+        self._predictors, self._workers = Workers(workers), Workers(workers)
         self.settings = settings
         """What the arguments and the scene say, as arguments of a solver that does the same."""
         self.iterations = settings.iterations
@@ -350,9 +351,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self.model.joint_count,
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
-        self._launch_bodies(
+        self._launch(
             make_predict(self._flags),
+            self.model.body_count,
             [
+                0,
                 self._bodies,
                 state_in.body_q,
                 state_in.body_qd,
@@ -364,6 +367,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._tree,
                 self._work,
             ],
+            self._predictors,
         )
         if effects.reaction:
             self._launch(

@@ -98,8 +98,9 @@ def test_a_replayed_graph_is_the_eager_run(sim: Simulation, expected: Array) -> 
 def test_threads_that_share_the_worlds_change_nothing(
     count: int, expected: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where a thread has a single world."""
-    monkeypatch.setattr(workers, "LEAST", 1.0e-12)
+    """Also where a thread has a single world, and the bodies of one are predicted by several."""
+    for name in ("HANDOVER", "LEAST", "REST"):
+        monkeypatch.setattr(workers, name, 0.0 if name == "REST" else 1.0e-12)
     shared = workshops_of((0, 1, 2), workers=count)
     shared.step(STEPS)
     np.testing.assert_array_equal(by_world(shared), expected)

@@ -10,6 +10,14 @@ from newton_avbd.execute import workers
 from newton_avbd.execute.workers import Workers
 
 
+@pytest.fixture
+def eager(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads pay for any work."""
+    monkeypatch.setattr(workers, "HANDOVER", 1.0e-12)
+    monkeypatch.setattr(workers, "LEAST", 1.0e-12)
+    monkeypatch.setattr(workers, "REST", 0)
+
+
 @wp.kernel(enable_backward=False)
 def count_visits(first: int, visits: wp.array[int]):
     """Adds one to the entry of each world."""
@@ -24,11 +32,8 @@ def recorded(visits: wp.array) -> wp.Launch:
 
 @pytest.mark.parametrize("worlds", [1, 2, 7, 1000])
 @pytest.mark.parametrize("count", [1, 2, 3, 16])
-def test_every_world_is_visited_once(
-    monkeypatch: pytest.MonkeyPatch, worlds: int, count: int
-) -> None:
+def test_every_world_is_visited_once(eager: None, worlds: int, count: int) -> None:
     """Also where there are more threads than worlds, or slices of a single world."""
-    monkeypatch.setattr(workers, "LEAST", 1.0e-12)
     threads = Workers(count)
     for _ in range(3):
         visits = wp.zeros(worlds, dtype=wp.int32, device="cpu")
@@ -38,23 +43,23 @@ def test_every_world_is_visited_once(
             np.testing.assert_array_equal(visits.numpy(), turn)
 
 
-def test_other_arguments_reach_every_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_arguments_reach_every_thread(eager: None) -> None:
     """A step swaps its states, so that arguments of a recorded launch change."""
-    monkeypatch.setattr(workers, "LEAST", 1.0e-12)
     old, new = (wp.zeros(64, dtype=wp.int32, device="cpu") for _ in range(2))
     threads, whole = Workers(4), recorded(old)
-    threads.launch(whole, 64)
+    for _ in range(2):
+        threads.launch(whole, 64)
     whole.set_param_at_index(1, new)
     threads.launch(whole, 64)
-    np.testing.assert_array_equal(old.numpy(), 1)
+    np.testing.assert_array_equal(old.numpy(), 2)
     np.testing.assert_array_equal(new.numpy(), 1)
 
 
-def test_an_error_in_any_thread_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_in_any_thread_surfaces(eager: None, monkeypatch: pytest.MonkeyPatch) -> None:
     """And the next launch is whole again."""
-    monkeypatch.setattr(workers, "LEAST", 1.0e-12)
     visits = wp.zeros(64, dtype=wp.int32, device="cpu")
     threads, whole = Workers(3), recorded(visits)
+    threads.launch(whole, 64)
     run = workers._run
 
     def fail_beside(part: wp.Launch, slices: object) -> float:
@@ -74,7 +79,7 @@ def test_an_error_in_any_thread_surfaces(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 def test_a_small_batch_starts_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By default, below the work that pays; and nothing is forced on a graph."""
+    """Below the work that pays; nor does a graph while it is captured."""
 
     def none() -> None:
         raise AssertionError("a thread was asked for")
@@ -82,22 +87,28 @@ def test_a_small_batch_starts_no_thread(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(workers, "_pool", none)
     visits = wp.zeros(64, dtype=wp.int32, device="cpu")
     whole = recorded(visits)
-    threads = Workers(None)
+    threads = Workers(4)
     for _ in range(3):
         threads.launch(whole, 64)
+    threads._work = 1.0
     with wp.ScopedCapture(device="cpu") as capture:
-        Workers(4).launch(whole, 64)
+        threads.launch(whole, 64)
     wp.capture_launch(capture.graph)
     np.testing.assert_array_equal(visits.numpy(), 4)
 
 
 def test_threads_grow_with_the_root_of_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
-    """n threads take T / n + n c, least at n = sqrt(T / c); no more than there are cores."""
+    """n threads take T / n + n c, least at n = sqrt(T / c); no more than there are cores.
+
+    None beside it for a while after other processes had the cores.
+    """
     monkeypatch.setattr(workers, "cores", lambda: 8)
     threads = Workers(None)
     for work, count in ((0.0, 1), (3.9, 1), (4.1, 2), (9.1, 3), (1.0e4, 8)):
         threads._work = work * workers.HANDOVER
         assert threads._count() == count
+    threads._rest = 2
+    assert [threads._count() for _ in range(3)] == [1, 1, 8]
 
 
 def test_no_workers_is_an_error() -> None:

@@ -3,8 +3,9 @@
 """A batch of ants in shards, each in a process of its own: over cores, GPUs or nodes, by Ray.
 
 Worlds are independent, so that a shard computes the same bits as the whole batch would. Torques go
-out and motions come in, a rollout at a time. With each rollout comes a checkpoint; a shard whose
-process is lost starts again from its last one, and the others never notice.
+out and motions come in, a rollout at a time. Each rollout leaves a checkpoint in the object store
+of its node; a shard whose process is lost starts again from its last one, and the others never
+notice. Against the loss of whole nodes, fetch the checkpoints now and then.
 
     pip install newton-avbd[scenes,ray]
     python examples/ray/sharded_ants.py [--worlds 64] [--shards 2] [--rollouts 4] [--gpus] [--test]
@@ -53,6 +54,7 @@ class Shard:
         self.control = self.model.control()
         self.state, self.next = self.model.state(), self.model.state()
 
+    @ray.method(num_returns=2)
     def rollout(self, torques: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """Motion of each frame, shape (frames, worlds, bodies, 13), and what to go on from.
 
@@ -93,7 +95,7 @@ class Batch:
         self.remote = ray.remote(num_cpus=1, num_gpus=int(gpus))(Shard)
         self.restarts = 0
         self.shards = [self.start(shard) for shard in range(shards)]
-        self.checkpoints: list[dict[str, np.ndarray] | None] = [None] * shards
+        self.checkpoints: list[ray.ObjectRef | None] = [None] * shards
 
     def start(self, shard: int) -> ray.actor.ActorHandle:
         return self.remote.remote(int(np.diff(self.bounds)[shard]), self.device)
@@ -105,8 +107,9 @@ class Batch:
         motion = []
         for shard, part in enumerate(parts):
             while True:
+                moved, checkpoint = pending[shard]
                 try:
-                    moved, checkpoint = ray.get(pending[shard])
+                    motion.append(ray.get(moved))
                     break
                 except ray.exceptions.RayActorError:
                     self.restarts += 1
@@ -115,7 +118,6 @@ class Batch:
                         self.shards[shard].restore.remote(self.checkpoints[shard])
                     pending[shard] = self.shards[shard].rollout.remote(part)
             self.checkpoints[shard] = checkpoint
-            motion.append(moved)
         return np.concatenate(motion, axis=1)
 
 
@@ -143,11 +145,11 @@ def main() -> None:
         times.append(time.perf_counter() - begin)
     # the first one starts the processes
     seconds = np.median(times[1:]) / (FRAMES * SUBSTEPS * args.worlds)
-    saved = sum(a.nbytes for checkpoint in batch.checkpoints for a in checkpoint.values())
+    saved = sum(a.nbytes for c in ray.get(batch.checkpoints) for a in c.values())
     print(
         f"{args.worlds} worlds in {args.shards} shards: {1.0 / seconds:,.0f} world steps a second; "
         f"a rollout of {FRAMES} frames gathers {motion[0].nbytes / args.worlds:,.0f} B a world of "
-        f"motion and {saved / args.worlds:,.0f} B of checkpoint"
+        f"motion and keeps {saved / args.worlds:,.0f} B of checkpoint"
     )
     if args.test:
         alone = Shard(args.worlds, batch.device)

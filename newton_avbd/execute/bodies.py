@@ -289,6 +289,7 @@ def make_predict(effects: Effects) -> wp.Kernel:
 
     @wp.kernel(enable_backward=False, module="unique")
     def predict(
+        first: int,
         # Model:
         model: BodyModel,
         # State in:
@@ -303,10 +304,10 @@ def make_predict(effects: Effects) -> wp.Kernel:
         # Work out:
         work: BodyWork,
     ):
+        """The bodies from ``first`` on."""
         mode = flush_denormals()
-        predict_body(
-            wp.tid(), model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
-        )
+        body = first + wp.tid()
+        predict_body(body, model, body_q, body_qd, body_f, control, h, worlds, history, tree, work)
         restore_denormals(mode)
 
     return predict

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Threads that share the worlds of a step on the CPU, where Warp runs a launch on one.
 
-A launch frees Python's global lock, so that threads of this process run at once. Worlds are
-independent: which thread solves one changes no bit of the result.
+A launch frees Python's global lock, so that threads of this process run at once. Worlds, and bodies
+before they meet, are independent: which thread takes one changes no bit of the result.
 """
 
 import functools
@@ -19,7 +19,7 @@ HANDOVER = 150.0e-6
 """Time that one more thread costs a launch [s]: two pay from four times this work on."""
 LEAST = 100.0e-6
 """Work of the smallest slice [s]; taking one costs 10 us."""
-REST = 100
+REST = 20
 """Launches in one thread after one in several took longer: other processes have the cores."""
 
 
@@ -42,43 +42,42 @@ if hasattr(os, "register_at_fork"):
 
 
 class Workers:
-    """Launches a kernel whose first argument is the world that its first thread solves."""
+    """Launches one kernel, whose first argument is the world or body of its first thread."""
 
     def __init__(self, most: int | None) -> None:
         """Starts no thread: the first launch that pays for one does.
 
         Args:
-            most: Threads for each launch; None for as many as pay, at most one a core.
+            most: Threads for a launch; None for one a core.
 
         Raises:
             ValueError: If there would be no thread.
         """
         if most is not None and most < 1:
             raise ValueError(f"workers must be at least 1, got {most}.")
-        self._most = most
-        self._cores = cores()
+        self._most = cores() if most is None else most
         self._work = 0.0
         self._rest = 0
         self._whole: wp.Launch | None = None
         self._parts: list[wp.Launch] = []
 
-    def launch(self, whole: wp.Launch, worlds: int) -> None:
-        """Runs the launch of all worlds; in one thread where a graph is captured.
+    def launch(self, whole: wp.Launch, items: int) -> None:
+        """Runs a launch in slices; in one thread where a graph is captured.
 
         Args:
-            whole: The launch, recorded from world 0.
-            worlds: How many threads it has.
+            whole: The launch, recorded from 0 on.
+            items: Worlds or bodies that it has.
         """
         count = 1
         if whole.device.is_cpu and not whole.device.is_capturing:
-            count = min(self._count(), worlds)
+            count = min(self._count(), items)
         if count == 1:
             begin = time.thread_time()
             whole.launch()
             self._work = time.thread_time() - begin
             return
         begin = time.perf_counter()
-        slices = _slices(worlds, count, self._work)
+        slices = _slices(items, count, self._work)
         own, *parts = self._parts_of(whole, count)
         others: list[Future[float]] = [_pool().submit(_run, part, slices) for part in parts]
         times = []
@@ -94,12 +93,10 @@ class Workers:
 
     def _count(self) -> int:
         """Threads with which the work T of the last launch takes least: T / n + n HANDOVER."""
-        if self._most is not None:
-            return self._most
         if self._rest:
             self._rest -= 1
             return 1
-        return max(1, min(int(math.sqrt(self._work / HANDOVER)), self._cores))
+        return max(1, min(int(math.sqrt(self._work / HANDOVER)), self._most))
 
     def _parts_of(self, whole: wp.Launch, count: int) -> list[wp.Launch]:
         """A launch for each thread, with the arguments of the whole."""
@@ -113,13 +110,13 @@ class Workers:
         return self._parts[:count]
 
 
-def _slices(worlds: int, count: int, work: float) -> deque[tuple[int, int]]:
-    """First world and number of worlds of each slice: large ones first, small ones to end even."""
-    least = max(1, math.ceil(worlds * LEAST / max(work, LEAST)))
+def _slices(items: int, count: int, work: float) -> deque[tuple[int, int]]:
+    """Where each slice begins and its size: large ones first, then small ones to end even."""
+    least = max(1, math.ceil(items * LEAST / max(work, LEAST)))
     slices: deque[tuple[int, int]] = deque()
     first = 0
-    while first < worlds:
-        size = min(max((worlds - first) // (2 * count), least), worlds - first)
+    while first < items:
+        size = min(max((items - first) // (2 * count), least), items - first)
         slices.append((first, size))
         first += size
     return slices
