@@ -367,7 +367,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._tree,
                 self._work,
             ],
-            self._predictors,
+            self._predictors if self._world_count > 1 else None,
         )
         if effects.reaction:
             self._launch(

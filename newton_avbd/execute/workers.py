@@ -68,9 +68,10 @@ class Workers:
             whole: The launch, recorded from 0 on.
             items: Worlds or bodies that it has.
         """
-        count = 1
-        if whole.device.is_cpu and not whole.device.is_capturing:
-            count = min(self._count(), items)
+        if min(items, self._most) == 1 or not whole.device.is_cpu or whole.device.is_capturing:
+            whole.launch()
+            return
+        count = min(self._count(), items)
         if count == 1:
             begin = time.thread_time()
             whole.launch()
