@@ -220,12 +220,13 @@ def _has_own_angular_friction(model: newton.Model) -> np.ndarray:
 def _check_joints(model: newton.Model, ramp: bool) -> None:
     if model.joint_count == 0:
         return
-    for joint, kind in enumerate(model.joint_type.numpy()):
-        if kind not in KINDS or (ramp and kind != newton.JointType.FREE):
+    free = int(newton.JointType.FREE)
+    for joint, kind in enumerate(model.joint_type.numpy().tolist()):
+        if kind not in KINDS or (ramp and kind != free):
             where = " with formulation='ramp'" if ramp else ""
             raise NotImplementedError(
                 f"SolverAVBD does not support joint {joint} '{_label(model.joint_label, joint)}' "
-                f"of type {newton.JointType(int(kind)).name}{where}."
+                f"of type {newton.JointType(kind).name}{where}."
             )
     for name in ("joint_X_p", "joint_X_c"):
         _check_numbers(model, name, model.joint_label)

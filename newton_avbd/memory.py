@@ -93,17 +93,17 @@ def _arrays(solver: object) -> Iterator[tuple[str, wp.array]]:
         if isinstance(value, wp.array):
             yield name.strip("_"), value
         elif _struct_name(value) in owned:
-            yield from _members(name.strip("_"), value)
+            yield from members(name.strip("_"), value)
 
 
-def _members(name: str, struct: Any) -> Iterator[tuple[str, wp.array]]:
+def members(name: str, struct: Any) -> Iterator[tuple[str, wp.array]]:
     """Arrays in a struct, and in the structs that it holds."""
     for key in struct._cls.vars:
         value = getattr(struct, key)
         if isinstance(value, wp.array):
             yield f"{name}.{key}", value
         elif _struct_name(value):
-            yield from _members(f"{name}.{key}", value)
+            yield from members(f"{name}.{key}", value)
 
 
 def _struct_name(value: object) -> str:

@@ -5,7 +5,7 @@
 import dataclasses
 import warnings
 import weakref
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -33,8 +33,9 @@ from .execute.observables import (
 )
 from .execute.piles import OUTSIDE
 from .execute.slopes import SCHEMES
+from .execute.workers import Workers
 from .execute.world import SETTLED, make_solve
-from .memory import bytes_by_effect
+from .memory import bytes_by_effect, members
 from .report import Report
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
@@ -117,6 +118,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
+        workers: int | None = None,
         collision_pipeline: newton.CollisionPipeline | None = None,
         collision_frequency: Mapping[SolverBase.CollisionSlot, int] | None = None,
         collision_frequency_type: Mapping[
@@ -163,6 +165,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 the turns of hinges counted; without it only poses and velocities of bodies.
             strict: What the model holds and this solver does not simulate (particles, cloth,
                 tendons, ...) is an error instead of a warning.
+            workers: Most threads that share the worlds of a step on a CPU, to the same bits; None
+                for one a core. Those that pay are used: one below some 0.6 ms of work, and where a
+                graph is captured.
             collision_pipeline: A pipeline that the solver runs at the start of each step, on
                 ``state_in``; ``step`` then takes ``contacts=None``.
             collision_frequency: See :class:`newton.solvers.SolverBase`.
@@ -201,6 +206,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
+        self._passing = passing_on(self.device)
+        self._predictors, self._workers = Workers(workers), Workers(workers)
         self.settings = settings
         """What the arguments and the scene say, as arguments of a solver that does the same."""
         self.iterations = settings.iterations
@@ -342,7 +349,6 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """The step with constraints: predict, sort the contacts by owner, solve each world."""
         source = self._no_contacts if contacts is None else self._contact_input(contacts)
         effects = self._flags_with(contacts)
-        passing = passing_on(self.device)
         if effects.breaking:
             self._launch(
                 enable_joints,
@@ -350,9 +356,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
         self._launch(
-            make_predict(self._flags, passing),
-            -(-self.model.body_count // passing.bodies_per_thread),
+            make_predict(self._flags, self._passing),
+            -(-self.model.body_count // self._passing.bodies_per_thread),
             [
+                0,
                 self._bodies,
                 state_in.body_q,
                 state_in.body_qd,
@@ -364,6 +371,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._tree,
                 self._work,
             ],
+            self._predictors if self._world_count > 1 else None,
         )
         if effects.reaction:
             self._launch(
@@ -373,14 +381,15 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
         if contacts is not None:
             self._launch(
-                make_sort_contacts(passing),
+                make_sort_contacts(self._passing),
                 1,
                 [self._shapes, source, self._worlds, self._work, self._rows],
             )
         self._launch(
-            make_solve(effects, passing),
+            make_solve(effects, self._passing),
             self._world_count,
             [
+                0,
                 self._bodies,
                 self._shapes,
                 self._joints,
@@ -401,6 +410,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 state_out.body_q,
                 state_out.body_qd,
             ],
+            self._workers,
         )
 
     # What a user may do besides stepping.
@@ -552,6 +562,47 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 state.body_qd,
             ],
         )
+
+    def checkpoint(self) -> dict[str, np.ndarray]:
+        """What is remembered of the last step, on the host.
+
+        With the state that the step wrote it is all that a run needs to go on to the same bits, in
+        this solver or in another one of an equal model with equal settings and contact buffers.
+
+        Returns:
+            Copies of the solver's arrays, by name.
+        """
+        return {name: array.numpy().copy() for name, array in self._remembered()}
+
+    def restore(self, checkpoint: Mapping[str, np.ndarray]) -> None:
+        """Remember what :meth:`checkpoint` returned, instead of the last step.
+
+        Args:
+            checkpoint: Arrays by name.
+
+        Raises:
+            ValueError: If they are those of a solver of another model, with other settings or for
+                other contact buffers.
+        """
+        arrays = dict(self._remembered())
+        own = {name: array.capacity for name, array in arrays.items()}
+        given = {name: array.nbytes for name, array in checkpoint.items()}
+        other = [name for name in {**own, **given} if own.get(name) != given.get(name)]
+        if other:
+            raise ValueError(
+                f"The checkpoint does not fit this solver: {', '.join(other)}. Construct it with "
+                "the model and settings of the other, and its collision pipeline before it."
+            )
+        for name, array in arrays.items():
+            array.assign(checkpoint[name])
+
+    def _remembered(self) -> Iterator[tuple[str, wp.array]]:
+        """Arrays that a step leaves to the next one, by name."""
+        for name, array in members("history", self._history):
+            if array.ptr:
+                yield name, array
+        if self._bdf2:
+            yield "worlds.step", self._worlds.step
 
     def notify_model_changed(self, flags: ModelFlags | int) -> None:
         """Look again at what the model calls for.
@@ -715,7 +766,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         model = self.model
         angles = np.zeros(model.joint_dof_count, dtype=np.float32)
         if model.joint_count:
-            joint_q, types = model.joint_q.numpy(), model.joint_type.numpy()
+            joint_q, types = model.joint_q.numpy(), model.joint_type.numpy().tolist()
             q_start, qd_start = model.joint_q_start.numpy(), model.joint_qd_start.numpy()
             for joint in np.flatnonzero([KINDS[kind].has_axes for kind in types]):
                 count = qd_start[joint + 1] - qd_start[joint]
@@ -1002,7 +1053,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if not self._flags.closures:
             return
         work = self._tree.closures
-        joints = list(self._loops.joints.numpy()) if self._flags.loops else []
+        joints = self._loops.joints.numpy().tolist() if self._flags.loops else []
+        loop_of = {joint: loop for loop, joint in enumerate(joints)}
         body_of = {int(joint): body for body, joint in enumerate(topology.joint)}
         slots, rank = topology.order.size + 1, topology.rank
         block_of = np.full(topology.order.size, -1)
@@ -1021,7 +1073,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 nodes.append(data.ClosureNode())
                 passing.append([])
             closure = data.Closure()
-            closure.loop = joints.index(item.joint) if item.leader < 0 else -1
+            closure.loop = loop_of[item.joint] if item.leader < 0 else -1
             closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
             if item.leader >= 0:
                 closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]

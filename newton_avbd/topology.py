@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How joints link the bodies of a model: which make trees, and in which order to visit bodies."""
 
+from collections import Counter
 from dataclasses import dataclass, fields
 
 import newton
@@ -128,32 +129,27 @@ class Topology:
         count = model.body_count
         joint = np.full(count, -1)
         loops = []
-        root = np.arange(count)
-
-        def find(body: int) -> int:
-            while root[body] != body:
-                root[body] = root[root[body]]
-                body = root[body]
-            return body
-
+        root = list(range(count))
         parent_of = np.full(count, -1)
         moves = (model.body_inv_mass.numpy() > 0.0) & (
             model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
         )
-        kinds = model.joint_type.numpy() if model.joint_count else []
-        parents = model.joint_parent.numpy() if model.joint_count else []
-        children = model.joint_child.numpy() if model.joint_count else []
+        # lists: an element of a NumPy array costs ten times as much
+        kinds = model.joint_type.numpy().tolist() if model.joint_count else []
+        parents = model.joint_parent.numpy().tolist() if model.joint_count else []
+        children = model.joint_child.numpy().tolist() if model.joint_count else []
 
         def can_hang(body: int, other: int) -> bool:
             """Whether a joint to ``other`` can link a body to its parent in a tree."""
-            is_new = other < 0 or find(body) != find(other)
+            is_new = other < 0 or _find(root, body) != _find(root, other)
             return joint[body] < 0 and is_new and bool(moves[body])
 
         idle = np.zeros(count, dtype=bool)
         flipped = []
+        free = int(newton.JointType.FREE)
         for index, kind in enumerate(kinds):
-            parent, child = int(parents[index]), int(children[index])
-            if kind == newton.JointType.FREE:
+            parent, child = parents[index], children[index]
+            if kind == free:
                 continue
             if not moves[child] and (parent < 0 or not moves[parent]):
                 idle[[child] if parent < 0 else [child, parent]] = True
@@ -170,21 +166,19 @@ class Topology:
             joint[below] = index
             parent_of[below] = above
             if above >= 0:
-                root[find(below)] = find(above)
+                root[_find(root, below)] = _find(root, above)
 
-        tree_root = np.array([find(body) for body in range(count)], dtype=int)
-        closures, block_root = _closures(model, loops, joint, parent_of, tree_root, moves)
+        closures, block_root = _closures(model, loops, joint, parent_of, root, moves)
 
         order: list[int] = []
         ends: list[int] = []
         by_parent: list[list[int]] = [[] for _ in range(count)]
-        for body in range(count):
-            if parent_of[body] >= 0:
-                by_parent[parent_of[body]].append(body)
         starts: dict[int, list[int]] = {}
-        for body in range(count):
-            if parent_of[body] < 0:
-                starts.setdefault(int(block_root[body]), []).append(body)
+        for body, above in enumerate(parent_of.tolist()):
+            if above >= 0:
+                by_parent[above].append(body)
+            else:
+                starts.setdefault(_find(block_root, body), []).append(body)
         for block in sorted(starts.values(), key=lambda roots: (worlds[roots[0]], roots[0])):
             begin = len(order)
             order.extend(block)
@@ -224,6 +218,13 @@ class Topology:
         )
 
 
+def _find(root: list[int], body: int) -> int:
+    """Root of a set of bodies; shortens the way for the next call."""
+    while root[body] != body:
+        root[body] = body = root[root[body]]
+    return body
+
+
 def _ways(
     ends: tuple[int, int], parent: np.ndarray, moves: np.ndarray, above: bool = False
 ) -> tuple[int, tuple[tuple[int, ...], tuple[int, ...]]]:
@@ -246,10 +247,12 @@ def _ways(
         # one end may be an ancestor of the other: the longer way takes what both share
         lines.sort(key=len, reverse=True)
     first, second = lines
-    top = next((body for body in first[above:] if body in second[above:]), -1)
+    shared = set(second[above:])
+    top = next((body for body in first[above:] if body in shared), -1)
     if top >= 0:
         first, second = first[: first.index(top)], second[: second.index(top)]
-    return top, (tuple(first), tuple(body for body in second if body not in first))
+    taken = set(first)
+    return top, (tuple(first), tuple(body for body in second if body not in taken))
 
 
 def _closures(
@@ -257,56 +260,62 @@ def _closures(
     loops: list[int],
     tree_joint: np.ndarray,
     tree_parent: np.ndarray,
-    tree_root: np.ndarray,
+    tree_root: list[int],
     moves: np.ndarray,
-) -> tuple[list[ClosureOf], np.ndarray]:
+) -> tuple[list[ClosureOf], list[int]]:
     """What can be solved with the trees, and the blocks that trees make where it ties them.
 
     Returns:
-        The closures, and the root of each body's block.
+        The closures, and the sets of bodies that are a block, as :func:`_find` reads them.
 
     Raises:
         NotImplementedError: If a mimic joint or its leader is not part of a tree.
     """
     if model.joint_count == 0:
         return [], tree_root
-    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
-    kinds, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
+    ends = np.column_stack((model.joint_child.numpy(), model.joint_parent.numpy())).tolist()
+    kinds = model.joint_type.numpy().tolist()
+    dims = model.joint_dof_dim.numpy().sum(axis=1).tolist()
+    body_of = dict(zip(tree_joint.tolist(), range(len(tree_joint)), strict=True))
     leaders, _ = mimics(model)
-    links: list[tuple[ClosureOf, list[int]]] = []
-    for index in loops:
-        bodies = [int(b) for b in (child[index], parent[index]) if b >= 0 and moves[b]]
-        if KINDS[kinds[index]].in_tree and dims[index] < 6 and np.any(tree_joint >= 0):
-            top, ways = _ways((child[index], parent[index]), tree_parent, moves)
-            closure = ClosureOf(index, -1, 6 - int(dims[index]), bodies[0], top, ways)
-            links.append((closure, bodies))
+    # joint, its leader, the two bodies that are tied, and by how many rows
+    links: list[tuple[int, int, list[int], int]] = []
+    for index in loops if body_of.keys() - {-1} else ():
+        if KINDS[kinds[index]].in_tree and dims[index] < 6:
+            links.append((index, -1, ends[index], 6 - dims[index]))
     for index in map(int, np.flatnonzero(leaders >= 0)):
-        tied = [np.flatnonzero(tree_joint == joint) for joint in (index, leaders[index])]
-        if any(bodies.size == 0 for bodies in tied):
+        leader = int(leaders[index])
+        if index not in body_of or leader not in body_of:
             raise NotImplementedError(
-                f"Joint {index} ({model.joint_label[index]}) mimics joint {leaders[index]} "
-                f"({model.joint_label[leaders[index]]}), and one of them is not part of a tree: "
+                f"Joint {index} ({model.joint_label[index]}) mimics joint {leader} "
+                f"({model.joint_label[leader]}), and one of them is not part of a tree: "
                 "let another joint close the loop, and use blocks='articulation'."
             )
-        bodies = [int(found[0]) for found in tied]
-        top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=True)
-        closure = ClosureOf(index, int(leaders[index]), int(dims[index]), bodies[0], top, ways)
-        links.append((closure, bodies))
+        links.append((index, leader, [body_of[index], body_of[leader]], dims[index]))
 
-    def merged(links: list[tuple[ClosureOf, list[int]]]) -> np.ndarray:
-        root = tree_root.copy()
-        for _, bodies in links:
-            for body in bodies[1:]:
-                root[root == root[body]] = root[bodies[0]]
+    def tied(bodies: list[int]) -> list[int]:
+        """The bodies that move; one at least."""
+        return [body for body in bodies if body >= 0 and moves[body]]
+
+    def merged(links: list[tuple[int, int, list[int], int]]) -> list[int]:
+        root = list(tree_root)
+        for _, _, bodies, _ in links:
+            first, *others = tied(bodies)
+            for body in others:
+                root[_find(root, body)] = _find(root, first)
         return root
 
     root = merged(links)
-    rows = np.zeros(len(root), dtype=int)
-    for closure, bodies in links:
-        rows[root[bodies[0]]] += closure.rows
+    rows_of: Counter[int] = Counter()
+    for _, _, bodies, rows in links:
+        rows_of[_find(root, tied(bodies)[0])] += rows
     kept = [
-        (closure, bodies)
-        for closure, bodies in links
-        if closure.leader >= 0 or rows[root[bodies[0]]] <= CLOSURE_ROWS
+        (joint, leader, bodies, rows)
+        for joint, leader, bodies, rows in links
+        if leader >= 0 or rows_of[_find(root, tied(bodies)[0])] <= CLOSURE_ROWS
     ]
-    return [closure for closure, _ in kept], merged(kept)
+    closures = []
+    for joint, leader, bodies, rows in kept:
+        top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)
+        closures.append(ClosureOf(joint, leader, rows, tied(bodies)[0], top, ways))
+    return closures, merged(kept)

@@ -7,6 +7,7 @@ contact buffer is the same to rounding: ``test_contract_contacts.py``.
 """
 
 from collections.abc import Sequence
+from typing import Any
 
 import newton
 import numpy as np
@@ -17,12 +18,14 @@ from helpers import Array, G, Simulation
 from joint_scenes import WORLD, add_link, transform
 from workshop import BODIES, add_workshop
 
+from newton_avbd.execute import workers
+
 STEPS = 40
 SPEEDS = (0.0, 0.7, -0.4)
 """What sets three worlds apart: a velocity of their upper boxes [m/s]."""
 
 
-def workshops_of(worlds: Sequence[int]) -> Simulation:
+def workshops_of(worlds: Sequence[int], **settings: Any) -> Simulation:
     """Workshops with the speeds of these worlds, in this order."""
     builder = newton.ModelBuilder()
     for world in worlds:
@@ -31,7 +34,7 @@ def workshops_of(worlds: Sequence[int]) -> Simulation:
         builder.end_world()
         upper = builder.body_count - BODIES + 1
         builder.body_qd[upper] = wp.spatial_vector(SPEEDS[world], 0.1, 0.0, 0.0, 0.0, SPEEDS[world])
-    return Simulation(builder)
+    return Simulation(builder, **settings)
 
 
 def by_world(sim: Simulation) -> Array:
@@ -89,6 +92,36 @@ def test_a_replayed_graph_is_the_eager_run(sim: Simulation, expected: Array) -> 
         for _ in range(STEPS // 2):
             wp.capture_launch(steps.graph)
         np.testing.assert_array_equal(by_world(sim), expected)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_threads_that_share_the_worlds_change_nothing(
+    count: int, expected: Array, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where a thread has a single world, and the bodies of one are predicted by several."""
+    for name in ("HANDOVER", "LEAST", "REST"):
+        monkeypatch.setattr(workers, name, 0.0 if name == "REST" else 1.0e-12)
+    shared = workshops_of((0, 1, 2), workers=count)
+    shared.step(STEPS)
+    np.testing.assert_array_equal(by_world(shared), expected)
+
+
+def test_another_solver_goes_on_from_a_checkpoint(sim: Simulation, expected: Array) -> None:
+    """To the bits of the run that was left, whatever that solver did before."""
+    first = workshops_of((0, 1, 2))
+    first.step(STEPS // 2)
+    checkpoint = first.solver.checkpoint()
+    left = {name: getattr(first.state, name).numpy().copy() for name in ("body_q", "body_qd")}
+    first.step(3)  # copies do not change
+    sim.step(2)
+    sim.solver.restore(checkpoint)
+    for name, array in left.items():
+        getattr(sim.state, name).assign(array)
+    sim.step(STEPS - STEPS // 2)
+    np.testing.assert_array_equal(by_world(sim), expected)
+    checkpoint.pop("history.step")
+    with pytest.raises(ValueError, match=r"does not fit this solver: history\.step\."):
+        sim.solver.restore(checkpoint)
 
 
 @pytest.mark.parametrize("order", [(2, 0, 1), (1, 2, 0)])

@@ -302,6 +302,7 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
 
     @wp.kernel(**KERNEL)
     def predict(
+        first: int,
         # Model:
         model: a(BodyModel),
         # State in:
@@ -318,7 +319,7 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     ):
         mode = flush_denormals()
         predict_bodies(
-            wp.tid(),
+            first + wp.tid(),
             read(model),
             body_q,
             body_qd,

@@ -14,6 +14,8 @@ from typing import Any
 
 import warp as wp
 
+from .workers import Workers
+
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
 
@@ -70,8 +72,13 @@ class Launcher:
         self._recorded: dict[wp.Kernel, tuple[int, wp.Launch, list]] = {}
         self._resident: dict[int, tuple[Any, wp.array]] = {}
 
-    def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
-        """Launches ``kernel`` with ``dim`` threads; arguments are compared by identity."""
+    def __call__(
+        self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
+    ) -> None:
+        """Launches ``kernel`` with ``dim`` threads; arguments are compared by identity.
+
+        With ``workers`` they share them.
+        """
         known = self._recorded.get(kernel)
         if known is None or known[0] != dim:
             self._recorded[kernel] = (dim, self._pack(kernel, dim, arguments), list(arguments))
@@ -81,7 +88,11 @@ class Launcher:
                 if argument is not packed[i]:
                     command.set_param_at_index(i, self._passed(kernel, i, argument))
                     packed[i] = argument
-        self._recorded[kernel][1].launch()
+        command = self._recorded[kernel][1]
+        if workers is None:
+            command.launch()
+        else:
+            workers.launch(command, dim)
 
     def forget(self) -> None:
         """Drops what was packed, after a struct among the arguments changed its arrays.
@@ -117,6 +128,8 @@ def _write(struct: Any, place: wp.array) -> None:
 class Compiler(Launcher):
     """Compiles and loads the kernels that it is to launch, and launches none."""
 
-    def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
+    def __call__(
+        self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
+    ) -> None:
         """Makes ``kernel`` ready for ``dim`` threads."""
         self._pack(kernel, dim, arguments)

@@ -1356,6 +1356,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
 
     @wp.kernel(**KERNEL)
     def solve(
+        first: int,
         # Model:
         model: a(BodyModel),
         shapes: a(ShapeModel),
@@ -1380,9 +1381,10 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
+        """The worlds from ``first`` on."""
         mode = flush_denormals()
         solve_world(
-            wp.tid(),
+            first + wp.tid(),
             read(model),
             read(shapes),
             read(joints),

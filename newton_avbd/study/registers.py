@@ -23,7 +23,8 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.commands.output import table
-from newton_avbd.execute.launch import Launcher
+from newton_avbd.execute.launch import BY_VALUE, Launcher
+from newton_avbd.execute.workers import Workers
 
 from .effects_full import SETTINGS, add_everything
 
@@ -63,8 +64,9 @@ def usage(kernel: wp.Kernel) -> Usage:
 
 
 def launched(model: newton.Model, **settings: Any) -> dict[str, wp.Kernel]:
-    """Kernels that a step launches, by name; none is compiled."""
+    """Kernels that a step launches on a GPU, by name; none is compiled."""
     solver = SolverAVBD(model, **settings)
+    solver._passing = BY_VALUE
     recorder = _Recorder(solver.device)
     solver._launch = recorder
     contacts = newton.CollisionPipeline(model).contacts() if model.shape_count else None
@@ -79,7 +81,9 @@ class _Recorder(Launcher):
         super().__init__(device)
         self.kernels: list[wp.Kernel] = []
 
-    def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
+    def __call__(
+        self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
+    ) -> None:
         self.kernels.append(kernel)
 
 

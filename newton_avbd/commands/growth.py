@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd growth``: how time and memory grow with bodies, contacts, joints and worlds."""
+
+import argparse
+import json
+from pathlib import Path
+
+from newton_avbd.io import UserError, require
+from newton_avbd.study import growth
+from newton_avbd.study.bench import chosen, describe_machine, pinned
+
+from .options import positive, use_device
+from .output import table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    parser.add_argument(
+        "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+    )
+    parser.add_argument(
+        "--most",
+        type=positive(int),
+        default=10**5,
+        metavar="BODIES",
+        help="bodies of the largest scenes (default: %(default)s)",
+    )
+    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder for plots (SVG) and numbers (JSON)"
+    )
+    parser.epilog = "scenes:\n" + "\n".join(
+        f"  {name:<8} {family.summary}" for name, family in growth.FAMILIES.items()
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Measure, print a table, write plots and numbers.
+
+    Returns:
+        Exit status: 0.
+
+    Raises:
+        UserError: A scene does not exist, or the folder cannot be written.
+    """
+    if args.output:
+        require("matplotlib")
+    names = chosen("scene that grows", args.scenes, tuple(growth.FAMILIES))
+    use_device(args.device)
+    with pinned() as core:
+        machine = describe_machine(core)
+        points = [
+            growth.measure(name, size) for name in names for size in growth.sizes(name, args.most)
+        ]
+    print(table(growth.rows(points)))
+    print(f"\nGrowth from {growth.LARGE:,} bodies on, as a power of the bodies:")
+    print(table(growth.exponents(points)))
+    if args.output:
+        try:
+            args.output.mkdir(parents=True, exist_ok=True)
+            text = json.dumps(growth.as_json(machine, points), indent=1)
+            (args.output / "growth.json").write_text(text + "\n")
+            for quantity in growth.QUANTITIES:
+                growth.write_plot(points, quantity, args.output / f"{quantity}.svg")
+        except OSError as error:
+            raise UserError(f"cannot write to {args.output}: {error}") from error
+    return 0
