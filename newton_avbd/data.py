@@ -720,3 +720,44 @@ class WorldScale:
     """Penetration that is left alone [m]."""
     static_slot: int
     """Slot of the static world."""
+
+
+@wp.struct
+class ColorWork:
+    """One large world: bodies of a color share no contact, and move at once.
+
+    The bodies of color c are ``order[start[c * lanes] : start[(c + 1) * lanes]]``; the last color
+    holds those that found none, which move one after the other. A *lane* is a run of bodies that
+    one thread counts or sums over.
+    """
+
+    lane_start: wp.array[wp.int32]
+    """First body of each lane, shape (lanes + 1,)."""
+    count: wp.array[wp.int32]
+    """By body slot: contacts of the body, then contacts that it owns."""
+    incident_start: wp.array[wp.int32]
+    """By body slot: first of the body's contacts in ``incident``."""
+    incident_end: wp.array[wp.int32]
+    incident: wp.array[wp.int32]
+    """Contacts of each body, in the order of the contact buffer."""
+    partner: wp.array[wp.int32]
+    """The other body of each, -1 where that does not move."""
+    color: wp.array2d[wp.int32]
+    """Color of each body slot, before and after a pass of coloring."""
+    table: wp.array[wp.int32]
+    """Bodies of a color in a lane, color by color."""
+    start: wp.array[wp.int32]
+    """Where these begin in ``order``."""
+    order: wp.array[wp.int32]
+    """Bodies that something touches, color by color."""
+    sums: wp.array[wp.int32]
+    """Scratch of prefix sums."""
+    scale: wp.array[WorldScale]
+    """What each lane adds to the scale of the world, then that scale."""
+    is_finite: wp.array[wp.int32]
+    """1 for each lane whose bodies are finite; then, for the world, 1 as long as all are."""
+    moved: wp.array[float]
+    """Square of how far a sweep moved a body [m^2]; first an infinity, then sweep by sweep,
+    negative where there was none."""
+    deepest: wp.array[float]
+    """Deepest penetration at the start of the step [m], shape (1,)."""

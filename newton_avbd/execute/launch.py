@@ -10,23 +10,24 @@ class Launcher:
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
-        self._recorded: dict[wp.Kernel, tuple[int, wp.Launch, list]] = {}
+        self._recorded: dict[wp.Kernel, dict[int, tuple[wp.Launch, list]]] = {}
 
     def __call__(self, kernel: wp.Kernel, dim: int, arguments: list) -> None:
         """Launches ``kernel`` with ``dim`` threads; arguments are compared by identity."""
-        known = self._recorded.get(kernel)
-        if known is None or known[0] != dim:
+        recorded = self._recorded.setdefault(kernel, {})
+        known = recorded.get(dim)
+        if known is None:
             command = wp.launch(
                 kernel, dim=dim, inputs=arguments, device=self._device, record_cmd=True
             )
-            self._recorded[kernel] = (dim, command, list(arguments))
+            recorded[dim] = (command, list(arguments))
         else:
-            _, command, packed = known
+            command, packed = known
             for i, argument in enumerate(arguments):
                 if argument is not packed[i]:
                     command.set_param_at_index(i, argument)
                     packed[i] = argument
-        self._recorded[kernel][1].launch()
+        command.launch()
 
     def forget(self) -> None:
         """Drops what was packed, after a struct among the arguments changed its arrays."""

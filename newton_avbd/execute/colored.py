@@ -1,0 +1,520 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The step of one large world of free bodies: the kernels that :class:`.large.LargeWorld` launches.
+
+What ``world.solve`` does in one thread, one kernel does here for one stage and all bodies: the
+mathematics is the same functions. A sweep takes a launch for each color, and as bodies of a color
+share no contact, that is what a sweep of one thread in the order of the colors computes. Where
+nothing moves any more, the launches that are left return at once.
+"""
+
+import functools
+import hashlib
+from typing import NamedTuple
+
+import warp as wp
+
+from ..algebra.block import factor_block
+from ..blocks.body import carried_roll, origin_shift, rolled, turned
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ColorWork,
+    ContactInput,
+    ControlInput,
+    History,
+    IslandWork,
+    JointModel,
+    LoopWork,
+    RowWork,
+    ShapeModel,
+    TreeWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from .bodies import has_rows, pose_sum, report_held, vector_sum
+from .coloring import is_owner, sort_part
+from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
+from .loops import make_loops
+from .world import (
+    FUSED,
+    SETTLED,
+    make_assemble,
+    make_gather,
+    make_is_world_finite,
+    make_measure_world,
+    make_remember,
+    make_sweep,
+)
+
+
+class Colored(NamedTuple):
+    """Kernels in the order of the step."""
+
+    measure_lanes: wp.Kernel
+    begin_step: wp.Kernel
+    build_rows: wp.Kernel
+    recall_rows: wp.Kernel
+    penalise: wp.Kernel
+    assemble: wp.Kernel
+    sweep_color: wp.Kernel
+    remember: wp.Kernel
+    end_velocities: wp.Kernel
+    recover_color: wp.Kernel
+    end_poses: wp.Kernel
+
+
+@wp.func
+def join_nothing(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int, b: int):
+    """Bodies that push each other make no island."""
+
+
+@wp.func
+def is_settled(moved: float, tolerance: float, scale: WorldScale) -> bool:
+    """Whether a sweep that moved a body by no more than the root of ``moved`` [m^2] is the last."""
+    enough = wp.max(tolerance, SETTLED * scale.gravity * scale.h * scale.h)
+    return moved <= enough * enough
+
+
+@wp.func
+def raise_to(values: wp.array[float], i: int, value: float):
+    """Raises a maximum; looks first, since few of many threads have to."""
+    if value > values[i]:
+        wp.atomic_max(values, i, value)
+
+
+@wp.func
+def recall(
+    body: int,
+    side: int,
+    static_slot: int,
+    shapes: ShapeModel,
+    worlds: WorldWork,
+    work: BodyWork,
+    rows: RowWork,
+    history: History,
+):
+    """Hands what is remembered of the contacts that a body owned to their rows of this step.
+
+    As :func:`.contacts.make_rows` has it, but the rows may be the other body's by now. All records
+    of two shapes are one body's: no other thread writes to these rows.
+    """
+    for i in range(history.start[side, body], history.end[side, body]):
+        record = history.records[side, i]
+        if wp.length_sq(record.force) > 0.0:
+            slot0 = body_slot(shapes, record.shape0, static_slot)
+            slot1 = body_slot(shapes, record.shape1, static_slot)
+            owner = owner_of(worlds, work, slot0, slot1)
+            if owner >= 0:
+                start = rows.owned_start[owner]
+                row = find_row(record, start, rows.owned_end[owner], 1 - side, rows, history)
+                if row >= 0:
+                    sign = wp.where(owner == body, 1.0, -1.0)
+                    rows.rows[row].force = rows.rows[row].force + sign * record.force
+                    if rows.spin.shape[0] > 0:
+                        torque = rows.spin[row].torque + sign * history.torque[side, i]
+                        rows.spin[row].torque = torque
+
+
+@functools.cache
+def make_colored(effects: Effects) -> Colored:
+    """The kernels of a large world, in one module."""
+    module = wp.get_module(f"{__name__}_{hashlib.sha256(repr(effects).encode()).hexdigest()[:8]}")
+    module.options["cpu_compiler_flags"] = f"{wp.config.cpu_compiler_flags or ''} {FUSED}"
+    measure_world = make_measure_world(effects)
+    is_world_finite = make_is_world_finite(effects)
+    linearise_rows = make_linearise_rows(effects)
+    penalise_rows = make_rows(effects)[1]
+    loop_functions = make_loops(effects)
+    contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
+    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+    gather = make_gather(effects, contact_force, sweep_gap, loop_functions.loop_wrench)
+    sweep_body = make_sweep(effects, gather)
+    assemble_body = make_assemble(effects, loop_functions.loop_curvature)
+    remember_rows = make_remember(effects, contact_force, sweep_gap, join_nothing)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def measure_lanes(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """How far the bodies of a lane may go, and whether they are finite; one thread a lane."""
+        lane = wp.tid()
+        colors.scale[lane] = measure_world(lane, h, model, worlds, work)
+        is_finite = is_world_finite(lane, joints, control, worlds, work, tree, loops)
+        colors.is_finite[lane] = int(is_finite)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def begin_step(
+        # In:
+        h: float,
+        # Work out:
+        colors: ColorWork,
+        history: History,
+    ):
+        """The scale of the world from that of its lanes; one thread."""
+        lanes = colors.lane_start.shape[0] - 1
+        scale = colors.scale[0]
+        is_finite = colors.is_finite[0]
+        for lane in range(1, lanes):
+            part = colors.scale[lane]
+            scale.mass += part.mass
+            scale.gravity = wp.max(scale.gravity, part.gravity)
+            scale.reach = wp.max(scale.reach, part.reach)
+            scale.slop = wp.max(scale.slop, part.slop)
+            is_finite = wp.min(is_finite, colors.is_finite[lane])
+        colors.scale[lanes] = scale
+        colors.is_finite[lanes] = is_finite
+        colors.deepest[0] = 0.0
+        for i in range(colors.moved.shape[0]):
+            colors.moved[i] = wp.where(i == 0, wp.inf, -1.0)
+        history.step[0] = h
+
+    @wp.kernel(enable_backward=False, module=module)
+    def build_rows(
+        # Model:
+        model: BodyModel,
+        shapes: ShapeModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        contacts: ContactInput,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        # Work out:
+        rows: RowWork,
+        colors: ColorWork,
+        history: History,
+    ):
+        """Rows of the contacts that a body owns; one thread a body."""
+        body = wp.tid()
+        place = int(rows.owned_start[body])
+        for i in range(colors.incident_start[body], colors.incident_end[body]):
+            if is_owner(body, colors.partner[i], worlds):
+                rows.contacts[place] = colors.incident[i]
+                place += 1
+        rows.owned_end[body] = place
+        scale = colors.scale[colors.lane_start.shape[0] - 1]
+        linearise_rows(0, body, scale, body_q, model, shapes, contacts, worlds, work, rows, history)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def recall_rows(
+        # Model:
+        shapes: ShapeModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        history: History,
+        # Work out:
+        rows: RowWork,
+    ):
+        """What the rows of the last step pushed with goes to those of this one; a thread a body."""
+        body = wp.tid()
+        sort_part(rows.other_rows, rows.other_start[body], rows.other_end[body])
+        static_slot = work.inv_mass.shape[0] - 1
+        recall(body, history.parity[0], static_slot, shapes, worlds, work, rows, history)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def penalise(
+        # Model:
+        shapes: ShapeModel,
+        # Contacts in:
+        contacts: ContactInput,
+        # Work:
+        work: BodyWork,
+        rows: RowWork,
+        history: History,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """Penalties of the rows that a body owns; one thread a body."""
+        body = wp.tid()
+        scale = colors.scale[colors.lane_start.shape[0] - 1]
+        depth = penalise_rows(0, body, scale, shapes, contacts, work, rows, history)
+        raise_to(colors.deepest, 0, depth)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def assemble(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: WorldWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+        # Work out:
+        work: BodyWork,
+    ):
+        """Factors the block of a body, or puts it to its target; one thread a body."""
+        body = wp.tid()
+        if work.inv_mass[body] > 0.0:
+            if has_rows(rows, body):
+                h_ll, h_al, h_aa = assemble_body(
+                    body, h, model, joints, control, worlds, work, rows, tree, loops, history
+                )
+                work.factor[body] = factor_block(h_ll, h_al, h_aa)
+                if wp.static(effects.gyroscopic):
+                    # constraints see the mean spin over the step, and so does the velocity
+                    work.spin_gain[body] = wp.vec3(0.0)
+            else:
+                work.increment[body] = work.target[body]
+
+    @wp.func
+    def move_color(
+        color: int,
+        thread: int,
+        threads: int,
+        has_dual: bool,
+        recovery: float,
+        scale: WorldScale,
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        history: History,
+    ) -> float:
+        """Moves those bodies of a color that are a thread's; returns as ``sweep_body``."""
+        lanes = colors.lane_start.shape[0] - 1
+        farthest = float(0.0)
+        first = colors.start[color * lanes] + thread
+        for i in range(first, colors.start[(color + 1) * lanes], threads):
+            body = colors.order[i]
+            if has_rows(rows, body):
+                moved = sweep_body(
+                    body,
+                    has_dual,
+                    recovery,
+                    scale.slop,
+                    scale.h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+                farthest = wp.max(farthest, moved)
+        return farthest
+
+    @wp.kernel(enable_backward=False, module=module)
+    def sweep_color(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        # In:
+        sweep: int,
+        color: int,
+        threads: int,
+        tolerance: float,
+        # Work:
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        history: History,
+    ):
+        """Moves all bodies of a color once; the last color is for one thread alone."""
+        scale = colors.scale[colors.lane_start.shape[0] - 1]
+        if is_settled(colors.moved[sweep], tolerance, scale):
+            return
+        moved = move_color(
+            color,
+            wp.tid(),
+            threads,
+            sweep > 0,
+            0.0,
+            scale,
+            model,
+            joints,
+            control,
+            work,
+            rows,
+            tree,
+            loops,
+            colors,
+            history,
+        )
+        raise_to(colors.moved, sweep + 1, moved)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def remember(
+        # State in:
+        body_qd: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        islands: IslandWork,
+        # Work out:
+        colors: ColorWork,
+        history: History,
+    ):
+        """The last dual update, kept for the next step; one thread a body."""
+        body = wp.tid()
+        lanes = colors.lane_start.shape[0] - 1
+        scale = colors.scale[lanes]
+        side = 1 - history.parity[0]
+        remember_rows(body, side, scale, body_qd, worlds, work, rows, islands, history)
+        if not wp.isfinite(vector_sum(work.increment[body])):
+            colors.is_finite[lanes] = 0
+
+    @wp.kernel(enable_backward=False, module=module)
+    def end_velocities(
+        # State in:
+        body_qd: wp.array[wp.spatial_vector],
+        h: float,
+        # Work:
+        work: BodyWork,
+        rows: RowWork,
+        colors: ColorWork,
+        # Work out:
+        history: History,
+        # State out:
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Velocities, from the increments themselves; one thread a body."""
+        body = wp.tid()
+        velocity = body_qd[body]
+        if colors.is_finite[colors.lane_start.shape[0] - 1] == 0:
+            history.falling[body] = 0.0
+        elif work.inv_mass[body] > 0.0:
+            increment = work.increment[body]
+            coasting = h * velocity
+            free = wp.spatial_top(work.target[body] - coasting)
+            got = wp.spatial_top(increment - coasting)
+            history.falling[body] = wp.clamp(
+                wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
+            )
+            velocity = increment / h
+            if wp.static(effects.gyroscopic):
+                gain = work.spin_gain[body]
+                if has_rows(rows, body):
+                    turn = wp.spatial_bottom(increment)
+                    gain = carried_roll(turn, work.inv_inertia[body]) / h
+                velocity += wp.spatial_vector(wp.vec3(0.0), gain)
+        body_qd_out[body] = velocity
+
+    @wp.kernel(enable_backward=False, module=module)
+    def recover_color(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        # In:
+        color: int,
+        threads: int,
+        # Work:
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        history: History,
+    ):
+        """As ``sweep_color``, takes out old penetration without entering the velocity."""
+        scale = colors.scale[colors.lane_start.shape[0] - 1]
+        if colors.deepest[0] > scale.slop:
+            move_color(
+                color,
+                wp.tid(),
+                threads,
+                False,
+                contact_rows.RECOVERY,
+                scale,
+                model,
+                joints,
+                control,
+                work,
+                rows,
+                tree,
+                loops,
+                colors,
+                history,
+            )
+
+    @wp.kernel(enable_backward=False, module=module)
+    def end_poses(
+        # Model:
+        model: BodyModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        # Work:
+        work: BodyWork,
+        rows: RowWork,
+        colors: ColorWork,
+        # Work out:
+        worlds: WorldWork,
+        history: History,
+        # State out:
+        body_q_out: wp.array[wp.transform],
+    ):
+        """Poses, and what became of the world; one thread a body."""
+        body = wp.tid()
+        pose = body_q[body]
+        is_held = colors.is_finite[colors.lane_start.shape[0] - 1] == 0
+        if is_held:
+            rows.owned_end[body] = rows.owned_start[body]
+            for side in range(2):
+                history.start[side, body] = 0
+                history.end[side, body] = 0
+        elif work.inv_mass[body] > 0.0:
+            increment = work.increment[body]
+            rotation = turned(pose, increment)
+            if wp.static(effects.gyroscopic):
+                if has_rows(rows, body):
+                    rotation = rolled(pose, increment, work.inv_inertia[body])
+            shift = origin_shift(pose, model.com[body], increment, rotation)
+            moved = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
+            if wp.isfinite(pose_sum(moved)):
+                pose = moved
+            else:
+                report_held(worlds, 0)
+        body_q_out[body] = pose
+        if body == 0:
+            if is_held:
+                report_held(worlds, 0)
+            history.parity[0] = 1 - history.parity[0]
+            sweeps = int(0)
+            last = colors.moved.shape[0] - 1
+            while sweeps < last and colors.moved[sweeps + 1] >= 0.0:
+                sweeps += 1
+            worlds.sweeps[0] = sweeps
+            worlds.update[0] = wp.where(sweeps > 0, wp.sqrt(colors.moved[sweeps]), 0.0)
+
+    return Colored(
+        measure_lanes,
+        begin_step,
+        build_rows,
+        recall_rows,
+        penalise,
+        assemble,
+        sweep_color,
+        remember,
+        end_velocities,
+        recover_color,
+        end_poses,
+    )

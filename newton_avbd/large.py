@@ -1,0 +1,229 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""One large world, all bodies of a color at once: its buffers, and its launches in their order."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from . import data
+from .effects import Effects
+from .execute import coloring, scan
+from .execute.colored import make_colored
+from .execute.coloring import COLORS, PASSES
+from .execute.launch import Launcher
+from .execute.world import COLD_FACTOR, COLD_STEPS, LONGER
+
+LARGE = 256
+"""Bodies from which a world on a GPU is solved color by color. An estimate, not measured: the
+thread that would do it alone is some 30 times as slow as a core of a CPU, which takes 0.3 ms."""
+
+_UNSUPPORTED: dict[str, str] = {
+    "joints": "joints other than FREE",
+    "loops": "joints other than FREE",
+    "restitution": "restitution (effects={'restitution': False} leaves it out)",
+    "bdf2": "scheme='bdf2'",
+    "ramp": "formulation='ramp'",
+}
+"""Effects that large worlds do without, and what to call them."""
+
+_SHARE = 4
+"""Bodies of a world by threads of a launch: few colors have more; those take a loop."""
+
+
+def obstacles(moving_groups: np.ndarray, effects: Effects) -> list[str]:
+    """Why a model cannot be solved color by color; empty where it can.
+
+    Args:
+        moving_groups: World, as the solver sees it, of each body that moves.
+        effects: What the scene calls for.
+    """
+    found = [reason for name, reason in _UNSUPPORTED.items() if getattr(effects, name)]
+    if np.any(moving_groups != 0):
+        found.append("more than one world")
+    return list(dict.fromkeys(found))
+
+
+class LargeWorld:
+    """Buffers of one large world, and the order of its launches.
+
+    Args:
+        worlds: The solver's :class:`.data.WorldWork`, whose counters are used.
+        body_count: Number of bodies.
+        device: Where they are.
+    """
+
+    def __init__(self, worlds: Any, body_count: int, device: wp.Device) -> None:
+        self._body_count = body_count
+        self._device = device
+        self._cold = 0
+        self._last_dt = 0.0
+        self._capacity = 0
+        slots = body_count + 1
+        self._lanes = lanes = max(1, math.isqrt(body_count))
+        ends = np.linspace(0, body_count, lanes + 1).round()
+        table = (COLORS + 1) * lanes
+        # bodies in the order of their indices, and ranks that change with the colors
+        self._worlds = data.WorldWork()
+        for name in worlds._cls.vars:
+            setattr(self._worlds, name, getattr(worlds, name))
+        self.colors = colors = data.ColorWork()
+        with wp.ScopedDevice(device):
+            colors.lane_start = wp.array(ends, dtype=wp.int32)
+            colors.count = wp.zeros(slots, dtype=wp.int32)
+            colors.incident_start = wp.zeros(slots, dtype=wp.int32)
+            colors.incident_end = wp.zeros(slots, dtype=wp.int32)
+            colors.color = wp.zeros((2, slots), dtype=wp.int32)
+            colors.table = wp.zeros(table, dtype=wp.int32)
+            colors.start = wp.zeros(table + 1, dtype=wp.int32)
+            colors.order = wp.zeros(slots, dtype=wp.int32)
+            colors.sums = wp.zeros(_runs(max(table, slots))[0] + 1, dtype=wp.int32)
+            colors.scale = wp.zeros(lanes + 1, dtype=data.WorldScale)
+            colors.is_finite = wp.zeros(lanes + 1, dtype=wp.int32)
+            colors.deepest = wp.zeros(1, dtype=float)
+            self._worlds.body_start = colors.lane_start
+            self._worlds.bodies = wp.array(np.arange(body_count), dtype=wp.int32)
+            self._worlds.rank = wp.zeros(slots, dtype=wp.int32)
+
+    def allocate_contacts(self, capacity: int) -> tuple[wp.array, ...]:
+        """Buffers by contact; returns those that they replace, which graphs may hold."""
+        old = (self.colors.incident, self.colors.partner)
+        self._capacity = capacity
+        with wp.ScopedDevice(self._device):
+            # a contact between two bodies that move is one of both
+            self.colors.incident = wp.empty(2 * capacity, dtype=wp.int32)
+            self.colors.partner = wp.empty(2 * capacity, dtype=wp.int32)
+        return old
+
+    def forget(self) -> None:
+        """Starts from no colors, and sweeps more in the next steps."""
+        self._cold = int(COLD_STEPS)
+        self.colors.color.zero_()
+
+    def found(self) -> tuple[int, int]:
+        """How many colors the last step took, and how many bodies found none."""
+        sizes = np.diff(self.colors.start.numpy()[:: self._lanes])
+        return int(np.count_nonzero(sizes[:COLORS])), int(sizes[COLORS])
+
+    def _sweeps(self, dt: float, iterations: int) -> int:
+        """Most sweeps of the step. Which steps of a graph are cold its capture cannot know."""
+        if self._device.is_capturing:
+            return iterations
+        if dt > LONGER * self._last_dt:
+            self._cold = int(COLD_STEPS)
+        self._last_dt = dt
+        is_cold = self._cold > 0
+        self._cold = max(self._cold - 1, 0)
+        return int(COLD_FACTOR) * iterations if is_cold else iterations
+
+    def _scan(self, launch: Launcher, counts: wp.array, count: int, starts: wp.array) -> None:
+        """Prefix sums of the first ``count`` counts."""
+        runs, length = _runs(count)
+        sums = self.colors.sums
+        launch(scan.sum_runs, runs, [counts, count, length, sums])
+        launch(scan.sum_before_runs, 1, [runs, sums])
+        launch(scan.sum_before, runs, [counts, count, length, sums, starts])
+
+    def solve(self, launch: Launcher, effects: Effects, arguments: Sequence[Any]) -> None:
+        """The step after prediction; takes the arguments of the kernel ``solve`` of a world."""
+        (
+            model,
+            shapes,
+            joints,
+            control,
+            body_q,
+            body_qd,
+            contacts,
+            h,
+            iterations,
+            tolerance,
+            _,
+            work,
+            rows,
+            tree,
+            loops,
+            islands,
+            history,
+            body_q_out,
+            body_qd_out,
+        ) = arguments
+        worlds, colors = self._worlds, self.colors
+        sweeps = self._sweeps(h, iterations)
+        if colors.moved is None or colors.moved.shape[0] <= sweeps:
+            launch.forget()
+            most = int(COLD_FACTOR) * iterations + 1
+            colors.moved = wp.zeros(most, dtype=float, device=self._device)
+        bodies, lanes, places = self._body_count, self._lanes, contacts.capacity
+        kernels = make_colored(effects)
+
+        # Which bodies touch, and in what order they move.
+        launch(coloring.clear_counts, bodies, [colors])
+        launch(coloring.count_contacts, places, [shapes, contacts, worlds, work, rows, colors])
+        self._scan(launch, colors.count, bodies, colors.incident_start)
+        launch(coloring.begin_lists, bodies, [colors])
+        launch(coloring.list_contacts, places, [shapes, contacts, work, rows, colors])
+        launch(coloring.sort_lists, bodies, [shapes, contacts, work, colors])
+        for i in range(PASSES):
+            launch(coloring.color_bodies, bodies, [i % 2, int(i == PASSES - 1), colors])
+        launch(coloring.count_colors, lanes, [colors])
+        self._scan(launch, colors.table, (COLORS + 1) * lanes, colors.start)
+        launch(coloring.list_colors, lanes, [worlds, colors])
+
+        # Rows: linearised at state_in, warm-started from the last step.
+        launch(
+            kernels.measure_lanes,
+            lanes,
+            [model, joints, control, h, worlds, work, tree, loops, colors],
+        )
+        launch(kernels.begin_step, 1, [h, colors, history])
+        launch(coloring.count_owned, bodies, [worlds, rows, colors])
+        self._scan(launch, colors.count, bodies, rows.owned_start)
+        launch(
+            kernels.build_rows,
+            bodies,
+            [model, shapes, body_q, contacts, worlds, work, rows, colors, history],
+        )
+        launch(kernels.recall_rows, bodies, [shapes, worlds, work, history, rows])
+        launch(kernels.penalise, bodies, [shapes, contacts, work, rows, history, colors])
+        launch(
+            kernels.assemble,
+            bodies,
+            [model, joints, control, h, worlds, rows, tree, loops, history, work],
+        )
+
+        threads = -(-bodies // _SHARE)
+        state = [work, rows, tree, loops, colors, history]
+        for sweep in range(sweeps):
+            for color in range(COLORS + 1):
+                count = threads if color < COLORS else 1
+                launch(
+                    kernels.sweep_color,
+                    count,
+                    [model, joints, control, sweep, color, count, tolerance, *state],
+                )
+        launch(kernels.remember, bodies, [body_qd, worlds, work, rows, islands, colors, history])
+        launch(
+            kernels.end_velocities,
+            bodies,
+            [body_qd, h, work, rows, colors, history, body_qd_out],
+        )
+
+        # Recovery: old errors go, without entering the velocity.
+        if not effects.compliance:
+            for color in range(COLORS + 1):
+                count = threads if color < COLORS else 1
+                launch(kernels.recover_color, count, [model, joints, control, color, count, *state])
+        launch(
+            kernels.end_poses,
+            bodies,
+            [model, body_q, work, rows, colors, worlds, history, body_q_out],
+        )
+
+
+def _runs(count: int) -> tuple[int, int]:
+    """Into how many runs of which length prefix sums divide counts."""
+    length = max(1, math.isqrt(count))
+    return -(-count // length), length
