@@ -734,10 +734,9 @@ class ColorWork:
     lane_start: wp.array[wp.int32]
     """First body of each lane, shape (lanes + 1,)."""
     count: wp.array[wp.int32]
-    """By body slot: contacts of the body, then contacts that it owns."""
+    """By body slot: contacts of the body, then contacts that it owns, then bodies of its island."""
     incident_start: wp.array[wp.int32]
     """By body slot: first of the body's contacts in ``incident``."""
-    incident_end: wp.array[wp.int32]
     incident: wp.array[wp.int32]
     """Contacts of each body, in the order of the contact buffer."""
     partner: wp.array[wp.int32]

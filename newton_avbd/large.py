@@ -11,7 +11,7 @@ import warp as wp
 
 from . import data
 from .effects import Effects
-from .execute import coloring, scan
+from .execute import coloring, joining, scan
 from .execute.colored import make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
@@ -66,8 +66,8 @@ class LargeWorld:
         self._lanes = lanes = max(1, math.isqrt(body_count))
         ends = np.linspace(0, body_count, lanes + 1).round()
         table = (COLORS + 1) * lanes
-        # bodies in the order of their indices, and ranks that change with the colors
-        self._worlds = data.WorldWork()
+        # lanes of bodies, with ranks that change with the colors, and islands, as worlds
+        self._worlds, self._islands = data.WorldWork(), data.WorldWork()
         for name in worlds._cls.vars:
             setattr(self._worlds, name, getattr(worlds, name))
         self.colors = colors = data.ColorWork()
@@ -75,7 +75,6 @@ class LargeWorld:
             colors.lane_start = wp.array(ends, dtype=wp.int32)
             colors.count = wp.zeros(slots, dtype=wp.int32)
             colors.incident_start = wp.zeros(slots, dtype=wp.int32)
-            colors.incident_end = wp.zeros(slots, dtype=wp.int32)
             colors.color = wp.zeros((2, slots), dtype=wp.int32)
             colors.table = wp.zeros(table, dtype=wp.int32)
             colors.start = wp.zeros(table + 1, dtype=wp.int32)
@@ -87,6 +86,8 @@ class LargeWorld:
             self._worlds.body_start = colors.lane_start
             self._worlds.bodies = wp.array(np.arange(body_count), dtype=wp.int32)
             self._worlds.rank = wp.zeros(slots, dtype=wp.int32)
+            self._islands.body_start = wp.zeros(slots, dtype=wp.int32)
+            self._islands.bodies = wp.zeros(slots, dtype=wp.int32)
 
     def allocate_contacts(self, capacity: int) -> tuple[wp.array, ...]:
         """Buffers by contact; returns those that they replace, which graphs may hold."""
@@ -163,7 +164,6 @@ class LargeWorld:
         launch(coloring.clear_counts, bodies, [colors])
         launch(coloring.count_contacts, places, [shapes, contacts, worlds, work, rows, colors])
         self._scan(launch, colors.count, bodies, colors.incident_start)
-        launch(coloring.begin_lists, bodies, [colors])
         launch(coloring.list_contacts, places, [shapes, contacts, work, rows, colors])
         launch(coloring.sort_lists, bodies, [shapes, contacts, work, colors])
         for i in range(PASSES):
@@ -191,7 +191,7 @@ class LargeWorld:
         launch(
             kernels.assemble,
             bodies,
-            [model, joints, control, h, worlds, rows, tree, loops, history, work],
+            [model, joints, control, h, worlds, rows, tree, loops, history, work, islands],
         )
 
         threads = -(-bodies // _SHARE)
@@ -205,6 +205,11 @@ class LargeWorld:
                     [model, joints, control, sweep, color, count, tolerance, *state],
                 )
         launch(kernels.remember, bodies, [body_qd, worlds, work, rows, islands, colors, history])
+        launch(joining.find_roots, bodies, [work, rows, islands, colors])
+        launch(joining.count_members, bodies, [work, rows, islands, colors])
+        self._scan(launch, colors.count, bodies, self._islands.body_start)
+        launch(joining.list_members, bodies, [work, rows, islands, self._islands, colors])
+        launch(joining.keep_island, bodies, [model, self._islands, islands, work])
         launch(
             kernels.end_velocities,
             bodies,

@@ -37,6 +37,8 @@ from ..rows import contact as contact_rows
 from .bodies import has_rows, pose_sum, report_held, vector_sum
 from .coloring import is_owner, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
+from .islands import begin_island
+from .joining import join_at_once
 from .loops import make_loops
 from .world import (
     FUSED,
@@ -64,11 +66,6 @@ class Colored(NamedTuple):
     end_velocities: wp.Kernel
     recover_color: wp.Kernel
     end_poses: wp.Kernel
-
-
-@wp.func
-def join_nothing(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int, b: int):
-    """Bodies that push each other make no island."""
 
 
 @wp.func
@@ -133,7 +130,7 @@ def make_colored(effects: Effects) -> Colored:
     gather = make_gather(effects, contact_force, sweep_gap, loop_functions.loop_wrench)
     sweep_body = make_sweep(effects, gather)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
-    remember_rows = make_remember(effects, contact_force, sweep_gap, join_nothing)
+    remember_rows = make_remember(effects, contact_force, sweep_gap, join_at_once)
 
     @wp.kernel(enable_backward=False, module=module)
     def measure_lanes(
@@ -201,7 +198,7 @@ def make_colored(effects: Effects) -> Colored:
         """Rows of the contacts that a body owns; one thread a body."""
         body = wp.tid()
         place = int(rows.owned_start[body])
-        for i in range(colors.incident_start[body], colors.incident_end[body]):
+        for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
             if is_owner(body, colors.partner[i], worlds):
                 rows.contacts[place] = colors.incident[i]
                 place += 1
@@ -260,10 +257,12 @@ def make_colored(effects: Effects) -> Colored:
         history: History,
         # Work out:
         work: BodyWork,
+        islands: IslandWork,
     ):
         """Factors the block of a body, or puts it to its target; one thread a body."""
         body = wp.tid()
         if work.inv_mass[body] > 0.0:
+            begin_island(islands, body)
             if has_rows(rows, body):
                 h_ll, h_al, h_aa = assemble_body(
                     body, h, model, joints, control, worlds, work, rows, tree, loops, history

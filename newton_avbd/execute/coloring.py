@@ -85,16 +85,6 @@ def count_contacts(
 
 
 @wp.kernel(enable_backward=False)
-def begin_lists(
-    # Out:
-    colors: ColorWork,
-):
-    """The list of each body's contacts is empty; one thread a body."""
-    body = wp.tid()
-    colors.incident_end[body] = colors.incident_start[body]
-
-
-@wp.kernel(enable_backward=False)
 def list_contacts(
     # Model:
     shapes: ShapeModel,
@@ -116,7 +106,8 @@ def list_contacts(
     for side in range(2):
         slot = wp.where(side == 0, slot0, slot1)
         if work.inv_mass[slot] > 0.0:
-            colors.incident[wp.atomic_add(colors.incident_end, slot, 1)] = contact
+            left = wp.atomic_add(colors.count, slot, -1)
+            colors.incident[colors.incident_start[slot + 1] - left] = contact
 
 
 @wp.func
@@ -145,8 +136,8 @@ def sort_lists(
     """Puts each body's contacts in order and names the other body of each; one thread a body."""
     body = wp.tid()
     static_slot = work.inv_mass.shape[0] - 1
-    sort_part(colors.incident, colors.incident_start[body], colors.incident_end[body])
-    for i in range(colors.incident_start[body], colors.incident_end[body]):
+    sort_part(colors.incident, colors.incident_start[body], colors.incident_start[body + 1])
+    for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
         contact = colors.incident[i]
         slot0 = body_slot(shapes, contacts.shape0[contact], static_slot)
         slot1 = body_slot(shapes, contacts.shape1[contact], static_slot)
@@ -174,7 +165,7 @@ def color_bodies(
     used = wp.uint32(0)
     is_clashing = bool(mine == COLORS)
     partner = int(-1)
-    for i in range(colors.incident_start[body], colors.incident_end[body]):
+    for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
         if colors.partner[i] != partner:
             partner = colors.partner[i]
             if partner >= 0:
@@ -202,7 +193,7 @@ def count_colors(
     for color in range(COLORS + 1):
         colors.table[color * lanes + lane] = 0
     for body in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
-        if colors.incident_start[body] < colors.incident_end[body]:
+        if colors.incident_start[body] < colors.incident_start[body + 1]:
             place = colors.color[0, body] * lanes + lane
             colors.table[place] = colors.table[place] + 1
 
@@ -219,7 +210,7 @@ def list_colors(
     for color in range(COLORS + 1):
         colors.table[color * lanes + lane] = 0
     for body in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
-        if colors.incident_start[body] < colors.incident_end[body]:
+        if colors.incident_start[body] < colors.incident_start[body + 1]:
             place = colors.color[0, body] * lanes + lane
             position = colors.start[place] + colors.table[place]
             colors.table[place] = colors.table[place] + 1
@@ -238,7 +229,7 @@ def count_owned(
     """How many contacts each body owns: those in which it moves first; one thread a body."""
     body = wp.tid()
     count = int(0)
-    for i in range(colors.incident_start[body], colors.incident_end[body]):
+    for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
         if is_owner(body, colors.partner[i], worlds):
             count += 1
     colors.count[body] = count
