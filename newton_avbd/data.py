@@ -760,3 +760,5 @@ class ColorWork:
     negative where there was none."""
     deepest: wp.array[float]
     """Deepest penetration at the start of the step [m], shape (1,)."""
+    is_cold: wp.array[wp.int32]
+    """1 in the first steps after a reset, which sweep more, shape (1,)."""

@@ -53,13 +53,14 @@ class LargeWorld:
     Args:
         worlds: The solver's :class:`.data.WorldWork`, whose counters are used.
         body_count: Number of bodies.
+        iterations: Sweeps of a step.
         device: Where they are.
     """
 
-    def __init__(self, worlds: Any, body_count: int, device: wp.Device) -> None:
+    def __init__(self, worlds: Any, body_count: int, iterations: int, device: wp.Device) -> None:
         self._body_count = body_count
         self._device = device
-        self._cold = 0
+        self._cold = float(COLD_STEPS)
         self._last_dt = 0.0
         self._capacity = 0
         slots = body_count + 1
@@ -82,7 +83,9 @@ class LargeWorld:
             colors.sums = wp.zeros(_runs(max(table, slots))[0] + 1, dtype=wp.int32)
             colors.scale = wp.zeros(lanes + 1, dtype=data.WorldScale)
             colors.is_finite = wp.zeros(lanes + 1, dtype=wp.int32)
+            colors.moved = wp.zeros(int(COLD_FACTOR) * iterations + 1, dtype=float)
             colors.deepest = wp.zeros(1, dtype=float)
+            colors.is_cold = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
             self._worlds.bodies = wp.array(np.arange(body_count), dtype=wp.int32)
             self._worlds.rank = wp.zeros(slots, dtype=wp.int32)
@@ -101,7 +104,8 @@ class LargeWorld:
 
     def forget(self) -> None:
         """Starts from no colors, and sweeps more in the next steps."""
-        self._cold = int(COLD_STEPS)
+        # a replay that resets is not seen here: from then on any step may be cold
+        self._cold = math.inf if self._device.is_capturing else max(self._cold, float(COLD_STEPS))
         self.colors.color.zero_()
 
     def found(self) -> tuple[int, int]:
@@ -109,16 +113,14 @@ class LargeWorld:
         sizes = np.diff(self.colors.start.numpy()[:: self._lanes])
         return int(np.count_nonzero(sizes[:COLORS])), int(sizes[COLORS])
 
-    def _sweeps(self, dt: float, iterations: int) -> int:
-        """Most sweeps of the step. Which steps of a graph are cold its capture cannot know."""
-        if self._device.is_capturing:
-            return iterations
+    def _is_cold(self, dt: float) -> bool:
+        """Whether the step may be one of the first after a reset; the device knows for certain."""
         if dt > LONGER * self._last_dt:
-            self._cold = int(COLD_STEPS)
+            self._cold = float(COLD_STEPS)
         self._last_dt = dt
         is_cold = self._cold > 0
         self._cold = max(self._cold - 1, 0)
-        return int(COLD_FACTOR) * iterations if is_cold else iterations
+        return is_cold
 
     def _scan(self, launch: Launcher, counts: wp.array, count: int, starts: wp.array) -> None:
         """Prefix sums of the first ``count`` counts."""
@@ -152,11 +154,10 @@ class LargeWorld:
             body_qd_out,
         ) = arguments
         worlds, colors = self._worlds, self.colors
-        sweeps = self._sweeps(h, iterations)
-        if colors.moved is None or colors.moved.shape[0] <= sweeps:
+        most = int(COLD_FACTOR) * iterations
+        if colors.moved.shape[0] <= most:
             launch.forget()
-            most = int(COLD_FACTOR) * iterations + 1
-            colors.moved = wp.zeros(most, dtype=float, device=self._device)
+            colors.moved = wp.zeros(most + 1, dtype=float, device=self._device)
         bodies, lanes, places = self._body_count, self._lanes, contacts.capacity
         kernels = make_colored(effects)
 
@@ -196,14 +197,22 @@ class LargeWorld:
 
         threads = -(-bodies // _SHARE)
         state = [work, rows, tree, loops, colors, history]
-        for sweep in range(sweeps):
-            for color in range(COLORS + 1):
-                count = threads if color < COLORS else 1
-                launch(
-                    kernels.sweep_color,
-                    count,
-                    [model, joints, control, sweep, color, count, tolerance, *state],
-                )
+
+        def sweep(first: int, end: int) -> None:
+            for sweep in range(first, end):
+                for color in range(COLORS + 1):
+                    count = threads if color < COLORS else 1
+                    numbers = [sweep, color, count, iterations, tolerance]
+                    launch(kernels.sweep_color, count, [model, joints, control, *numbers, *state])
+
+        sweep(0, iterations)
+        if not self._device.is_capturing:
+            if self._is_cold(h):
+                sweep(iterations, most)
+        elif self._device.is_cpu or wp.is_conditional_graph_supported():
+            wp.capture_if(colors.is_cold, lambda: sweep(iterations, most))
+        else:
+            sweep(iterations, most)
         launch(kernels.remember, bodies, [body_qd, worlds, work, rows, islands, colors, history])
         launch(joining.find_roots, bodies, [work, rows, islands, colors])
         launch(joining.count_members, bodies, [work, rows, islands, colors])

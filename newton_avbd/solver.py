@@ -911,7 +911,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._retired.append((self._large,))
         self._large = None
         if is_large:
-            self._large = LargeWorld(self._worlds, self.model.body_count, self.device)
+            self._large = LargeWorld(
+                self._worlds, self.model.body_count, self.iterations, self.device
+            )
         if self._capacity:
             self._allocate_large_contacts()
         self._allocate_piles()

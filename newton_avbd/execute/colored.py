@@ -41,7 +41,9 @@ from .islands import begin_island
 from .joining import join_at_once
 from .loops import make_loops
 from .world import (
+    COLD_STEPS,
     FUSED,
+    LONGER,
     SETTLED,
     make_assemble,
     make_gather,
@@ -177,7 +179,10 @@ def make_colored(effects: Effects) -> Colored:
         colors.deepest[0] = 0.0
         for i in range(colors.moved.shape[0]):
             colors.moved[i] = wp.where(i == 0, wp.inf, -1.0)
+        if h > LONGER * history.step[0]:
+            history.age[0] = 0
         history.step[0] = h
+        colors.is_cold[0] = int(history.age[0] < COLD_STEPS)
 
     @wp.kernel(enable_backward=False, module=module)
     def build_rows(
@@ -327,6 +332,7 @@ def make_colored(effects: Effects) -> Colored:
         sweep: int,
         color: int,
         threads: int,
+        iterations: int,
         tolerance: float,
         # Work:
         work: BodyWork,
@@ -339,6 +345,8 @@ def make_colored(effects: Effects) -> Colored:
         """Moves all bodies of a color once; the last color is for one thread alone."""
         scale = colors.scale[colors.lane_start.shape[0] - 1]
         if is_settled(colors.moved[sweep], tolerance, scale):
+            return
+        if sweep >= iterations and colors.is_cold[0] == 0:
             return
         moved = move_color(
             color,
@@ -494,8 +502,10 @@ def make_colored(effects: Effects) -> Colored:
                 report_held(worlds, 0)
         body_q_out[body] = pose
         if body == 0:
+            history.age[0] = wp.min(history.age[0] + 1, COLD_STEPS)
             if is_held:
                 report_held(worlds, 0)
+                history.age[0] = 0
             history.parity[0] = 1 - history.parity[0]
             sweeps = int(0)
             last = colors.moved.shape[0] - 1
