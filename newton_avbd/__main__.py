@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import warp as wp
 
-from newton_avbd.commands import accuracy, compare, effects, run, stability
+from newton_avbd.commands import accuracy, compare, effects, large, run, stability
 from newton_avbd.io import UserError
 from newton_avbd.study import bench, properties
 
@@ -54,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
         ("effects", effects, "say which effects a scene calls for, why, and what they cost"),
         ("bench", bench, "measure time and quality on a set of scenes"),
         ("accuracy", accuracy, "measure what accuracy costs in time"),
+        ("large", large, "measure one large world, of any size"),
         ("stability", stability, "run cases that are hard to keep stable"),
         ("properties", properties, "try solvers on what a scene can author"),
     ):

@@ -36,6 +36,7 @@ _OWNERS: dict[str, str] = {
     "rows.share": "compliance",
     "rows.stiffness": "ramp",
     "rows.damping": "ramp",
+    "colors": "contact",
     "history.records": "contact",
     "history.row_of_contact": "contact",
     "history.torque": "angular_friction",
@@ -66,6 +67,7 @@ _OWNED: tuple[Any, ...] = (
     data.TreeWork,
     data.LoopWork,
     data.WorldWork,
+    data.ColorWork,
 )
 """Structs whose arrays are the solver's own, not the model's, a control's or a contact buffer's."""
 

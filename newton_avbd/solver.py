@@ -230,6 +230,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         self._parallel = parallel
         self._large: LargeWorld | None = None
+        self._colors: data.ColorWork | None = None
         self._topology: Topology | None = None
         self._worlds: data.WorldWork
         self._retired: list[tuple] = []
@@ -909,11 +910,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._history.smooth = wp.zeros(self._world_count, dtype=wp.int32)
 
         self._retired.append((self._large,))
-        self._large = None
+        self._large, self._colors = None, None
         if is_large:
             self._large = LargeWorld(
                 self._worlds, self.model.body_count, self.iterations, self.device
             )
+            self._colors = self._large.colors
         if self._capacity:
             self._allocate_large_contacts()
         self._allocate_piles()

@@ -141,7 +141,7 @@ def test_the_variants_hold_all_effects() -> None:
 
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
-@pytest.mark.parametrize("variant", ["bodies", "all contacts"])
+@pytest.mark.parametrize("variant", ["bodies", pytest.param("all contacts", marks=LONG)])
 def test_a_large_world_compiles_for_gpus(variant: str, arch: int, tmp_path: Path) -> None:
     compiles(make_colored(LARGE_VARIANTS[variant]).sweep_color, tmp_path, arch)
 
