@@ -724,15 +724,19 @@ class WorldScale:
 
 @wp.struct
 class ColorWork:
-    """One large world: bodies of a color share no contact, and move at once.
+    """Large worlds: bodies of a color share no contact, and move at once.
 
     The bodies of color c are ``order[start[c * lanes] : start[(c + 1) * lanes]]``; the last color
-    holds those that found none, which move one after the other. A *lane* is a run of bodies that
-    one thread counts or sums over.
+    holds those that found none, which move one after the other. A *lane* is a part of a world whose
+    bodies one thread counts or sums over.
     """
 
     lane_start: wp.array[wp.int32]
-    """First body of each lane, shape (lanes + 1,)."""
+    """First body of each lane, as a place in ``WorldWork.bodies``, shape (lanes + 1,)."""
+    world_lane: wp.array[wp.int32]
+    """First lane of each world, shape (world_count + 1,)."""
+    priority: wp.array[wp.int32]
+    """By body slot: of two bodies with the same color, that of higher priority keeps it."""
     count: wp.array[wp.int32]
     """By body slot: contacts of the body, then contacts that it owns, then bodies of its island."""
     incident_start: wp.array[wp.int32]
@@ -751,14 +755,18 @@ class ColorWork:
     """Bodies that something touches, color by color."""
     sums: wp.array[wp.int32]
     """Scratch of prefix sums."""
+    lane_scale: wp.array[WorldScale]
+    """What each lane adds to the scale of its world."""
+    lane_finite: wp.array[wp.int32]
+    """1 for each lane whose bodies are finite."""
     scale: wp.array[WorldScale]
-    """What each lane adds to the scale of the world, then that scale."""
+    """By world."""
     is_finite: wp.array[wp.int32]
-    """1 for each lane whose bodies are finite; then, for the world, 1 as long as all are."""
-    moved: wp.array[float]
-    """Square of how far a sweep moved a body [m^2]; first an infinity, then sweep by sweep,
-    negative where there was none."""
+    """1 for each world as long as its bodies are finite."""
+    moved: wp.array2d[float]
+    """Square of how far a sweep moved a body of each world [m^2], shape (sweeps + 1, world_count);
+    first an infinity, then sweep by sweep, negative where there was none."""
     deepest: wp.array[float]
-    """Deepest penetration at the start of the step [m], shape (1,)."""
+    """Deepest penetration of each world at the start of the step [m]."""
     is_cold: wp.array[wp.int32]
-    """1 in the first steps after a reset, which sweep more, shape (1,)."""
+    """1 where a world is in its first steps after a reset, which sweep more, shape (1,)."""

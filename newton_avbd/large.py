@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""One large world, all bodies of a color at once: its buffers, and its launches in their order."""
+"""Large worlds, all bodies of a color at once: their buffers, and their launches in order."""
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -28,52 +29,52 @@ _UNSUPPORTED: dict[str, str] = {
     "bdf2": "scheme='bdf2'",
     "ramp": "formulation='ramp'",
 }
-"""Effects that large worlds do without, and what to call them."""
+"""Effects that worlds solved color by color do without, and what to call them."""
 
+_SHORTEST = 64
+"""Fewest bodies of a lane, where a world has as many."""
 _SHARE = 4
 """Bodies of a world by threads of a launch: few colors have more; those take a loop."""
 
 
-def obstacles(moving_groups: np.ndarray, effects: Effects) -> list[str]:
-    """Why a model cannot be solved color by color; empty where it can.
-
-    Args:
-        moving_groups: World, as the solver sees it, of each body that moves.
-        effects: What the scene calls for.
-    """
+def obstacles(effects: Effects) -> list[str]:
+    """What of a scene cannot be solved color by color; empty where all can."""
     found = [reason for name, reason in _UNSUPPORTED.items() if getattr(effects, name)]
-    if np.any(moving_groups != 0):
-        found.append("more than one world")
     return list(dict.fromkeys(found))
 
 
-class LargeWorld:
-    """Buffers of one large world, and the order of its launches.
+class LargeWorlds:
+    """Buffers of large worlds, and the order of their launches.
 
     Args:
-        worlds: The solver's :class:`.data.WorldWork`, whose counters are used.
-        body_count: Number of bodies.
+        worlds: The solver's :class:`.data.WorldWork`.
         iterations: Sweeps of a step.
-        device: Where they are.
+        device: Where the bodies are.
     """
 
-    def __init__(self, worlds: Any, body_count: int, iterations: int, device: wp.Device) -> None:
-        self._body_count = body_count
+    def __init__(self, worlds: Any, iterations: int, device: wp.Device) -> None:
+        body_start, bodies = worlds.body_start.numpy(), worlds.bodies.numpy()
+        self._body_count, self._world_count = bodies.size, body_start.size - 1
         self._device = device
         self._cold = float(COLD_STEPS)
         self._last_dt = 0.0
-        self._capacity = 0
-        slots = body_count + 1
-        self._lanes = lanes = max(1, math.isqrt(body_count))
-        ends = np.linspace(0, body_count, lanes + 1).round()
+        slots = bodies.size + 1
+        lane_start, world_lane = _lanes(body_start)
+        self._lanes = lanes = lane_start.size - 1
         table = (COLORS + 1) * lanes
+        # what is random is the same in worlds of the same size
+        priority = np.zeros(slots)
+        for start, end in pairwise(body_start):
+            priority[bodies[start:end]] = np.random.default_rng(0).permutation(end - start)
         # lanes of bodies, with ranks that change with the colors, and islands, as worlds
         self._worlds, self._islands = data.WorldWork(), data.WorldWork()
         for name in worlds._cls.vars:
             setattr(self._worlds, name, getattr(worlds, name))
         self.colors = colors = data.ColorWork()
         with wp.ScopedDevice(device):
-            colors.lane_start = wp.array(ends, dtype=wp.int32)
+            colors.lane_start = wp.array(lane_start, dtype=wp.int32)
+            colors.world_lane = wp.array(world_lane, dtype=wp.int32)
+            colors.priority = wp.array(priority, dtype=wp.int32)
             colors.count = wp.zeros(slots, dtype=wp.int32)
             colors.incident_start = wp.zeros(slots, dtype=wp.int32)
             colors.color = wp.zeros((2, slots), dtype=wp.int32)
@@ -81,32 +82,36 @@ class LargeWorld:
             colors.start = wp.zeros(table + 1, dtype=wp.int32)
             colors.order = wp.zeros(slots, dtype=wp.int32)
             colors.sums = wp.zeros(_runs(max(table, slots))[0] + 1, dtype=wp.int32)
-            colors.scale = wp.zeros(lanes + 1, dtype=data.WorldScale)
-            colors.is_finite = wp.zeros(lanes + 1, dtype=wp.int32)
-            colors.moved = wp.zeros(int(COLD_FACTOR) * iterations + 1, dtype=float)
-            colors.deepest = wp.zeros(1, dtype=float)
+            colors.lane_scale = wp.zeros(lanes, dtype=data.WorldScale)
+            colors.lane_finite = wp.zeros(lanes, dtype=wp.int32)
+            colors.scale = wp.zeros(self._world_count, dtype=data.WorldScale)
+            colors.is_finite = wp.zeros(self._world_count, dtype=wp.int32)
+            colors.deepest = wp.zeros(self._world_count, dtype=float)
             colors.is_cold = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
-            self._worlds.bodies = wp.array(np.arange(body_count), dtype=wp.int32)
             self._worlds.rank = wp.zeros(slots, dtype=wp.int32)
             self._islands.body_start = wp.zeros(slots, dtype=wp.int32)
             self._islands.bodies = wp.zeros(slots, dtype=wp.int32)
+        self._allocate_sweeps(iterations)
+
+    def _allocate_sweeps(self, iterations: int) -> None:
+        shape = (int(COLD_FACTOR) * iterations + 1, self._world_count)
+        self.colors.moved = wp.zeros(shape, dtype=float, device=self._device)
 
     def allocate_contacts(self, capacity: int) -> tuple[wp.array, ...]:
         """Buffers by contact; returns those that they replace, which graphs may hold."""
         old = (self.colors.incident, self.colors.partner)
-        self._capacity = capacity
         with wp.ScopedDevice(self._device):
             # a contact between two bodies that move is one of both
             self.colors.incident = wp.empty(2 * capacity, dtype=wp.int32)
             self.colors.partner = wp.empty(2 * capacity, dtype=wp.int32)
         return old
 
-    def forget(self) -> None:
-        """Starts from no colors, and sweeps more in the next steps."""
+    def forget(self, launch: Launcher, body_world: wp.array, mask: wp.array) -> None:
+        """Starts the masked worlds from no colors; all, with an empty mask."""
         # a replay that resets is not seen here: from then on any step may be cold
         self._cold = math.inf if self._device.is_capturing else max(self._cold, float(COLD_STEPS))
-        self.colors.color.zero_()
+        launch(coloring.forget_colors, self._body_count, [body_world, mask, self.colors])
 
     def found(self) -> tuple[int, int]:
         """How many colors the last step took, and how many bodies found none."""
@@ -157,7 +162,7 @@ class LargeWorld:
         most = int(COLD_FACTOR) * iterations
         if colors.moved.shape[0] <= most:
             launch.forget()
-            colors.moved = wp.zeros(most + 1, dtype=float, device=self._device)
+            self._allocate_sweeps(iterations)
         bodies, lanes, places = self._body_count, self._lanes, contacts.capacity
         kernels = make_colored(effects)
 
@@ -169,7 +174,7 @@ class LargeWorld:
         launch(coloring.sort_lists, bodies, [shapes, contacts, work, colors])
         for i in range(PASSES):
             launch(coloring.color_bodies, bodies, [i % 2, int(i == PASSES - 1), colors])
-        launch(coloring.count_colors, lanes, [colors])
+        launch(coloring.count_colors, lanes, [worlds, colors])
         self._scan(launch, colors.table, (COLORS + 1) * lanes, colors.start)
         launch(coloring.list_colors, lanes, [worlds, colors])
 
@@ -179,7 +184,7 @@ class LargeWorld:
             lanes,
             [model, joints, control, h, worlds, work, tree, loops, colors],
         )
-        launch(kernels.begin_step, 1, [h, colors, history])
+        launch(kernels.begin_step, self._world_count, [h, colors, history])
         launch(coloring.count_owned, bodies, [worlds, rows, colors])
         self._scan(launch, colors.count, bodies, rows.owned_start)
         launch(
@@ -188,7 +193,7 @@ class LargeWorld:
             [model, shapes, body_q, contacts, worlds, work, rows, colors, history],
         )
         launch(kernels.recall_rows, bodies, [shapes, worlds, work, history, rows])
-        launch(kernels.penalise, bodies, [shapes, contacts, work, rows, history, colors])
+        launch(kernels.penalise, bodies, [shapes, contacts, worlds, work, rows, history, colors])
         launch(
             kernels.assemble,
             bodies,
@@ -196,7 +201,7 @@ class LargeWorld:
         )
 
         threads = -(-bodies // _SHARE)
-        state = [work, rows, tree, loops, colors, history]
+        state = [worlds, work, rows, tree, loops, colors, history]
 
         def sweep(first: int, end: int) -> None:
             for sweep in range(first, end):
@@ -222,7 +227,7 @@ class LargeWorld:
         launch(
             kernels.end_velocities,
             bodies,
-            [body_qd, h, work, rows, colors, history, body_qd_out],
+            [body_qd, h, worlds, work, rows, colors, history, body_qd_out],
         )
 
         # Recovery: old errors go, without entering the velocity.
@@ -235,6 +240,20 @@ class LargeWorld:
             bodies,
             [model, body_q, work, rows, colors, worlds, history, body_q_out],
         )
+
+
+def _lanes(body_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Divides worlds into lanes: first body of each lane, and first lane of each world.
+
+    A lane has about the root of its world's bodies, so that neither takes long to go through; how a
+    world is divided, and so what its sums round to, does not depend on the others.
+    """
+    starts, world_lane = [0], [0]
+    for start, end in pairwise(body_start):
+        length = max(_SHORTEST, math.isqrt(end - start))
+        starts += [min(place, end) for place in range(start + length, end + length, length)]
+        world_lane.append(len(starts) - 1)
+    return np.array(starts), np.array(world_lane)
 
 
 def _runs(count: int) -> tuple[int, int]:

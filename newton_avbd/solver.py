@@ -33,7 +33,7 @@ from .execute.observables import (
 )
 from .execute.piles import OUTSIDE
 from .execute.world import SETTLED, make_solve
-from .large import LARGE, LargeWorld, obstacles
+from .large import LARGE, LargeWorlds, obstacles
 from .memory import bytes_by_effect
 from .report import Report
 from .rows.joint import KINDS, PUSHED_AT_COM
@@ -161,9 +161,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or
-                ``"bodies"``, all bodies of a color at once, for one large world of free bodies in
+                ``"bodies"``, all bodies of a color at once, for large worlds of free bodies in
                 contact; each body is then a block of its own. None, the default, takes bodies on
-                a GPU for a world of at least 256 that has nothing else.
+                a GPU where a world has at least 256 and nothing else.
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
                 that are to be there, which raises where nothing calls for them. For their names
                 and what calls for each see :attr:`effects`.
@@ -229,7 +229,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._all_joints = _AllJoints(model)
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         self._parallel = parallel
-        self._large: LargeWorld | None = None
+        self._large: LargeWorlds | None = None
         self._colors: data.ColorWork | None = None
         self._topology: Topology | None = None
         self._worlds: data.WorldWork
@@ -551,7 +551,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if self.model.body_count == 0:
             return
         if self._large is not None:
-            self._large.forget()
+            empty = self._no_mask if mask is None else mask
+            self._large.forget(self._launch, self.model.body_world, empty)
         model = self.model
         self._launch_bodies(
             reset_bodies,
@@ -848,13 +849,14 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if self._parallel == "worlds" or not flags.contact:
             return False
         if self._parallel is None:
-            if not self.device.is_cuda or self.model.body_count < LARGE:
+            largest = np.bincount(groups).max(initial=0)
+            if not self.device.is_cuda or largest < LARGE:
                 return False
-        found = obstacles(groups[_moving(self.model)], flags)
+        found = obstacles(flags)
         if found and self._parallel == "bodies":
             raise NotImplementedError(
-                f"parallel='bodies' solves one large world of free bodies in contact; this model "
-                f"has {' and '.join(found)}. Leave parallel out."
+                f"parallel='bodies' solves free bodies in contact; this model has "
+                f"{' and '.join(found)}. Leave parallel out."
             )
         return not found
 
@@ -912,9 +914,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._retired.append((self._large,))
         self._large, self._colors = None, None
         if is_large:
-            self._large = LargeWorld(
-                self._worlds, self.model.body_count, self.iterations, self.device
-            )
+            self._large = LargeWorlds(self._worlds, self.iterations, self.device)
             self._colors = self._large.colors
         if self._capacity:
             self._allocate_large_contacts()

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""The step of one large world of free bodies: the kernels that :class:`.large.LargeWorld` launches.
+"""The step of large worlds of free bodies: the kernels that :class:`.large.LargeWorlds` launches.
 
 What ``world.solve`` does in one thread, one kernel does here for one stage and all bodies: the
 mathematics is the same functions. A sweep takes a launch for each color, and as bodies of a color
@@ -78,13 +78,6 @@ def is_settled(moved: float, tolerance: float, scale: WorldScale) -> bool:
 
 
 @wp.func
-def raise_to(values: wp.array[float], i: int, value: float):
-    """Raises a maximum; looks first, since few of many threads have to."""
-    if value > values[i]:
-        wp.atomic_max(values, i, value)
-
-
-@wp.func
 def recall(
     body: int,
     side: int,
@@ -151,9 +144,11 @@ def make_colored(effects: Effects) -> Colored:
     ):
         """How far the bodies of a lane may go, and whether they are finite; one thread a lane."""
         lane = wp.tid()
-        colors.scale[lane] = measure_world(lane, h, model, worlds, work)
+        colors.lane_scale[lane] = measure_world(lane, h, model, worlds, work)
         is_finite = is_world_finite(lane, joints, control, worlds, work, tree, loops)
-        colors.is_finite[lane] = int(is_finite)
+        colors.lane_finite[lane] = int(is_finite)
+        if lane == 0:
+            colors.is_cold[0] = 0
 
     @wp.kernel(enable_backward=False, module=module)
     def begin_step(
@@ -163,26 +158,28 @@ def make_colored(effects: Effects) -> Colored:
         colors: ColorWork,
         history: History,
     ):
-        """The scale of the world from that of its lanes; one thread."""
-        lanes = colors.lane_start.shape[0] - 1
-        scale = colors.scale[0]
-        is_finite = colors.is_finite[0]
-        for lane in range(1, lanes):
-            part = colors.scale[lane]
-            scale.mass += part.mass
-            scale.gravity = wp.max(scale.gravity, part.gravity)
-            scale.reach = wp.max(scale.reach, part.reach)
-            scale.slop = wp.max(scale.slop, part.slop)
-            is_finite = wp.min(is_finite, colors.is_finite[lane])
-        colors.scale[lanes] = scale
-        colors.is_finite[lanes] = is_finite
-        colors.deepest[0] = 0.0
+        """The scale of a world from that of its lanes; one thread a world."""
+        world = wp.tid()
+        scale = WorldScale()
+        is_finite = int(1)
+        for lane in range(colors.world_lane[world], colors.world_lane[world + 1]):
+            part = colors.lane_scale[lane]
+            part.mass += scale.mass
+            part.gravity = wp.max(scale.gravity, part.gravity)
+            part.reach = wp.max(scale.reach, part.reach)
+            part.slop = wp.max(scale.slop, part.slop)
+            scale = part
+            is_finite = wp.min(is_finite, colors.lane_finite[lane])
+        colors.scale[world] = scale
+        colors.is_finite[world] = is_finite
+        colors.deepest[world] = 0.0
         for i in range(colors.moved.shape[0]):
-            colors.moved[i] = wp.where(i == 0, wp.inf, -1.0)
-        if h > LONGER * history.step[0]:
-            history.age[0] = 0
-        history.step[0] = h
-        colors.is_cold[0] = int(history.age[0] < COLD_STEPS)
+            colors.moved[i, world] = wp.where(i == 0, wp.inf, -1.0)
+        if h > LONGER * history.step[world]:
+            history.age[world] = 0
+        history.step[world] = h
+        if history.age[world] < COLD_STEPS:
+            colors.is_cold[0] = 1
 
     @wp.kernel(enable_backward=False, module=module)
     def build_rows(
@@ -208,8 +205,20 @@ def make_colored(effects: Effects) -> Colored:
                 rows.contacts[place] = colors.incident[i]
                 place += 1
         rows.owned_end[body] = place
-        scale = colors.scale[colors.lane_start.shape[0] - 1]
-        linearise_rows(0, body, scale, body_q, model, shapes, contacts, worlds, work, rows, history)
+        world = worlds.of_body[body]
+        linearise_rows(
+            world,
+            body,
+            colors.scale[world],
+            body_q,
+            model,
+            shapes,
+            contacts,
+            worlds,
+            work,
+            rows,
+            history,
+        )
 
     @wp.kernel(enable_backward=False, module=module)
     def recall_rows(
@@ -226,7 +235,8 @@ def make_colored(effects: Effects) -> Colored:
         body = wp.tid()
         sort_part(rows.other_rows, rows.other_start[body], rows.other_end[body])
         static_slot = work.inv_mass.shape[0] - 1
-        recall(body, history.parity[0], static_slot, shapes, worlds, work, rows, history)
+        side = history.parity[worlds.of_body[body]]
+        recall(body, side, static_slot, shapes, worlds, work, rows, history)
 
     @wp.kernel(enable_backward=False, module=module)
     def penalise(
@@ -235,6 +245,7 @@ def make_colored(effects: Effects) -> Colored:
         # Contacts in:
         contacts: ContactInput,
         # Work:
+        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         history: History,
@@ -243,9 +254,11 @@ def make_colored(effects: Effects) -> Colored:
     ):
         """Penalties of the rows that a body owns; one thread a body."""
         body = wp.tid()
-        scale = colors.scale[colors.lane_start.shape[0] - 1]
-        depth = penalise_rows(0, body, scale, shapes, contacts, work, rows, history)
-        raise_to(colors.deepest, 0, depth)
+        world = worlds.of_body[body]
+        scale = colors.scale[world]
+        depth = penalise_rows(world, body, scale, shapes, contacts, work, rows, history)
+        if depth > colors.deepest[world]:
+            wp.atomic_max(colors.deepest, world, depth)
 
     @wp.kernel(enable_backward=False, module=module)
     def assemble(
@@ -279,49 +292,6 @@ def make_colored(effects: Effects) -> Colored:
             else:
                 work.increment[body] = work.target[body]
 
-    @wp.func
-    def move_color(
-        color: int,
-        thread: int,
-        threads: int,
-        has_dual: bool,
-        recovery: float,
-        scale: WorldScale,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        history: History,
-    ) -> float:
-        """Moves those bodies of a color that are a thread's; returns as ``sweep_body``."""
-        lanes = colors.lane_start.shape[0] - 1
-        farthest = float(0.0)
-        first = colors.start[color * lanes] + thread
-        for i in range(first, colors.start[(color + 1) * lanes], threads):
-            body = colors.order[i]
-            if has_rows(rows, body):
-                moved = sweep_body(
-                    body,
-                    has_dual,
-                    recovery,
-                    scale.slop,
-                    scale.h,
-                    model,
-                    joints,
-                    control,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                )
-                farthest = wp.max(farthest, moved)
-        return farthest
-
     @wp.kernel(enable_backward=False, module=module)
     def sweep_color(
         # Model:
@@ -335,6 +305,7 @@ def make_colored(effects: Effects) -> Colored:
         iterations: int,
         tolerance: float,
         # Work:
+        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         tree: TreeWork,
@@ -343,29 +314,33 @@ def make_colored(effects: Effects) -> Colored:
         history: History,
     ):
         """Moves all bodies of a color once; the last color is for one thread alone."""
-        scale = colors.scale[colors.lane_start.shape[0] - 1]
-        if is_settled(colors.moved[sweep], tolerance, scale):
-            return
-        if sweep >= iterations and colors.is_cold[0] == 0:
-            return
-        moved = move_color(
-            color,
-            wp.tid(),
-            threads,
-            sweep > 0,
-            0.0,
-            scale,
-            model,
-            joints,
-            control,
-            work,
-            rows,
-            tree,
-            loops,
-            colors,
-            history,
-        )
-        raise_to(colors.moved, sweep + 1, moved)
+        lanes = colors.lane_start.shape[0] - 1
+        first = colors.start[color * lanes] + wp.tid()
+        for i in range(first, colors.start[(color + 1) * lanes], threads):
+            body = colors.order[i]
+            world = worlds.of_body[body]
+            scale = colors.scale[world]
+            goes_on = not is_settled(colors.moved[sweep, world], tolerance, scale)
+            goes_on = goes_on and (sweep < iterations or history.age[world] < COLD_STEPS)
+            if goes_on and has_rows(rows, body):
+                moved = sweep_body(
+                    body,
+                    sweep > 0,
+                    0.0,
+                    scale.slop,
+                    scale.h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+                # looks first, since few of many threads have to
+                if moved > colors.moved[sweep + 1, world]:
+                    wp.atomic_max(colors.moved, sweep + 1, world, moved)
 
     @wp.kernel(enable_backward=False, module=module)
     def remember(
@@ -382,12 +357,12 @@ def make_colored(effects: Effects) -> Colored:
     ):
         """The last dual update, kept for the next step; one thread a body."""
         body = wp.tid()
-        lanes = colors.lane_start.shape[0] - 1
-        scale = colors.scale[lanes]
-        side = 1 - history.parity[0]
+        world = worlds.of_body[body]
+        side = 1 - history.parity[world]
+        scale = colors.scale[world]
         remember_rows(body, side, scale, body_qd, worlds, work, rows, islands, history)
         if not wp.isfinite(vector_sum(work.increment[body])):
-            colors.is_finite[lanes] = 0
+            colors.is_finite[world] = 0
 
     @wp.kernel(enable_backward=False, module=module)
     def end_velocities(
@@ -395,6 +370,7 @@ def make_colored(effects: Effects) -> Colored:
         body_qd: wp.array[wp.spatial_vector],
         h: float,
         # Work:
+        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         colors: ColorWork,
@@ -406,7 +382,7 @@ def make_colored(effects: Effects) -> Colored:
         """Velocities, from the increments themselves; one thread a body."""
         body = wp.tid()
         velocity = body_qd[body]
-        if colors.is_finite[colors.lane_start.shape[0] - 1] == 0:
+        if colors.is_finite[worlds.of_body[body]] == 0:
             history.falling[body] = 0.0
         elif work.inv_mass[body] > 0.0:
             increment = work.increment[body]
@@ -435,6 +411,7 @@ def make_colored(effects: Effects) -> Colored:
         color: int,
         threads: int,
         # Work:
+        worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
         tree: TreeWork,
@@ -443,25 +420,28 @@ def make_colored(effects: Effects) -> Colored:
         history: History,
     ):
         """As ``sweep_color``, takes out old penetration without entering the velocity."""
-        scale = colors.scale[colors.lane_start.shape[0] - 1]
-        if colors.deepest[0] > scale.slop:
-            move_color(
-                color,
-                wp.tid(),
-                threads,
-                False,
-                contact_rows.RECOVERY,
-                scale,
-                model,
-                joints,
-                control,
-                work,
-                rows,
-                tree,
-                loops,
-                colors,
-                history,
-            )
+        lanes = colors.lane_start.shape[0] - 1
+        first = colors.start[color * lanes] + wp.tid()
+        for i in range(first, colors.start[(color + 1) * lanes], threads):
+            body = colors.order[i]
+            world = worlds.of_body[body]
+            scale = colors.scale[world]
+            if colors.deepest[world] > scale.slop and has_rows(rows, body):
+                sweep_body(
+                    body,
+                    False,
+                    contact_rows.RECOVERY,
+                    scale.slop,
+                    scale.h,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
 
     @wp.kernel(enable_backward=False, module=module)
     def end_poses(
@@ -479,10 +459,11 @@ def make_colored(effects: Effects) -> Colored:
         # State out:
         body_q_out: wp.array[wp.transform],
     ):
-        """Poses, and what became of the world; one thread a body."""
+        """Poses, and what became of the worlds; one thread a body."""
         body = wp.tid()
         pose = body_q[body]
-        is_held = colors.is_finite[colors.lane_start.shape[0] - 1] == 0
+        world = worlds.of_body[body]
+        is_held = colors.is_finite[world] == 0
         if is_held:
             rows.owned_end[body] = rows.owned_start[body]
             for side in range(2):
@@ -499,20 +480,22 @@ def make_colored(effects: Effects) -> Colored:
             if wp.isfinite(pose_sum(moved)):
                 pose = moved
             else:
-                report_held(worlds, 0)
+                report_held(worlds, world)
         body_q_out[body] = pose
-        if body == 0:
-            history.age[0] = wp.min(history.age[0] + 1, COLD_STEPS)
+        if body == worlds.bodies[colors.lane_start[colors.world_lane[world]]]:
+            history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
             if is_held:
-                report_held(worlds, 0)
-                history.age[0] = 0
-            history.parity[0] = 1 - history.parity[0]
+                report_held(worlds, world)
+                history.age[world] = 0
+            history.parity[world] = 1 - history.parity[world]
             sweeps = int(0)
             last = colors.moved.shape[0] - 1
-            while sweeps < last and colors.moved[sweeps + 1] >= 0.0:
+            while sweeps < last and colors.moved[sweeps + 1, world] >= 0.0:
                 sweeps += 1
-            worlds.sweeps[0] = sweeps
-            worlds.update[0] = wp.where(sweeps > 0, wp.sqrt(colors.moved[sweeps]), 0.0)
+            worlds.sweeps[world] = sweeps
+            worlds.update[world] = 0.0
+            if sweeps > 0:
+                worlds.update[world] = wp.sqrt(colors.moved[sweeps, world])
 
     return Colored(
         measure_lanes,

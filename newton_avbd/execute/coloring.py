@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Colors of the bodies of one large world: bodies in contact with each other differ in color.
+"""Colors of the bodies of large worlds: bodies in contact with each other differ in color.
 
 Each step starts from the last one's colors. In a pass, a body takes the lowest color that none of
-its neighbors has, if one of them has the same and goes first (speculative coloring: Gebremedhin,
-Manne, 2000; a hash of the index says who goes first, as in Jones, Plassmann, 1993). Neighbors that
-change at once may meet again, and try again; one that has no clash left never changes, since all
-others avoid its color. Who clashes after the last pass goes to a last group, whose bodies move one
+its neighbors has, if one of higher priority has the same (speculative coloring: Gebremedhin, Manne,
+2000; priorities are random and fixed, as in Jones, Plassmann, 1993). Neighbors that change at once
+may meet again, and try again; one that has no clash left never changes, since all others avoid its
+color. Who clashes after the last pass goes to a last group, whose bodies move one
 after the other. So no two bodies in contact ever move at once, and the colors follow from the
 contacts and the colors before alone.
 """
@@ -14,24 +14,13 @@ contacts and the colors before alone.
 import warp as wp
 
 from ..data import BodyWork, ColorWork, ContactInput, RowWork, ShapeModel, WorldWork
-from .contacts import body_slot, is_across, report_dropped
+from .contacts import body_slot, is_across, is_selected, report_dropped
 
 COLORS = 12
 """Colors. Walls and piles take six or seven; a body whose neighbors have them all goes to the last
 group."""
 PASSES = 8
 """Passes of coloring in a step; even, so that colors end on the side on which they began."""
-MIX_0 = wp.constant(wp.uint32(0x85EBCA6B))
-MIX_1 = wp.constant(wp.uint32(0xC2B2AE35))
-
-
-@wp.func
-def shuffled(body: int) -> wp.uint32:
-    """A number that looks random, another one for each body (finalizer of MurmurHash3)."""
-    x = wp.uint32(body)
-    x = (x ^ (x >> wp.uint32(16))) * MIX_0
-    x = (x ^ (x >> wp.uint32(13))) * MIX_1
-    return x ^ (x >> wp.uint32(16))
 
 
 @wp.kernel(enable_backward=False)
@@ -110,6 +99,21 @@ def list_contacts(
             colors.incident[colors.incident_start[slot + 1] - left] = contact
 
 
+@wp.kernel(enable_backward=False)
+def forget_colors(
+    # Model:
+    body_world: wp.array[wp.int32],
+    # In:
+    mask: wp.array[wp.bool],
+    # Out:
+    colors: ColorWork,
+):
+    """Starts the bodies of the masked worlds from no colors; one thread a body."""
+    body = wp.tid()
+    if mask.shape[0] == 0 or is_selected(body_world[body], mask):
+        colors.color[0, body] = 0
+
+
 @wp.func
 def sort_part(values: wp.array[wp.int32], start: int, end: int):
     """Sorts a part of a list by insertion: atomics leave it nearly sorted."""
@@ -145,12 +149,6 @@ def sort_lists(
         colors.partner[i] = wp.where(work.inv_mass[partner] > 0.0, partner, -1)
 
 
-@wp.func
-def goes_first(a: int, b: int) -> bool:
-    """Whether body a keeps a color that both have."""
-    return shuffled(a) > shuffled(b)
-
-
 @wp.kernel(enable_backward=False)
 def color_bodies(
     # In:
@@ -172,7 +170,9 @@ def color_bodies(
                 theirs = colors.color[side, partner]
                 if theirs < COLORS:
                     used = used | (wp.uint32(1) << wp.uint32(theirs))
-                    is_clashing = is_clashing or (theirs == mine and goes_first(partner, body))
+                    is_clashing = is_clashing or (
+                        theirs == mine and colors.priority[partner] > colors.priority[body]
+                    )
     if is_clashing:
         mine = COLORS
         if is_last == 0:
@@ -184,6 +184,8 @@ def color_bodies(
 
 @wp.kernel(enable_backward=False)
 def count_colors(
+    # Work:
+    worlds: WorldWork,
     # Work out:
     colors: ColorWork,
 ):
@@ -192,7 +194,8 @@ def count_colors(
     lanes = colors.lane_start.shape[0] - 1
     for color in range(COLORS + 1):
         colors.table[color * lanes + lane] = 0
-    for body in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
+    for i in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
+        body = worlds.bodies[i]
         if colors.incident_start[body] < colors.incident_start[body + 1]:
             place = colors.color[0, body] * lanes + lane
             colors.table[place] = colors.table[place] + 1
@@ -209,7 +212,8 @@ def list_colors(
     lanes = colors.lane_start.shape[0] - 1
     for color in range(COLORS + 1):
         colors.table[color * lanes + lane] = 0
-    for body in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
+    for i in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
+        body = worlds.bodies[i]
         if colors.incident_start[body] < colors.incident_start[body + 1]:
             place = colors.color[0, body] * lanes + lane
             position = colors.start[place] + colors.table[place]
