@@ -11,7 +11,9 @@ from helpers import NO_GRAVITY, Simulation, add_box, add_ground, add_sphere
 from joint_scenes import WORLD
 
 from newton_avbd import SolverAVBD
+from newton_avbd.__main__ import main
 from newton_avbd.execute.coloring import COLORS, PASSES
+from newton_avbd.study.scenes import add_brick_ring
 
 PYRAMID = [
     (0.55 * (i - 0.5 * (5 - row)), 0.5 * (row + 0.5)) for row in range(5) for i in range(5 - row)
@@ -187,3 +189,22 @@ def test_what_a_large_world_does_without_is_an_error(builder, settings, message)
 def test_another_word_is_an_error() -> None:
     with pytest.raises(ValueError, match="'worlds', 'bodies' or None, got 'threads'"):
         SolverAVBD(pile().finalize(device="cpu"), parallel="threads")
+
+
+def test_bricks_of_a_ring_are_closest_inside() -> None:
+    """Neighbors in a course by 5 mm, at the corners of their inner faces."""
+    builder = newton.ModelBuilder()
+    add_brick_ring(builder, 360)
+    place = np.array(builder.body_q)[:60, :2]  # the first of six courses
+    out = place / np.linalg.norm(place, axis=1)[:, None]
+    along = np.stack([-out[:, 1], out[:, 0]], axis=1)
+    left, right = (place - 0.1 * out + side * 0.2 * along for side in (1.0, -1.0))
+    np.testing.assert_allclose(np.linalg.norm(left[:-1] - right[1:], axis=1), 0.005, atol=1e-4)
+    assert len(builder.body_q) == 360
+
+
+def test_the_command_measures_a_world(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["large", "pyramid", "--bodies", "10", "--steps", "4", "--device", "cpu"]) == 0
+    line = capsys.readouterr().out.splitlines()[-1].split()
+    assert line[:2] == ["pyramid", "10"]
+    assert 0 < int(line[3]) <= COLORS
