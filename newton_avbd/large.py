@@ -118,8 +118,11 @@ class LargeWorlds:
         sizes = np.diff(self.colors.start.numpy()[:: self._lanes])
         return int(np.count_nonzero(sizes[:COLORS])), int(sizes[COLORS])
 
-    def _is_cold(self, dt: float) -> bool:
-        """Whether the step may be one of the first after a reset; the device knows for certain."""
+    def _may_be_cold(self, dt: float) -> bool:
+        """Whether the step may be one of the first after a reset, as far as the host can tell.
+
+        The device knows for certain, and sweeps no more than it has to.
+        """
         if dt > LONGER * self._last_dt:
             self._cold = float(COLD_STEPS)
         self._last_dt = dt
@@ -211,12 +214,11 @@ class LargeWorlds:
                     launch(kernels.sweep_color, count, [model, joints, control, *numbers, *state])
 
         sweep(0, iterations)
-        if not self._device.is_capturing:
-            if self._is_cold(h):
-                sweep(iterations, most)
-        elif self._device.is_cpu or wp.is_conditional_graph_supported():
+        if self._device.is_cpu or (
+            self._device.is_capturing and wp.is_conditional_graph_supported()
+        ):
             wp.capture_if(colors.is_cold, lambda: sweep(iterations, most))
-        else:
+        elif self._device.is_capturing or self._may_be_cold(h):
             sweep(iterations, most)
         launch(kernels.remember, bodies, [body_qd, worlds, work, rows, islands, colors, history])
         launch(joining.find_roots, bodies, [work, rows, islands, colors])
