@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import warp as wp
 
-from newton_avbd.commands import accuracy, compare, effects, growth, run, stability
+from newton_avbd.commands import accuracy, compare, effects, growth, large, run, stability
 from newton_avbd.io import UserError
 from newton_avbd.study import bench, properties
 
@@ -55,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         ("bench", bench, "measure time and quality on a set of scenes"),
         ("accuracy", accuracy, "measure what accuracy costs in time"),
         ("growth", growth, "measure how time and memory grow with a scene"),
+        ("large", large, "measure one large world, of any size"),
         ("stability", stability, "run cases that are hard to keep stable"),
         ("properties", properties, "try solvers on what a scene can author"),
     ):

@@ -747,3 +747,53 @@ class WorldScale:
     """Penetration that is left alone [m]."""
     static_slot: int
     """Slot of the static world."""
+
+
+@wp.struct
+class ColorWork:
+    """Large worlds: bodies of a color share no contact, and move at once.
+
+    The bodies of color c are ``order[start[c * lanes] : start[(c + 1) * lanes]]``; the last color
+    holds those that found none, which move one after the other. A *lane* is a part of a world whose
+    bodies one thread counts or sums over.
+    """
+
+    lane_start: wp.array[wp.int32]
+    """First body of each lane, as a place in ``WorldWork.bodies``, shape (lanes + 1,)."""
+    world_lane: wp.array[wp.int32]
+    """First lane of each world, shape (world_count + 1,)."""
+    priority: wp.array[wp.int32]
+    """By body slot: of two bodies with the same color, that of higher priority keeps it."""
+    count: wp.array[wp.int32]
+    """By body slot: contacts of the body, then contacts that it owns, then bodies of its island."""
+    incident_start: wp.array[wp.int32]
+    """By body slot: first of the body's contacts in ``incident``."""
+    incident: wp.array[wp.int32]
+    """Contacts of each body, in the order of the contact buffer."""
+    partner: wp.array[wp.int32]
+    """The other body of each, -1 where that does not move."""
+    color: wp.array2d[wp.int32]
+    """Color of each body slot, before and after a pass of coloring."""
+    table: wp.array[wp.int32]
+    """Bodies of a color in a lane, color by color."""
+    start: wp.array[wp.int32]
+    """Where these begin in ``order``."""
+    order: wp.array[wp.int32]
+    """Bodies that something touches, color by color."""
+    sums: wp.array[wp.int32]
+    """Scratch of prefix sums."""
+    lane_scale: wp.array[WorldScale]
+    """What each lane adds to the scale of its world."""
+    lane_finite: wp.array[wp.int32]
+    """1 for each lane whose bodies are finite."""
+    scale: wp.array[WorldScale]
+    """By world."""
+    is_finite: wp.array[wp.int32]
+    """1 for each world as long as its bodies are finite."""
+    moved: wp.array2d[float]
+    """Square of how far a sweep moved a body of each world [m^2], shape (sweeps + 1, world_count);
+    first an infinity, then sweep by sweep, negative where there was none."""
+    deepest: wp.array[float]
+    """Deepest penetration of each world at the start of the step [m]."""
+    is_cold: wp.array[wp.int32]
+    """1 where a world is in its first steps after a reset, which sweep more, shape (1,)."""

@@ -37,6 +37,7 @@ _OWNERS: dict[str, str] = {
     "rows.share": "compliance",
     "rows.stiffness": "ramp",
     "rows.damping": "ramp",
+    "colors": "contact",
     "history.records": "contact",
     "history.row_of_contact": "contact",
     "history.torque": "angular_friction",
@@ -67,6 +68,7 @@ _OWNED: tuple[Any, ...] = (
     data.TreeWork,
     data.LoopWork,
     data.WorldWork,
+    data.ColorWork,
 )
 """Structs whose arrays are the solver's own, not the model's, a control's or a contact buffer's."""
 

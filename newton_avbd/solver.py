@@ -35,6 +35,7 @@ from .execute.piles import OUTSIDE
 from .execute.slopes import SCHEMES
 from .execute.workers import Workers
 from .execute.world import SETTLED, make_solve
+from .large import LARGE, LargeWorlds, obstacles
 from .memory import bytes_by_effect, members
 from .report import Report
 from .rows.joint import KINDS, PUSHED_AT_COM
@@ -67,6 +68,10 @@ class Status:
     """Joints that broke."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
+    colors: int
+    """Colors of the bodies in the last step, where they are solved color by color; else 0."""
+    clashes: int
+    """Bodies that found no color in it, and so moved one after the other."""
     dropped_contacts: int
     """Contacts of all steps that were left out because they made no sense: numbers that are not
     finite, shapes that do not exist, or bodies of different worlds."""
@@ -115,6 +120,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         formulation: Literal["augmented", "ramp"] | None = None,
         scheme: Literal["euler", "bdf2", "generalized_alpha"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
+        parallel: Literal["worlds", "bodies"] | None = None,
         effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
@@ -158,6 +164,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 at once. Steps in which a velocity of a world jumps stay backward Euler.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
+            parallel: What the threads of a device share: ``"worlds"``, one thread a world, or
+                ``"bodies"``, all bodies of a color at once, for large worlds of free bodies in
+                contact; each body is then a block of its own. None, the default, takes bodies on
+                a GPU where a world has at least 256 and nothing else.
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
                 that are to be there, which raises where nothing calls for them. For their names
                 and what calls for each see :attr:`effects`.
@@ -174,8 +184,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             collision_frequency_type: ``NONE`` or ``PRE_INIT``, by slot.
 
         Raises:
-            NotImplementedError: If the ramped formulation is asked for and the model has joints, or
-                if ``strict`` and the model holds what the solver does not simulate.
+            NotImplementedError: If the ramped formulation is asked for and the model has joints, if
+                ``parallel="bodies"`` and the model calls for what that does not do, or if
+                ``strict`` and the model holds what the solver does not simulate.
             ValueError: If a setting or a number in the model makes no sense, or an effect is asked
                 for that nothing calls for.
         """
@@ -190,6 +201,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             scheme=scheme,
             blocks=blocks,
         )
+        if parallel not in (None, "worlds", "bodies"):
+            raise ValueError(f"parallel must be 'worlds', 'bodies' or None, got {parallel!r}.")
         self._ramp = settings.formulation == "ramp"
         self._strict = strict
         check_model(model, ramp=self._ramp)
@@ -225,6 +238,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if self.writes_joint_state:
             self._all_joints = _AllJoints(model)
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
+        self._parallel = parallel
+        self._large: LargeWorlds | None = None
+        self._colors: data.ColorWork | None = None
         self._topology: Topology | None = None
         self._worlds: data.WorldWork
         self._retired: list[tuple] = []
@@ -379,6 +395,30 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 1,
                 [self._bodies, self._joints, control, dt, self._pushing, self._work],
             )
+        arguments = [
+            self._bodies,
+            self._shapes,
+            self._joints,
+            control,
+            self._work.pose,
+            state_in.body_qd,
+            source,
+            dt,
+            self.iterations,
+            self.tolerance,
+            self._worlds,
+            self._work,
+            self._rows,
+            self._tree,
+            self._loops,
+            self._islands,
+            self._history,
+            state_out.body_q,
+            state_out.body_qd,
+        ]
+        if self._large is not None:
+            self._large.solve(self._launch, effects, arguments)
+            return
         if contacts is not None:
             self._launch(
                 make_sort_contacts(self._passing),
@@ -386,31 +426,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 [self._shapes, source, self._worlds, self._work, self._rows],
             )
         self._launch(
-            make_solve(effects, self._passing),
-            self._world_count,
-            [
-                0,
-                self._bodies,
-                self._shapes,
-                self._joints,
-                control,
-                self._work.pose,
-                state_in.body_qd,
-                source,
-                dt,
-                self.iterations,
-                self.tolerance,
-                self._worlds,
-                self._work,
-                self._rows,
-                self._tree,
-                self._loops,
-                self._islands,
-                self._history,
-                state_out.body_q,
-                state_out.body_qd,
-            ],
-            self._workers,
+            make_solve(effects, self._passing), self._world_count, [0, *arguments], self._workers
         )
 
     # What a user may do besides stepping.
@@ -496,9 +512,17 @@ class SolverAVBD(SolverBase, RigidCoupling):
         )
 
     @property
+    def parallel(self) -> Literal["worlds", "bodies"]:
+        """What the threads of the device share."""
+        return "worlds" if self._large is None else "bodies"
+
+    @property
     def status(self) -> Status:
         """What happened so far; copies a few numbers from the device."""
+        colors, clashes = (0, 0) if self._large is None else self._large.found()
         return Status(
+            colors=colors,
+            clashes=clashes,
             held_steps=self._worlds.held.numpy().copy(),
             repaired_poses=self._worlds.repaired.numpy().copy(),
             sweeps=self._worlds.sweeps.numpy().copy(),
@@ -543,6 +567,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         mask = self._normalize_reset_world_mask(world_mask)
         if self.model.body_count == 0:
             return
+        if self._large is not None:
+            empty = self._no_mask if mask is None else mask
+            self._large.forget(self._launch, self.model.body_world, empty)
         model = self.model
         self._launch_bodies(
             reset_bodies,
@@ -867,7 +894,29 @@ class SolverAVBD(SolverBase, RigidCoupling):
             scheme=self._scheme,
             without=self._without,
         )
+        if self._takes_bodies(groups, flags):
+            flags = flags.leaving_out(frozenset({"piles"}))
         return groups, topology, flags, callers
+
+    def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:
+        """Whether the bodies are solved color by color, as one large world.
+
+        Raises:
+            NotImplementedError: If that is asked for and cannot be.
+        """
+        if self._parallel == "worlds" or not flags.contact:
+            return False
+        if self._parallel is None:
+            largest = np.bincount(groups).max(initial=0)
+            if not self.device.is_cuda or largest < LARGE:
+                return False
+        found = obstacles(flags)
+        if found and self._parallel == "bodies":
+            raise NotImplementedError(
+                f"parallel='bodies' solves free bodies in contact; this model has "
+                f"{' and '.join(found)}. Leave parallel out."
+            )
+        return not found
 
     def _group_worlds(self) -> None:
         """Decides which bodies one thread solves, and with which effects.
@@ -879,7 +928,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._flags_apart = self._flags.without_contact()
         if self._capacity:
             self._allocate_contact_effects()
-        if topology == self._topology:
+        is_large = self._takes_bodies(groups, self._flags)
+        if topology == self._topology and is_large == (self._large is not None):
             return
         if self._topology is not None:
             self._forget_contacts()
@@ -920,6 +970,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._history.smooth = wp.zeros(self._world_count, dtype=wp.int32)
                 self._history.slope_age = wp.zeros(self._world_count, dtype=float)
 
+        self._retired.append((self._large,))
+        self._large, self._colors = None, None
+        if is_large:
+            self._large = LargeWorlds(self._worlds, self.iterations, self.device)
+            self._colors = self._large.colors
+        if self._capacity:
+            self._allocate_large_contacts()
         self._allocate_piles()
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
@@ -1146,7 +1203,16 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
             self._history.records = wp.empty((_SIDES, capacity), dtype=data.ContactRecord)
             self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
+        self._allocate_large_contacts()
         self._allocate_contact_effects()
+
+    def _allocate_large_contacts(self) -> None:
+        """Buffers by contact of a large world."""
+        if self._large is not None:
+            self._retired.append(self._large.allocate_contacts(self._capacity))
+            self._retired.append((self._rows.other_rows,))
+            size = 2 * self._capacity
+            self._rows.other_rows = wp.empty(size, dtype=wp.int32, device=self.device)
 
     def _allocate_contact_effects(self) -> None:
         """Buffers by contact that only some effects need, where they are missing or too small."""
@@ -1246,7 +1312,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """The scene's effects, with those that a contact buffer adds."""
         if contacts is None:
             return self._flags_apart
-        matching = contacts.rigid_contact_match_index is not None
+        # large worlds find contacts again by their anchors
+        matching = contacts.rigid_contact_match_index is not None and self._large is None
         surfaces = contacts.rigid_contact_surface_velocity is not None
         materials = contacts.rigid_contact_friction is not None
         if not (matching or surfaces or materials):
@@ -1367,10 +1434,13 @@ def _solver_worlds(model: newton.Model) -> np.ndarray:
         return np.zeros(0, dtype=np.int32)
     world = model.body_world.numpy()
     is_global = world < 0
-    moves = (model.body_inv_mass.numpy() > 0.0) & (
-        model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
-    )
-    if np.any(is_global & moves) or np.all(is_global):
+    if np.any(is_global & _moving(model)) or np.all(is_global):
         return np.zeros(model.body_count, dtype=np.int32)
     # global bodies that do not move get a world of their own, which only passes them through
     return np.where(is_global, model.world_count, world).astype(np.int32)
+
+
+def _moving(model: newton.Model) -> np.ndarray:
+    """Whether the solver moves each body, shape (body_count,)."""
+    is_kinematic = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    return (model.body_inv_mass.numpy() > 0.0) & ~is_kinematic

@@ -14,6 +14,7 @@ import warp as wp
 
 import newton_avbd.execute
 from newton_avbd import Effects
+from newton_avbd.execute.colored import make_colored
 from newton_avbd.rows.joint import JointKinds
 
 HOPPER = 90
@@ -67,6 +68,14 @@ VARIANTS = {
 }
 """Effects that go together; all of them occur."""
 
+LARGE_VARIANTS = {
+    "bodies": BODIES,
+    "all contacts": with_all(
+        BODIES, "compliance angular_friction moving_surfaces contact_materials"
+    ),
+}
+"""Effects of one large world."""
+
 MODULES = [
     importlib.import_module(f"newton_avbd.execute.{module.name}")
     for module in pkgutil.iter_modules(newton_avbd.execute.__path__)
@@ -79,6 +88,9 @@ KERNELS = {
     if isinstance(value, wp.Kernel)
 }
 
+SHARED = {kernel.module: kernel for kernel in KERNELS.values()}
+"""One kernel of each module: they compile together."""
+
 MAKERS = {
     name: value
     for module in MODULES
@@ -89,17 +101,21 @@ MAKERS = {
 pytestmark = pytest.mark.cuda_compile
 
 
-def compiles(kernel: wp.Kernel, folder: Path) -> None:
+def compiles(kernel: wp.Kernel, folder: Path, arch: int = HOPPER) -> None:
     """Compiles the module of a kernel to a binary for a GPU that need not be there."""
     if wp.get_cuda_toolkit_version() is None:
         pytest.skip("this build of Warp has no CUDA compiler")
-    (binary,) = wp.compile_aot_module(kernel.module, arch=HOPPER, module_dir=folder)
+    (binary,) = wp.compile_aot_module(kernel.module, arch=arch, module_dir=folder)
     assert Path(binary).stat().st_size > 0
 
 
 LONG = pytest.mark.skipif(
     "COMPILE_ALL" not in os.environ, reason="takes minutes; set COMPILE_ALL=1 to compile it"
 )
+
+
+ARCHITECTURES = [HOPPER, *(pytest.param(arch, marks=LONG) for arch in (80, 120))]
+"""Those that are compiled for where many would take too long: Ampere and Blackwell, on request."""
 
 
 @pytest.mark.parametrize(
@@ -127,7 +143,13 @@ def test_the_variants_hold_all_effects() -> None:
             assert any(getattr(effects, field.name) for effects in VARIANTS.values()), field.name
 
 
-@pytest.mark.parametrize("kernel", KERNELS.values(), ids=KERNELS)
+@pytest.mark.parametrize("arch", ARCHITECTURES)
+@pytest.mark.parametrize("variant", ["bodies", pytest.param("all contacts", marks=LONG)])
+def test_a_large_world_compiles_for_gpus(variant: str, arch: int, tmp_path: Path) -> None:
+    compiles(make_colored(LARGE_VARIANTS[variant]).sweep_color, tmp_path, arch)
+
+
+@pytest.mark.parametrize("kernel", SHARED.values(), ids=lambda kernel: kernel.key)
 def test_a_kernel_without_choices_compiles_for_a_gpu(kernel: wp.Kernel, tmp_path: Path) -> None:
     """Sorting, observables and reset."""
     compiles(kernel, tmp_path)

@@ -235,9 +235,8 @@ def override(value: float, default: float) -> float:
 
 
 @functools.cache
-def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
-    """Device functions that build the rows of a body, and give them their penalties."""
-    mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
+def make_linearise_rows(effects: Effects) -> wp.Function:
+    """Device function that turns the contacts of a body into rows."""
 
     @wp.func
     def linearise(
@@ -334,11 +333,19 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 history.records[1 - side, index] = record
                 if wp.static(effects.pairs):
                     if work.inv_mass[row.b] > 0.0:
-                        other = rows.other_end[row.b]
+                        other = wp.atomic_add(rows.other_end, row.b, 1)
                         rows.other_rows[other] = index
-                        rows.other_end[row.b] = other + 1
                 index += 1
         rows.owned_end[body] = index
+
+    return linearise_rows
+
+
+@functools.cache
+def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
+    """Device functions that build the rows of a body, and give them their penalties."""
+    mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
+    linearise_rows = make_linearise_rows(effects)
 
     @wp.func
     def recall_multipliers(world: int, body: int, rows: RowWork, history: History):

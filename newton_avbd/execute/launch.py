@@ -69,7 +69,7 @@ class Launcher:
 
     def __init__(self, device: wp.Device) -> None:
         self._device = device
-        self._recorded: dict[wp.Kernel, tuple[int, wp.Launch, list]] = {}
+        self._recorded: dict[wp.Kernel, dict[int, tuple[wp.Launch, list]]] = {}
         self._resident: dict[int, tuple[Any, wp.array]] = {}
 
     def __call__(
@@ -79,16 +79,17 @@ class Launcher:
 
         With ``workers`` they share them.
         """
-        known = self._recorded.get(kernel)
-        if known is None or known[0] != dim:
-            self._recorded[kernel] = (dim, self._pack(kernel, dim, arguments), list(arguments))
+        recorded = self._recorded.setdefault(kernel, {})
+        known = recorded.get(dim)
+        if known is None:
+            command = self._pack(kernel, dim, arguments)
+            recorded[dim] = (command, list(arguments))
         else:
-            _, command, packed = known
+            command, packed = known
             for i, argument in enumerate(arguments):
                 if argument is not packed[i]:
                     command.set_param_at_index(i, self._passed(kernel, i, argument))
                     packed[i] = argument
-        command = self._recorded[kernel][1]
         if workers is None:
             command.launch()
         else:

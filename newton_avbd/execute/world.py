@@ -389,28 +389,8 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
     return sweep
 
 
-@functools.cache
-def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
-    """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
-    a, read = passing.annotate, passing.read
-    measure_world = make_measure_world(effects)
-    is_world_finite = make_is_world_finite(effects)
-    find_rows, penalise_rows = make_rows(effects)
-    impacts = make_impacts(effects)
-    coasting_increment = make_coasting(effects)
-    bdf2 = make_bdf2(effects)
-    begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
-    remember_loops, remember_state = bdf2.remember_loops, bdf2.remember_state
-    find_impacts = impacts.find_impacts
-    find_wait = impacts.find_wait
-    release_impacts = impacts.release_impacts
-    restore_impacts = impacts.restore_impacts
-    loop_functions = make_loops(effects)
-    begin_loop = loop_functions.begin_loop
-    loop_wrench = loop_functions.loop_wrench
-    loop_curvature = loop_functions.loop_curvature
-    contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
-    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
+    """Device function: the block of a body, by its inertia and the curvature of its rows."""
 
     @wp.func
     def share_of(row: ContactRow, worlds: WorldWork, rows: RowWork) -> float:
@@ -429,25 +409,6 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             if is_same_block(worlds, row.a, row.b):
                 return 2.0
         return 1.0
-
-    @wp.func
-    def has_no_joints(rank: int, worlds: WorldWork, tree: TreeWork, loops: LoopWork) -> bool:
-        """Whether no joint holds the body of this rank."""
-        result = bool(True)
-        if wp.static(effects.joints):
-            result = not is_tree(rank, worlds.block_end[rank], worlds.bodies[rank], tree)
-        if wp.static(effects.loops):
-            result = result and not has_loops(loops, worlds.bodies[rank])
-        return result
-
-    @wp.func
-    def is_touched_by(body: int, rows: RowWork, islands: IslandWork) -> bool:
-        """Whether contacts have pushed a body."""
-        if wp.static(not effects.contact):
-            return False
-        if wp.static(effects.ramp):
-            return has_rows(rows, body)
-        return has_rows(rows, body) and not is_alone(islands, body)
 
     @wp.func
     def assemble_body(
@@ -514,6 +475,140 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 h_aa += aa
         return h_ll, h_al, h_aa
 
+    return assemble_body
+
+
+def make_remember(
+    effects: Effects, contact_force: wp.Function, gap_of: wp.Function, join: wp.Function
+) -> wp.Function:
+    """Device function that keeps what a body's rows push with for the next step.
+
+    ``join`` notes that two bodies push each other.
+    """
+    coasting_increment = make_coasting(effects)
+
+    @wp.func
+    def remember_rows(
+        body: int,
+        side: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        islands: IslandWork,
+        history: History,
+    ):
+        """The last dual update of the rows that a body owns, kept for the next step."""
+        h = scale.step
+        history.start[side, body] = rows.owned_start[body]
+        history.end[side, body] = rows.owned_end[body]
+        joined = int(-1)
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            row = rows.rows[i]
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
+            if wp.static(effects.drift):
+                u += rows.drift[i]
+            if wp.static(effects.ramp):
+                push, _k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
+                history.records[side, i].penalty = row.k_n
+                rows.rows[i].force = push
+            else:
+                push = contact_force(row, u, gap_of(row.gap, 0.0, 0.0))
+                rows.rows[i].force = push
+                if wp.static(effects.angular_friction):
+                    f_n = wp.dot(row.normal, push)
+                    turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
+                    if wp.static(effects.bdf2):
+                        turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
+                    torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
+                    rows.spin[i].torque = torque
+                if wp.static(effects.pairs):
+                    # a row that has let go by now may have pushed one of them in the last sweep
+                    is_joining = wp.length_sq(push) > 0.0
+                    is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
+                    if row.b != joined and is_joining:
+                        joined = row.b
+                        join(islands, worlds, work, body, joined)
+                if wp.static(not effects.compliance):
+                    coasting = contact_rows.slip(
+                        row,
+                        coasting_increment(work, body_qd, row.a, h),
+                        coasting_increment(work, body_qd, row.b, h),
+                        span,
+                    )
+                    change = wp.dot(row.normal, u - coasting)
+                    if change > scale.slop:
+                        mass = contact_rows.effective_mass(
+                            row.normal,
+                            row.arm,
+                            row.arm + span,
+                            work.inv_mass[row.a] + work.inv_mass[row.b],
+                            work.inv_inertia[row.a],
+                            work.inv_inertia[row.b],
+                        )
+                        push = contact_rows.lasting_force(row.normal, push, mass, change, h)
+                if wp.static(effects.restitution):
+                    if rows.impacts[i].total > 0.0:
+                        push = wp.vec3(0.0)
+                if wp.static(effects.angular_friction):
+                    lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
+                    history.torque[side, i] = lasting * rows.spin[i].torque
+                history.records[side, i].force = push
+
+    return remember_rows
+
+
+@functools.cache
+def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
+    """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
+    a, read = passing.annotate, passing.read
+    measure_world = make_measure_world(effects)
+    is_world_finite = make_is_world_finite(effects)
+    find_rows, penalise_rows = make_rows(effects)
+    impacts = make_impacts(effects)
+    coasting_increment = make_coasting(effects)
+    bdf2 = make_bdf2(effects)
+    begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
+    remember_loops, remember_state = bdf2.remember_loops, bdf2.remember_state
+    find_impacts = impacts.find_impacts
+    find_wait = impacts.find_wait
+    release_impacts = impacts.release_impacts
+    restore_impacts = impacts.restore_impacts
+    loop_functions = make_loops(effects)
+    begin_loop = loop_functions.begin_loop
+    loop_wrench = loop_functions.loop_wrench
+    loop_curvature = loop_functions.loop_curvature
+    contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
+    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+
+    @wp.func
+    def has_no_joints(rank: int, worlds: WorldWork, tree: TreeWork, loops: LoopWork) -> bool:
+        """Whether no joint holds the body of this rank."""
+        result = bool(True)
+        if wp.static(effects.joints):
+            result = not is_tree(rank, worlds.block_end[rank], worlds.bodies[rank], tree)
+        if wp.static(effects.loops):
+            result = result and not has_loops(loops, worlds.bodies[rank])
+        return result
+
+    @wp.func
+    def is_touched_by(body: int, rows: RowWork, islands: IslandWork) -> bool:
+        """Whether contacts have pushed a body."""
+        if wp.static(not effects.contact):
+            return False
+        if wp.static(effects.ramp):
+            return has_rows(rows, body)
+        if wp.static(effects.pairs):
+            return has_rows(rows, body) and not is_alone(islands, body)
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            if wp.length_sq(rows.rows[i].force) > 0.0:
+                return True
+        return False
+
+    assemble_body = make_assemble(effects, loop_curvature)
+    remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     sweep_body = make_sweep(effects, gather)
     piles = make_piles(effects, gather)
@@ -576,76 +671,6 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             rows.rows[i].k_n = ramp_rows.grown_penalty(
                 row.k_n, ramp_rows.penetration(row, u), rows.stiffness[i]
             )
-
-    @wp.func
-    def remember_rows(
-        body: int,
-        side: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        islands: IslandWork,
-        history: History,
-    ):
-        """The last dual update of the rows that a body owns, kept for the next step."""
-        h = scale.step
-        history.start[side, body] = rows.owned_start[body]
-        history.end[side, body] = rows.owned_end[body]
-        joined = int(-1)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            row = rows.rows[i]
-            span = work.com[body] - work.com[row.b]
-            u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
-            if wp.static(effects.drift):
-                u += rows.drift[i]
-            if wp.static(effects.ramp):
-                push, _k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
-                history.records[side, i].penalty = row.k_n
-                rows.rows[i].force = push
-            else:
-                push = contact_force(row, u, sweep_gap(row.gap, 0.0, 0.0))
-                rows.rows[i].force = push
-                if wp.static(effects.angular_friction):
-                    f_n = wp.dot(row.normal, push)
-                    turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
-                    if wp.static(effects.bdf2):
-                        turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
-                    torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
-                    rows.spin[i].torque = torque
-                if wp.static(effects.pairs):
-                    # a row that has let go by now may have pushed one of them in the last sweep
-                    is_joining = wp.length_sq(push) > 0.0
-                    is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
-                    if row.b != joined and is_joining:
-                        joined = row.b
-                        join_islands(islands, worlds, work, body, joined)
-                if wp.static(not effects.compliance):
-                    coasting = contact_rows.slip(
-                        row,
-                        coasting_increment(work, body_qd, row.a, h),
-                        coasting_increment(work, body_qd, row.b, h),
-                        span,
-                    )
-                    change = wp.dot(row.normal, u - coasting)
-                    if change > scale.slop:
-                        mass = contact_rows.effective_mass(
-                            row.normal,
-                            row.arm,
-                            row.arm + span,
-                            work.inv_mass[row.a] + work.inv_mass[row.b],
-                            work.inv_inertia[row.a],
-                            work.inv_inertia[row.b],
-                        )
-                        push = contact_rows.lasting_force(row.normal, push, mass, change, h)
-                if wp.static(effects.restitution):
-                    if rows.impacts[i].total > 0.0:
-                        push = wp.vec3(0.0)
-                if wp.static(effects.angular_friction):
-                    lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
-                    history.torque[side, i] = lasting * rows.spin[i].torque
-                history.records[side, i].force = push
 
     @wp.func
     def sweep_world(

@@ -142,6 +142,40 @@ def add_wall(
                 _add_box(builder, (end, 0.0, z), (0.5 * length, 0.2, height), cfg)
 
 
+def add_brick_ring(builder: newton.ModelBuilder, bricks: int = 1000) -> None:
+    """Add a round wall in running bond on the ground, of about so many bricks, ten times as many in
+    a course as there are courses; bricks 0.4 x 0.2 x 0.2 m, 5 mm apart where they are nearest.
+
+    The scene of "Augmented Vertex Block Descent" (Giles, Diaz, Yuksel, 2025) has 110,000.
+    """
+    cfg = _shape(builder, density=1000.0, mu=0.6, gap=0.01)
+    add_ground(builder, mu=0.6, gap=0.01)
+    length, width, height = 0.4, 0.2, 0.2
+    courses = max(1, round(math.sqrt(bricks / 10.0)))
+    count = max(8, round(bricks / courses))
+    radius = 0.5 * (length + 0.005) / math.tan(math.pi / count) + 0.5 * width
+    for course in range(courses):
+        for i in range(count):
+            angle = 2.0 * math.pi * (i + 0.5 * (course % 2)) / count
+            position = (radius * math.cos(angle), radius * math.sin(angle), (course + 0.5) * height)
+            turn = wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), angle)
+            _add_box(builder, position, (width, length, height), cfg, turn)
+
+
+def add_sphere_heap(builder: newton.ModelBuilder, spheres: int = 1000, seed: int = 7) -> None:
+    """Add spheres of 8 to 12 cm in a loose cube of layers that falls into a heap."""
+    cfg = _shape(builder, density=1000.0, mu=0.5, gap=0.01)
+    add_ground(builder, mu=0.5, gap=0.01)
+    rng = np.random.default_rng(seed)
+    side = max(1, round(spheres ** (1.0 / 3.0)))
+    pitch = 0.25
+    for i in range(spheres):
+        cell = np.array([i % side, i // side % side, i // side**2 + 0.5])
+        place = pitch * cell + rng.uniform(-0.02, 0.02, 3)
+        body = builder.add_body(xform=wp.transform(wp.vec3(*place), wp.quat_identity()))
+        builder.add_shape_sphere(body, radius=rng.uniform(0.08, 0.12), cfg=cfg)
+
+
 def add_card_house(
     builder: newton.ModelBuilder, levels: int = 3, lean: float = math.radians(20.0)
 ) -> None:

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd large``: time of one large world, color by color, against its size."""
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import warp as wp
+
+from newton_avbd.io import UserError
+from newton_avbd.study.bench import chosen, describe_machine
+from newton_avbd.study.large import LARGE_SCENES, measure
+
+from .options import positive, use_device
+from .output import length, table
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    parser.add_argument(
+        "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+    )
+    parser.add_argument(
+        "--bodies",
+        type=positive(int),
+        nargs="+",
+        default=[1_000, 10_000, 110_000],
+        metavar="COUNT",
+        help="sizes (default: 1000 10000 110000)",
+    )
+    parser.add_argument(
+        "--iterations", type=positive(int), default=4, help="sweeps a step (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--steps",
+        type=positive(int),
+        default=60,
+        help="steps before the time is taken (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--parallel",
+        choices=("bodies", "worlds"),
+        default="bodies",
+        help="what threads share (default: %(default)s); worlds: one thread does it all",
+    )
+    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
+    parser.epilog = "scenes:\n" + "\n".join(
+        f"  {name:<8} {summary}" for name, (summary, _) in LARGE_SCENES.items()
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Measure, print a line for each world.
+
+    Returns:
+        Exit status: 0.
+
+    Raises:
+        UserError: A scene or the device does not exist, or the file cannot be written.
+    """
+    names = chosen("scene of a large world", args.scenes, tuple(LARGE_SCENES))
+    use_device(args.device)
+    machine = describe_machine(None) | {"device": wp.get_device().name}
+    print("\n".join(f"{name}: {value}" for name, value in machine.items()), end="\n\n", flush=True)
+    results = [
+        measure(
+            name,
+            bodies,
+            iterations=args.iterations,
+            steps=args.steps,
+            parallel=args.parallel,
+        )
+        for name in names
+        for bodies in args.bodies
+    ]
+    heads = ["", "bodies", "contacts", "colors", "clashes", "step", "detection", "memory"]
+    rows = [[*heads, "sunk", "fastest"]]
+    for result in results:
+        rows.append(
+            [
+                result.scene,
+                f"{result.bodies:,}",
+                f"{result.contacts:,}",
+                str(result.colors),
+                str(result.clashes),
+                f"{result.step:.3g} ms",
+                f"{result.detection:.3g} ms",
+                f"{result.memory:.3g} MB",
+                length(result.sunk),
+                f"{result.speed:.2g} m/s",
+            ]
+        )
+    print(table(rows))
+    if args.json is not None:
+        record = {
+            "machine": machine,
+            "iterations": args.iterations,
+            "results": [asdict(result) for result in results],
+        }
+        try:
+            args.json.write_text(json.dumps(record, indent=1) + "\n")
+        except OSError as error:
+            raise UserError(f"cannot write {args.json}: {error}") from error
+    return 0

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Islands of one large world: joined by many threads at once, then each one's momentum by one.
+
+An island here is a world of its own to :mod:`.islands`: a list of bodies, under the index of its
+root. Roots are hooked to roots of lower index (Jaiganesh, Burtscher, 2018), so that the root of an
+island is its first body in whatever order the threads come.
+"""
+
+import warp as wp
+
+from ..data import BodyModel, BodyWork, ColorWork, IslandSum, IslandWork, RowWork, WorldWork
+from .bodies import has_rows
+from .coloring import sort_part
+from .islands import keep_momentum, keep_spin
+
+
+@wp.func
+def root_of(islands: IslandWork, body: int) -> int:
+    """First body of the island as far as it is joined; halves the way for the next call."""
+    root = int(body)
+    while islands.parent[root] != root:
+        above = islands.parent[islands.parent[root]]
+        islands.parent[root] = above
+        root = above
+    return root
+
+
+@wp.func
+def join_at_once(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int, b: int):
+    """As :func:`.islands.join_islands`, while other threads join others."""
+    if work.inv_mass[b] == 0.0:
+        islands.fixed[a] = 1
+        return
+    one = root_of(islands, a)
+    other = root_of(islands, b)
+    while one != other:
+        low = wp.min(one, other)
+        high = wp.max(one, other)
+        # a root that has been hooked meanwhile says where to
+        found = wp.atomic_cas(islands.parent, high, high, low)
+        one = low
+        other = wp.where(found == high, low, found)
+
+
+@wp.kernel(enable_backward=False)
+def find_roots(
+    # Work:
+    work: BodyWork,
+    rows: RowWork,
+    # Work out:
+    islands: IslandWork,
+    colors: ColorWork,
+):
+    """Names the root of each body's island, marks it where one is fixed; one thread a body."""
+    body = wp.tid()
+    colors.count[body] = 0
+    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+        root = root_of(islands, body)
+        islands.parent[body] = root
+        if islands.fixed[body] == 1:
+            islands.fixed[root] = 1
+
+
+@wp.kernel(enable_backward=False)
+def count_members(
+    # Work:
+    work: BodyWork,
+    rows: RowWork,
+    islands: IslandWork,
+    # Work out:
+    colors: ColorWork,
+):
+    """How many bodies each island has that pushes nothing fixed; one thread a body."""
+    body = wp.tid()
+    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+        root = islands.parent[body]
+        if islands.fixed[root] == 0:
+            wp.atomic_add(colors.count, root, 1)
+
+
+@wp.kernel(enable_backward=False)
+def list_members(
+    # Work:
+    work: BodyWork,
+    rows: RowWork,
+    islands: IslandWork,
+    # Work out:
+    worlds: WorldWork,
+    colors: ColorWork,
+):
+    """Lists the bodies of these islands, in no order; one thread a body."""
+    body = wp.tid()
+    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+        root = islands.parent[body]
+        if islands.fixed[root] == 0:
+            left = wp.atomic_add(colors.count, root, -1)
+            worlds.bodies[worlds.body_start[root + 1] - left] = body
+
+
+@wp.kernel(enable_backward=False)
+def keep_island(
+    # Model:
+    model: BodyModel,
+    # Work:
+    worlds: WorldWork,
+    islands: IslandWork,
+    # Work out:
+    work: BodyWork,
+):
+    """Gives an island its momentum back; one thread a body, which does it for a root."""
+    root = wp.tid()
+    total = IslandSum()
+    total.bodies = worlds.body_start[root + 1] - worlds.body_start[root]
+    islands.sum[root] = total
+    if total.bodies > 1:
+        sort_part(worlds.bodies, worlds.body_start[root], worlds.body_start[root + 1])
+        keep_momentum(root, model, worlds, work, islands)
+
+
+@wp.kernel(enable_backward=False)
+def keep_island_spin(
+    # Model:
+    model: BodyModel,
+    h: float,
+    body_q: wp.array[wp.transform],
+    # Work:
+    worlds: WorldWork,
+    work: BodyWork,
+    # Work out:
+    islands: IslandWork,
+    # State out:
+    body_qd: wp.array[wp.spatial_vector],
+):
+    """Gives an island its angular momentum back; one thread a body, which does it for a root."""
+    root = wp.tid()
+    if worlds.body_start[root + 1] - worlds.body_start[root] > 1:
+        keep_spin(root, h, body_q, model, worlds, work, islands, body_qd)
