@@ -56,6 +56,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "bdf2": Cause("", "scheme='bdf2'", "execute/bdf2.py", "Pass scheme."),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
+    "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
     "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
     "moving_surfaces": Cause(_OF_BUFFER, "with surface velocities", "execute/contacts.py"),
     "contact_materials": Cause(
@@ -162,6 +163,8 @@ class Effects:
     """Asked for: second order in time."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
+    sleeping: bool = False
+    """Asked for: islands at rest are not solved, and each island is solved for itself."""
     friction_mix: str = "geometric_average"
     """How the friction coefficients of two shapes mix."""
     angular_friction: bool = False
@@ -187,6 +190,7 @@ class Effects:
         friction_mix: str,
         angular_friction: bool,
         bdf2: bool,
+        sleeping: bool,
         without: frozenset[str] = frozenset(),
     ) -> tuple["Effects", "Callers"]:
         """Reads from the model which effects it calls for; copies model arrays to the host.
@@ -200,6 +204,7 @@ class Effects:
             friction_mix: How friction coefficients mix.
             angular_friction: Whether torsional and rolling friction is asked for.
             bdf2: Whether second order in time is asked for.
+            sleeping: Whether islands at rest are to sleep.
             without: Effects that are to be left out.
 
         Returns:
@@ -246,6 +251,7 @@ class Effects:
             compliance=compliance,
             bdf2=bdf2,
             ramp=ramp,
+            sleeping=sleeping,
             friction_mix=friction_mix,
         )
         return effects.leaving_out(without), Callers.of_items(model, callers)

@@ -23,6 +23,12 @@ _OWNERS: dict[str, str] = {
     "history.coordinate": "bdf2",
     "history.rate": "bdf2",
     "history.smooth": "bdf2",
+    "sleep": "sleeping",
+    "seen_worlds": "sleeping",
+    "seen_history": "sleeping",
+    "sleep.islands": "sleeping",
+    "worlds.island": "sleeping",
+    "worlds.pace": "sleeping",
     "rows.piles": "piles",
     "rows.owner": "contact",
     "rows.contacts": "contact",
@@ -66,6 +72,7 @@ _OWNED: tuple[Any, ...] = (
     data.TreeWork,
     data.LoopWork,
     data.WorldWork,
+    data.SleepWork,
 )
 """Structs whose arrays are the solver's own, not the model's, a control's or a contact buffer's."""
 

@@ -23,7 +23,7 @@ from .coupling import RigidCoupling
 from .effects import Callers, Effects, SceneEffects, left_out, pushing_joints
 from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
 from .execute.breaking import enable_joints
-from .execute.contacts import reset_bodies, sort_contacts
+from .execute.contacts import make_sort_contacts, reset_bodies
 from .execute.launch import Compiler, Launcher
 from .execute.observables import (
     count_turns,
@@ -32,6 +32,14 @@ from .execute.observables import (
     make_export_parent_force,
 )
 from .execute.piles import OUTSIDE
+from .execute.sleeping import (
+    AWAKE,
+    STILL,
+    make_end_islands,
+    make_form_islands,
+    make_watch_bodies,
+    watch_joints,
+)
 from .execute.world import SETTLED, make_solve
 from .memory import bytes_by_effect
 from .report import Report
@@ -63,6 +71,8 @@ class Status:
     """How far the last of these still moved a body [m], a turn by its radius of gyration."""
     broken_joints: np.ndarray
     """Joints that broke."""
+    sleeping_bodies: int
+    """Bodies that sleep."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
     dropped_contacts: int
@@ -113,6 +123,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         formulation: Literal["augmented", "ramp"] | None = None,
         scheme: Literal["euler", "bdf2"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
+        sleeping: bool | None = None,
         effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
@@ -154,6 +165,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 velocity of a world jumps stay backward Euler.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
+            sleeping: Islands, what contacts and joints link, are not solved any more once all their
+                bodies have been at rest for half a second, until something touches or drives them
+                or their state, forces or gravity change; see :attr:`status`. Each is solved for
+                itself. None for not.
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
                 that are to be there, which raises where nothing calls for them. For their names
                 and what calls for each see :attr:`effects`.
@@ -182,6 +197,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             formulation=formulation,
             scheme=scheme,
             blocks=blocks,
+            sleeping=sleeping,
         )
         self._ramp = settings.formulation == "ramp"
         self._strict = strict
@@ -209,6 +225,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._compliance = settings.compliant_contacts
         self._bdf2 = settings.scheme == "bdf2"
         self._blocks = settings.blocks
+        self._sleeping = settings.sleeping
+        self._sleep = data.SleepWork()
+        self._seen: _Seen | None = None
         self._friction_mix = settings.friction_mix_mode
         self._angular_friction = settings.angular_friction
         self.writes_joint_state = update_joint_state and model.joint_count > 0
@@ -287,7 +306,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
-        if contacts is None and not self._flags.joints and not self._flags.bdf2:
+        needs_solve = self._flags.joints or self._flags.bdf2 or self._flags.sleeping
+        if contacts is None and not needs_solve:
             self._integrate(state_in, state_out, control_input, dt)
         else:
             self._solve(state_in, state_out, control_input, contacts, dt)
@@ -345,6 +365,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self.model.joint_count,
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
+        seen = self._see_worlds()
+        if effects.sleeping:
+            self._form_islands(seen, effects, state_in, state_out, control, source, dt)
         self._launch_bodies(
             make_predict(self._flags),
             [
@@ -368,7 +391,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
         if contacts is not None:
             self._launch(
-                sort_contacts, 1, [self._shapes, source, self._worlds, self._work, self._rows]
+                make_sort_contacts(effects.sleeping),
+                1,
+                [self._shapes, source, seen.worlds, self._work, self._rows],
             )
         self._launch(
             make_solve(effects),
@@ -384,13 +409,70 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 dt,
                 self.iterations,
                 self.tolerance,
-                self._worlds,
+                seen.worlds,
                 self._work,
                 self._rows,
-                self._tree,
-                self._loops,
+                seen.tree,
+                seen.loops,
                 self._islands,
+                seen.history,
+                state_out.body_q,
+                state_out.body_qd,
+            ],
+        )
+        if effects.sleeping:
+            self._launch(
+                make_end_islands(effects),
+                self._world_count,
+                [self._worlds, seen.worlds, self._history, seen.history],
+            )
+
+    def _form_islands(
+        self,
+        seen: "_Seen",
+        effects: Effects,
+        state_in: newton.State,
+        state_out: newton.State,
+        control: data.ControlInput,
+        contacts: data.ContactInput,
+        dt: float,
+    ) -> None:
+        """Finds out what sleeps, passes it on, and lists the rest island by island."""
+        self._launch_bodies(
+            make_watch_bodies(self._flags),
+            [
+                self._bodies,
+                state_in.body_q,
+                state_in.body_qd,
+                state_in.body_f,
+                control,
+                dt,
+                self._worlds,
+                self._sleep,
+                state_out.body_q,
+                state_out.body_qd,
+            ],
+        )
+        if effects.joints:
+            self._launch(
+                watch_joints,
+                self.model.joint_count,
+                [self._joints, control, self._worlds, self._sleep],
+            )
+        self._launch(
+            make_form_islands(effects),
+            1,
+            [
+                self._bodies,
+                self._shapes,
+                state_in.body_q,
+                contacts,
+                self._worlds,
+                seen.worlds,
+                self._rows,
+                self._sleep,
                 self._history,
+                seen.history,
                 state_out.body_q,
                 state_out.body_qd,
             ],
@@ -486,6 +568,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             repaired_poses=self._worlds.repaired.numpy().copy(),
             sweeps=self._worlds.sweeps.numpy().copy(),
             update=self._worlds.update.numpy().copy(),
+            sleeping_bodies=int(
+                0 if self._worlds.island is None else np.sum(self._worlds.island.numpy() >= 0)
+            ),
             broken_joints=np.flatnonzero(
                 [] if self._history.broken is None else self._history.broken.numpy()
             ),
@@ -540,6 +625,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._tree,
                 self._loops,
                 self._rest_angle,
+                self._sleep,
                 self._history,
                 state.body_q,
                 state.body_qd,
@@ -572,6 +658,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if not int(flags) & int(ModelFlags.ALL):
             return
         self._bind_model()
+        if self._flags.sleeping:
+            for array, value in ((self._sleep.still, 0.0), (self._sleep.woken, 1)):
+                array.fill_(value)
+            self._sleep.stirred.fill_(1)
         if self.device.is_capturing:
             self._flags = self._flags.for_any_values().leaving_out(self._without)
             self._flags_apart = self._flags.without_contact()
@@ -717,7 +807,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
     def _bind_model(self) -> None:
         """Points the kernels to the model's arrays."""
-        self._launch.forget()
+        self._forget_launches()
         model = self.model
         self._bound = {
             name: array
@@ -807,6 +897,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             friction_mix=self._friction_mix,
             angular_friction=self._angular_friction,
             bdf2=self._bdf2,
+            sleeping=self._sleeping,
             without=self._without,
         )
         return groups, topology, flags, callers
@@ -830,7 +921,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._retired.append((self._history.filling, self._history.step, self._history.age))
             self._retired.append((self._tree, self._loops, self._history.smooth))
             self._retired.append((self._history.loop_force, self._history.loop_torque))
-        self._launch.forget()
+        self._forget_launches()
         self._topology = topology
         self._world_count = int(groups.max(initial=0)) + 1
         starts = np.searchsorted(groups[topology.order], np.arange(self._world_count + 1))
@@ -865,6 +956,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
+        self._allocate_sleep()
 
     def _allocate_piles(self) -> None:
         """Buffers for the piles of free bodies, by body slot."""
@@ -876,7 +968,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             # the static world, in the last slot, is in no pile
             piles.parent = wp.full(slots, value=OUTSIDE, dtype=wp.int32)
             piles.order = wp.zeros(slots, dtype=wp.int32)
-            piles.end = wp.zeros(self._world_count, dtype=wp.int32)
+            count = slots if self._sleeping else self._world_count
+            piles.end = wp.zeros(count, dtype=wp.int32)
             piles.mass = wp.zeros(slots, dtype=float)
             piles.whole = wp.zeros(slots, dtype=float)
             piles.held = wp.zeros(slots, dtype=float)
@@ -1059,6 +1152,97 @@ class SolverAVBD(SolverBase, RigidCoupling):
             work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
             work.gram = wp.zeros(int(gram[-1]), dtype=float)
 
+    def _allocate_sleep(self) -> None:
+        """Buffers for what sleeps; all bodies are awake afterwards."""
+        if not self._flags.sleeping:
+            return
+        self._retired.append((self._sleep, self._worlds.island, self._worlds.pace, self._seen))
+        model, topology = self.model, self._topology
+        assert topology is not None
+        slots, worlds = model.body_count + 1, self._world_count
+        tied = topology.tied(model)
+        sleep = data.SleepWork()
+        with wp.ScopedDevice(self.device):
+            self._worlds.island = wp.array(
+                np.append(np.full(slots - 1, AWAKE), STILL), dtype=wp.int32
+            )
+            self._worlds.pace = wp.zeros(worlds, dtype=float)
+            sleep.tied = wp.array(np.append(tied, slots - 1), dtype=wp.int32)
+            for name in ("still", "quiet"):
+                setattr(sleep, name, wp.zeros(slots, dtype=float))
+            for name in ("woken", "met", "contacts", "end", "size", "place"):
+                setattr(sleep, name, wp.zeros(slots, dtype=wp.int32))
+            sleep.stirred = wp.zeros(1, dtype=wp.int32)
+            sleep.start = wp.full(slots, value=-1, dtype=wp.int32)
+            sleep.order = wp.zeros(slots - 1, dtype=wp.int32)
+            sleep.filled = wp.array([0, self._capacity, 0], dtype=wp.int32)
+            sleep.pose = wp.zeros(slots, dtype=wp.transform)
+            sleep.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
+            sleep.islands.parent = wp.zeros(slots, dtype=wp.int32)
+            sleep.islands.fixed = wp.zeros(slots, dtype=wp.int32)
+            sleep.gravity = wp.clone(model.gravity)
+            if self._flags.joints:
+                sleep.joint_f = wp.zeros(model.joint_dof_count, dtype=float)
+                sleep.target_qd = wp.zeros(model.joint_dof_count, dtype=float)
+                sleep.target_q = wp.zeros(model.joint_coord_count, dtype=float)
+            if self._flags.loops:
+                child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+                holders = np.full(worlds, -1)
+                for joint in topology.loops:
+                    pair = [b for b in (child[joint], parent[joint]) if b >= 0]
+                    holders[topology.worlds[pair[0]]] = next(
+                        b for b in pair if model.body_inv_mass.numpy()[b] > 0.0
+                    )
+                sleep.loop_body = wp.array(holders, dtype=wp.int32)
+                sleep.loop_start = self._loops.world_start
+                sleep.seen_loop_start = wp.zeros(slots, dtype=wp.int32)
+            if self._flags.closures:
+                sleep.block_of = self._tree.closures.block_of
+                sleep.seen_block_of = wp.zeros(slots, dtype=wp.int32)
+        self._sleep = sleep
+        self._allocate_seen()
+
+    def _allocate_seen(self) -> None:
+        """What the solve sees in the place of what is by world, and of positions."""
+        slots = self.model.body_count + 1
+        self._seen_worlds = worlds = data.WorldWork()
+        self._seen_history = history = data.History()
+        with wp.ScopedDevice(self.device):
+            for name in ("body_start", "bodies", "sweeps"):
+                setattr(worlds, name, wp.zeros(slots, dtype=wp.int32))
+            # a body that is not listed makes no block
+            worlds.block_end = wp.full(slots, value=-1, dtype=wp.int32)
+            worlds.rank = wp.full(slots, value=slots - 1, dtype=wp.int32)
+            worlds.island_start = wp.zeros(self._world_count + 1, dtype=wp.int32)
+            for name in ("update", "pace", "step"):
+                setattr(worlds, name, wp.zeros(slots, dtype=float))
+            for name in ("parity", "age", "smooth"):
+                setattr(history, name, wp.zeros(slots, dtype=wp.int32))
+            history.filling = wp.zeros((slots, 2), dtype=wp.int32)
+            history.step = wp.zeros(slots, dtype=float)
+        self._forget_launches()
+
+    def _forget_launches(self) -> None:
+        """Drops what was packed, after a struct changed its arrays."""
+        self._launch.forget()
+        self._seen = None
+
+    def _see_worlds(self) -> "_Seen":
+        """What the solve sees as worlds: with sleeping, the islands that are awake."""
+        if self._seen is None:
+            seen = _Seen(self._worlds, self._history, self._tree, self._loops)
+            if self._flags.sleeping:
+                seen.worlds = _merged(seen.worlds, self._seen_worlds)
+                seen.history = _merged(seen.history, self._seen_history)
+            if self._flags.sleeping and self._flags.loops:
+                seen.loops = _merged(seen.loops)
+                seen.loops.world_start = self._sleep.seen_loop_start
+            if self._flags.sleeping and self._flags.closures:
+                seen.tree = _merged(seen.tree)
+                seen.tree.closures.block_of = self._sleep.seen_block_of
+            self._seen = seen
+        return self._seen
+
     def _allocate_contacts(self, capacity: int) -> None:
         """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""
         capture = self.device.is_capturing
@@ -1082,9 +1266,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._rows.contacts = wp.empty(capacity, dtype=wp.int32)
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
-            self._history.records = wp.empty((_SIDES, capacity), dtype=data.ContactRecord)
+            # what sleeps keeps its records beyond those of the rows
+            room = 2 * capacity if self._sleeping else capacity
+            self._history.records = wp.empty((_SIDES, room), dtype=data.ContactRecord)
             self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
         self._allocate_contact_effects()
+        self._allocate_sleep()
 
     def _allocate_contact_effects(self) -> None:
         """Buffers by contact that only some effects need, where they are missing or too small."""
@@ -1101,15 +1288,17 @@ class SolverAVBD(SolverBase, RigidCoupling):
         with wp.ScopedDevice(self.device):
             for owner, name, dtype, is_wanted in by_contact:
                 old = getattr(owner, name)
-                if is_wanted and (old is None or old.shape[-1] < self._capacity):
+                of_history = owner is history
+                room = self._history.records.shape[1] if of_history else self._capacity
+                if is_wanted and (old is None or old.shape[-1] < room):
                     # graphs that were captured before go on using the old array
                     self._retired.append((old,))
-                    shape = [_SIDES, self._capacity] if owner is history else [self._capacity]
+                    shape = [_SIDES, room] if of_history else [room]
                     setattr(owner, name, wp.zeros(shape, dtype=dtype))
             if effects.restitution and rows.struck_qd is None:
                 rows.struck_qd = wp.zeros(self.model.body_count + 1, dtype=wp.spatial_vector)
                 rows.struck_at = wp.zeros(self.model.body_count + 1, dtype=float)
-        self._launch.forget()
+        self._forget_launches()
 
     def _forget_contacts(self) -> None:
         """Drops all multipliers and rows, on the device."""
@@ -1278,6 +1467,26 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""
         self._launch(kernel, self.model.body_count, arguments)
+
+
+@dataclass
+class _Seen:
+    """What the solve sees of worlds."""
+
+    worlds: data.WorldWork
+    history: data.History
+    tree: data.TreeWork
+    loops: data.LoopWork
+
+
+def _merged(*structs: Any) -> Any:
+    """A struct with the arrays of others of its kind, of the last that has them."""
+    merged = structs[0]._cls()
+    for struct in structs:
+        for name in struct._cls.vars:
+            if getattr(struct, name) is not None:
+                setattr(merged, name, getattr(struct, name))
+    return merged
 
 
 class _AllJoints:

@@ -232,6 +232,9 @@ def make_predict(effects: Effects) -> wp.Kernel:
         # Work out:
         work: BodyWork,
     ):
+        if wp.static(effects.sleeping):
+            if worlds.island[body] >= 0:
+                return
         pose = unit_pose(body_q[body], body, worlds)
         velocity = body_qd[body]
         wrench = external_wrench(model, body, body_f, control)

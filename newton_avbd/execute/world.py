@@ -150,7 +150,7 @@ def hold_world(
     body_qd_out: wp.array[wp.spatial_vector],
 ):
     """Passes a world through unchanged, counts it, and forgets its contacts."""
-    report_held(worlds, world)
+    report_held(worlds, worlds.of_body[worlds.bodies[worlds.body_start[world]]])
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = worlds.bodies[i]
         body_q_out[body] = body_q[body]
@@ -196,6 +196,8 @@ def make_measure_world(effects: Effects) -> wp.Function:
         scale.lag = 0.5
         scale.static_slot = work.inv_mass.shape[0] - 1
         farthest = float(0.0)
+        if wp.static(effects.sleeping):
+            farthest = worlds.pace[world]
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
@@ -1315,7 +1317,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         history.placed[body] = after
                         history.lost[body] = shift - (after - before)
                 else:
-                    report_held(worlds, world)
+                    report_held(worlds, worlds.of_body[body])
                 if wp.static(effects.bdf2):
                     remember_pose(body, pose, model, history)
             body_q_out[body] = pose
@@ -1349,28 +1351,35 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_qd_out: wp.array[wp.spatial_vector],
     ):
         mode = flush_denormals()
-        solve_world(
-            wp.tid(),
-            model,
-            shapes,
-            joints,
-            control,
-            body_q,
-            body_qd,
-            contacts,
-            h,
-            iterations,
-            tolerance,
-            worlds,
-            work,
-            rows,
-            tree,
-            loops,
-            islands,
-            history,
-            body_q_out,
-            body_qd_out,
-        )
+        # with sleeping, the islands of the world that are awake are solved as worlds are
+        first = wp.tid()
+        end = first + 1
+        if wp.static(effects.sleeping):
+            end = worlds.island_start[first + 1]
+            first = worlds.island_start[first]
+        for world in range(first, end):
+            solve_world(
+                world,
+                model,
+                shapes,
+                joints,
+                control,
+                body_q,
+                body_qd,
+                contacts,
+                h,
+                iterations,
+                tolerance,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                islands,
+                history,
+                body_q_out,
+                body_qd_out,
+            )
         restore_denormals(mode)
 
     return solve
