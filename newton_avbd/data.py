@@ -600,6 +600,10 @@ class RowWork:
     """Owner of each contact, -1 where the solver moves neither body."""
     contacts: wp.array[wp.int32]
     """Contacts sorted by owner."""
+    awake: wp.array[wp.int32]
+    """Sleeping: contacts of bodies that are awake."""
+    awake_count: wp.array[wp.int32]
+    """Sleeping: how many there are, shape (1,)."""
     rows: wp.array[ContactRow]
     drift: wp.array[wp.vec3]
     """How far moving surfaces carry b against a in the step, and how far a bounce is to take b away
@@ -647,9 +651,15 @@ class SleepWork:
     wrench: wp.array[wp.spatial_vector]
     """External force [N] and torque [N m] in the last step."""
     met: wp.array[wp.int32]
-    """Contacts of the body in the buffer."""
+    """Sum of the marks of the body's contacts, numbers that tell pairs of shapes from others."""
     contacts: wp.array[wp.int32]
     """The same in the last step."""
+    marks: wp.array[wp.int32]
+    """Sum of the marks of all contacts of what sleeps, shape (1,)."""
+    blocks: wp.array[wp.int32]
+    """Where the blocks that are awake begin in visiting order, world by world."""
+    block_start: wp.array[wp.int32]
+    """First of each world's, shape (world_count + 1,)."""
     start: wp.array[wp.int32]
     """First of the records of a body that sleeps, beyond those of the rows."""
     end: wp.array[wp.int32]

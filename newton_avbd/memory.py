@@ -29,6 +29,8 @@ _OWNERS: dict[str, str] = {
     "sleep.islands": "sleeping",
     "worlds.island": "sleeping",
     "worlds.pace": "sleeping",
+    "rows.awake": "sleeping",
+    "rows.awake_count": "sleeping",
     "rows.piles": "piles",
     "rows.owner": "contact",
     "rows.contacts": "contact",

@@ -1172,7 +1172,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 setattr(sleep, name, wp.zeros(slots, dtype=float))
             for name in ("woken", "met", "contacts", "end", "size", "place"):
                 setattr(sleep, name, wp.zeros(slots, dtype=wp.int32))
-            sleep.stirred = wp.zeros(1, dtype=wp.int32)
+            # the first step lists what is awake
+            sleep.stirred = wp.ones(1, dtype=wp.int32)
+            sleep.marks = wp.zeros(1, dtype=wp.int32)
+            sleep.blocks = wp.zeros(slots, dtype=wp.int32)
+            sleep.block_start = wp.zeros(worlds + 1, dtype=wp.int32)
+            self._rows.awake = wp.zeros(self._capacity, dtype=wp.int32)
+            self._rows.awake_count = wp.zeros(1, dtype=wp.int32)
             sleep.start = wp.full(slots, value=-1, dtype=wp.int32)
             sleep.order = wp.zeros(slots - 1, dtype=wp.int32)
             sleep.filled = wp.array([0, self._capacity, 0], dtype=wp.int32)

@@ -232,9 +232,6 @@ def make_predict(effects: Effects) -> wp.Kernel:
         # Work out:
         work: BodyWork,
     ):
-        if wp.static(effects.sleeping):
-            if worlds.island[body] >= 0:
-                return
         pose = unit_pose(body_q[body], body, worlds)
         velocity = body_qd[body]
         wrench = external_wrench(model, body, body_f, control)
@@ -306,10 +303,12 @@ def make_predict(effects: Effects) -> wp.Kernel:
         # Work out:
         work: BodyWork,
     ):
+        body = wp.tid()
+        if wp.static(effects.sleeping):
+            if worlds.island[body] >= 0:
+                return
         mode = flush_denormals()
-        predict_body(
-            wp.tid(), model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
-        )
+        predict_body(body, model, body_q, body_qd, body_f, control, h, worlds, history, tree, work)
         restore_denormals(mode)
 
     return predict

@@ -33,8 +33,6 @@ from .piles import LINK_WEIGHT, mass_behind
 
 NOT_UNIT = wp.constant(0.1)
 """Squared length of a normal, less 1, that no detection means."""
-ASLEEP = wp.constant(-2)
-"""Owner of a contact of a body that sleeps."""
 FAR = wp.constant(0.2)
 """An anchor that moved more than this share of its lever arm is another contact's."""
 
@@ -109,13 +107,18 @@ def make_sort_contacts(sleeping: bool) -> wp.Kernel:
         static_slot = work.inv_mass.shape[0] - 1
         count = wp.min(contacts.count[0], contacts.capacity)
         worlds.overflow[0] = wp.max(worlds.overflow[0], contacts.count[0] - contacts.capacity)
-        for body in range(static_slot):
+        listed = static_slot
+        if wp.static(sleeping):
+            count = rows.awake_count[0]
+            listed = worlds.body_start[worlds.island_start[worlds.island_start.shape[0] - 1]]
+        for i in range(listed):
+            body = worlds.bodies[i]
             rows.owned_end[body] = 0
             rows.other_end[body] = 0
-        for contact in range(count):
+        for k in range(count):
+            contact = int(k)
             if wp.static(sleeping):
-                if rows.owner[contact] == ASLEEP:
-                    continue
+                contact = rows.awake[k]
             shape0 = contacts.shape0[contact]
             shape1 = contacts.shape1[contact]
             rows.owner[contact] = -1
@@ -129,8 +132,9 @@ def make_sort_contacts(sleeping: bool) -> wp.Kernel:
                 continue
             a = owner_of(worlds, work, slot0, slot1)
             if wp.static(sleeping):
+                # they may have fallen asleep just now
                 if wp.max(worlds.island[slot0], worlds.island[slot1]) >= 0:
-                    a = ASLEEP
+                    a = -1
             if a >= 0:
                 rows.owner[contact] = a
                 rows.owned_end[a] = rows.owned_end[a] + 1
@@ -139,9 +143,6 @@ def make_sort_contacts(sleeping: bool) -> wp.Kernel:
                     rows.other_end[b] = rows.other_end[b] + 1
         owned = int(0)
         other = int(0)
-        listed = static_slot
-        if wp.static(sleeping):
-            listed = worlds.body_start[worlds.island_start[worlds.island_start.shape[0] - 1]]
         for i in range(listed):
             body = worlds.bodies[i]
             owned_count = rows.owned_end[body]
@@ -152,7 +153,10 @@ def make_sort_contacts(sleeping: bool) -> wp.Kernel:
             rows.other_end[body] = other
             owned += owned_count
             other += other_count
-        for contact in range(count):
+        for k in range(count):
+            contact = int(k)
+            if wp.static(sleeping):
+                contact = rows.awake[k]
             a = rows.owner[contact]
             if a >= 0:
                 rows.contacts[rows.owned_end[a]] = contact

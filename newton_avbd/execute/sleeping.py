@@ -26,7 +26,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .bodies import make_wrench, unit_pose
-from .contacts import ASLEEP, body_slot
+from .contacts import body_slot
 from .islands import begin_island, disturb, island_of, unite
 
 REST = wp.constant(1.0e-3)
@@ -44,12 +44,63 @@ STILL = wp.constant(-2)
 """That of one which the solver does not move, nor does the user."""
 MOVING = wp.constant(-3)
 """That of one which the user moves."""
+STANDSTILL = wp.constant(wp.spatial_vector(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 @functools.cache
 def make_watch_bodies(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: passes on what sleeps or is not moved, and sees what disturbs."""
     external_wrench = make_wrench(effects)
+
+    @wp.func
+    def watch_body(
+        body: int,
+        wrench: wp.spatial_vector,
+        model: BodyModel,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        h: float,
+        worlds: WorldWork,
+        sleep: SleepWork,
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Sees how a body moves that does not go on sleeping."""
+        pose = body_q[body]
+        velocity = body_qd[body]
+        before = sleep.pose[body]
+        island = worlds.island[body]
+        is_pushed = not wrench == sleep.wrench[body]
+        sleep.pose[body] = pose
+        sleep.wrench[body] = wrench
+        if island >= 0:
+            disturb(body, worlds, sleep)
+        if not is_mobile(model, body):
+            if island >= AWAKE:
+                sleep.stirred[0] = 1
+            is_fixed = pose == before and velocity == STANDSTILL
+            worlds.island[body] = wp.where(is_fixed, STILL, MOVING)
+            move = h * wp.length(wp.spatial_top(velocity))
+            wp.atomic_max(worlds.pace, worlds.of_body[body], move)
+            body_q_out[body] = unit_pose(pose, body, worlds)
+            body_qd_out[body] = velocity
+            return
+        if island < AWAKE:
+            worlds.island[body] = AWAKE
+            sleep.stirred[0] = 1
+        size_sq = wp.trace(model.inertia[body]) * model.inv_mass[body]
+        shift = wp.transform_get_translation(pose) - wp.transform_get_translation(before)
+        turn = wp.transform_get_rotation(pose) - wp.transform_get_rotation(before)
+        v = wp.spatial_top(velocity)
+        w = wp.spatial_bottom(velocity)
+        rest = REST * h * wp.length(model.gravity[model.world[body]])
+        # comparisons that numbers which are not finite fail
+        is_slow = wp.dot(v, v) + size_sq * wp.dot(w, w) <= rest * rest
+        is_here = (
+            wp.dot(shift, shift) <= JUMP * JUMP * size_sq and wp.dot(turn, turn) <= JUMP * JUMP
+        )
+        is_at_rest = is_slow and is_here and not is_pushed and island == AWAKE
+        sleep.still[body] = wp.where(is_at_rest, wp.max(sleep.still[body], 0.0) + h, 0.0)
 
     @wp.kernel(enable_backward=False, module="unique")
     def watch_bodies(
@@ -69,47 +120,16 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
         body_qd_out: wp.array[wp.spatial_vector],
     ):
         body = wp.tid()
-        pose = body_q[body]
-        velocity = body_qd[body]
         wrench = external_wrench(model, body, body_f, control)
-        before = sleep.pose[body]
-        shift = wp.transform_get_translation(pose) - wp.transform_get_translation(before)
-        turn = wp.transform_get_rotation(pose) - wp.transform_get_rotation(before)
-        pushed = wrench - sleep.wrench[body]
-        change = wp.dot(shift, shift) + wp.dot(turn, turn) + wp.dot(velocity, velocity)
-        push_change = wp.dot(pushed, pushed)
-        island = worlds.island[body]
-        sleep.met[body] = 0
-        # comparisons that numbers which are not finite fail
-        if island >= 0 and change == 0.0 and push_change == 0.0:
-            body_q_out[body] = pose
-            body_qd_out[body] = velocity
-            return
-        sleep.pose[body] = pose
-        sleep.wrench[body] = wrench
-        if island >= 0:
-            disturb(body, worlds, sleep)
-        if not is_mobile(model, body):
-            worlds.island[body] = wp.where(change == 0.0, STILL, MOVING)
-            move = h * wp.length(wp.spatial_top(velocity))
-            wp.atomic_max(worlds.pace, worlds.of_body[body], move)
-            body_q_out[body] = unit_pose(pose, body, worlds)
-            body_qd_out[body] = velocity
-            return
-        size_sq = wp.trace(model.inertia[body]) * model.inv_mass[body]
-        v = wp.spatial_top(velocity)
-        w = wp.spatial_bottom(velocity)
-        rest = REST * h * wp.length(model.gravity[model.world[body]])
-        is_at_rest = (
-            island == AWAKE
-            and push_change == 0.0
-            and wp.dot(v, v) + size_sq * wp.dot(w, w) <= rest * rest
-            and wp.dot(shift, shift) <= JUMP * JUMP * size_sq
-            and wp.dot(turn, turn) <= JUMP * JUMP
-        )
-        sleep.still[body] = wp.where(is_at_rest, wp.max(sleep.still[body], 0.0) + h, 0.0)
-        if island < AWAKE:
-            worlds.island[body] = AWAKE
+        if worlds.island[body] >= 0:
+            pose = body_q[body]
+            velocity = body_qd[body]
+            if pose == sleep.pose[body] and velocity == STANDSTILL:
+                if wrench == sleep.wrench[body]:
+                    body_q_out[body] = pose
+                    body_qd_out[body] = velocity
+                    return
+        watch_body(body, wrench, model, body_q, body_qd, h, worlds, sleep, body_q_out, body_qd_out)
 
     return watch_bodies
 
@@ -148,6 +168,40 @@ def watch_joints(
         disturb(parent, worlds, sleep)
 
 
+@wp.func
+def mover_of(first: int, end: int, worlds: WorldWork) -> int:
+    """The first body of a block that the solver moves, -1 without."""
+    for i in range(first, end):
+        if worlds.island[worlds.bodies[i]] >= AWAKE:
+            return worlds.bodies[i]
+    return -1
+
+
+@wp.func
+def mark_of(shape0: int, shape1: int) -> int:
+    """A number by which to tell contacts of two shapes from those of others."""
+    mixed = (shape0 + 1) * 73856093 ^ (shape1 + 1) * 19349663
+    return mixed * mixed
+
+
+@wp.func
+def end_of_run(contact: int, count: int, contacts: ContactInput) -> int:
+    """End of the contacts of the same two shapes that follow each other."""
+    shape0 = contacts.shape0[contact]
+    shape1 = contacts.shape1[contact]
+    end = int(contact) + 1
+    while end < count and contacts.shape0[end] == shape0 and contacts.shape1[end] == shape1:
+        end += 1
+    return end
+
+
+@wp.func
+def forget_rows(body: int, rows: RowWork):
+    """Leaves a body that is not solved without rows."""
+    rows.owned_end[body] = rows.owned_start[body]
+    rows.other_end[body] = rows.other_start[body]
+
+
 @functools.cache
 def make_form_islands(effects: Effects) -> wp.Kernel:
     """Kernel, one thread: wakes and puts to sleep, and lists what is awake island by island."""
@@ -168,40 +222,86 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                 sleep.gravity[i] = model.gravity[i]
 
     @wp.func
-    def watch_contacts(
-        count: int,
+    def is_asleep(contact: int, shapes: ShapeModel, contacts: ContactInput, worlds: WorldWork):
+        """Whether a contact is one of a body that sleeps."""
+        static_slot = worlds.rank.shape[0] - 1
+        a = body_slot(shapes, contacts.shape0[contact], static_slot)
+        b = body_slot(shapes, contacts.shape1[contact], static_slot)
+        return worlds.island[a] >= 0 or worlds.island[b] >= 0
+
+    @wp.func
+    def list_contacts(
         shapes: ShapeModel,
         contacts: ContactInput,
         worlds: WorldWork,
         sleep: SleepWork,
         rows: RowWork,
-    ):
-        """Counts the contacts of each body; disturbs those that touch what moves or is awake."""
+    ) -> int:
+        """Lists the contacts of bodies that are awake, disturbs what touches those or what moves;
+        returns the sum of the marks of the other contacts."""
         static_slot = sleep.tied.shape[0] - 1
-        for contact in range(count):
+        count = wp.min(contacts.count[0], contacts.capacity)
+        sleeping = int(0)
+        listed = int(0)
+        contact = int(0)
+        while contact < count:
+            end = end_of_run(contact, count, contacts)
             shape0 = contacts.shape0[contact]
             shape1 = contacts.shape1[contact]
-            rows.owner[contact] = -1
+            is_sleeping = bool(False)
+            if wp.min(shape0, shape1) >= 0 and wp.max(shape0, shape1) < shapes.body.shape[0]:
+                a = body_slot(shapes, shape0, static_slot)
+                b = body_slot(shapes, shape1, static_slot)
+                island_a = worlds.island[a]
+                island_b = worlds.island[b]
+                is_sleeping = wp.max(island_a, island_b) >= 0
+                marks = mark_of(shape0, shape1) * (end - contact)
+                if is_sleeping:
+                    sleeping += marks
+                if island_a == AWAKE:
+                    sleep.met[a] = sleep.met[a] + marks
+                if island_b == AWAKE:
+                    sleep.met[b] = sleep.met[b] + marks
+                if island_a == MOVING or (island_a == AWAKE and island_b >= 0):
+                    disturb(b, worlds, sleep)
+                if island_b == MOVING or (island_b == AWAKE and island_a >= 0):
+                    disturb(a, worlds, sleep)
+                if wp.static(effects.moving_surfaces):
+                    for k in range(contact, end):
+                        if wp.length_sq(contacts.surface_velocity[k]) > 0.0:
+                            disturb(a, worlds, sleep)
+                            disturb(b, worlds, sleep)
+            if not is_sleeping:
+                for k in range(contact, end):
+                    rows.awake[listed] = k
+                    listed += 1
+            contact = end
+        rows.awake_count[0] = listed
+        return sleeping
+
+    @wp.func
+    def find_changed_contacts(
+        shapes: ShapeModel,
+        contacts: ContactInput,
+        worlds: WorldWork,
+        sleep: SleepWork,
+    ):
+        """Disturbs what sleeps and has other contacts than before."""
+        static_slot = sleep.tied.shape[0] - 1
+        for contact in range(wp.min(contacts.count[0], contacts.capacity)):
+            shape0 = contacts.shape0[contact]
+            shape1 = contacts.shape1[contact]
             if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
                 continue
-            a = body_slot(shapes, shape0, static_slot)
-            b = body_slot(shapes, shape1, static_slot)
-            island_a = worlds.island[a]
-            island_b = worlds.island[b]
-            if island_a >= AWAKE:
-                sleep.met[a] = sleep.met[a] + 1
-            if island_b >= AWAKE:
-                sleep.met[b] = sleep.met[b] + 1
-            if wp.max(island_a, island_b) >= 0:
-                rows.owner[contact] = ASLEEP
-            if island_a == MOVING or (island_a == AWAKE and island_b >= 0):
-                disturb(b, worlds, sleep)
-            if island_b == MOVING or (island_b == AWAKE and island_a >= 0):
-                disturb(a, worlds, sleep)
-            if wp.static(effects.moving_surfaces):
-                if wp.length_sq(contacts.surface_velocity[contact]) > 0.0:
-                    disturb(a, worlds, sleep)
-                    disturb(b, worlds, sleep)
+            for side in range(2):
+                shape = wp.where(side == 0, shape0, shape1)
+                body = body_slot(shapes, shape, static_slot)
+                if worlds.island[body] >= 0:
+                    sleep.met[body] = sleep.met[body] + mark_of(shape0, shape1)
+        for k in range(sleep.filled[0]):
+            body = sleep.order[k]
+            if sleep.met[body] != sleep.contacts[body]:
+                disturb(body, worlds, sleep)
 
     @wp.func
     def move_records(start: int, end: int, side: int, to: int, to_side: int, history: History):
@@ -230,8 +330,9 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         sleep.filled[2] = 0
 
     @wp.func
-    def wake_islands(worlds: WorldWork, sleep: SleepWork, history: History):
-        """Wakes the bodies of islands that are disturbed, with the loads that they slept with."""
+    def wake_islands(worlds: WorldWork, sleep: SleepWork, rows: RowWork, history: History):
+        """Wakes the bodies of islands that are disturbed, with the loads that they slept with, and
+        lists the blocks that are awake."""
         for k in range(sleep.filled[0]):
             body = sleep.order[k]
             island = worlds.island[body]
@@ -248,8 +349,23 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                     history.end[side, body] = sleep.end[body]
                 sleep.start[body] = -1
                 sleep.filled[2] = 1
+        at = int(0)
+        for world in range(worlds.body_start.shape[0] - 1):
+            sleep.block_start[world] = at
+            i = int(worlds.body_start[world])
+            while i < worlds.body_start[world + 1]:
+                mover = mover_of(i, worlds.block_end[i], worlds)
+                if mover >= 0 and worlds.island[mover] == AWAKE:
+                    sleep.blocks[at] = i
+                    at += 1
+                else:
+                    for k in range(i, worlds.block_end[i]):
+                        forget_rows(worlds.bodies[k], rows)
+                i = worlds.block_end[i]
+            sleep.block_start[world + 1] = at
         for body in range(sleep.order.shape[0]):
             sleep.woken[body] = 0
+            sleep.met[body] = 0
 
     @wp.func
     def put_to_sleep(
@@ -258,12 +374,14 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         body_q: wp.array[wp.transform],
         worlds: WorldWork,
         sleep: SleepWork,
+        rows: RowWork,
         history: History,
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
         """Stops a body where it is, and keeps what is remembered of its contacts."""
         worlds.island[body] = island
+        forget_rows(body, rows)
         body_q_out[body] = body_q[body]
         body_qd_out[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         at = sleep.filled[1]
@@ -282,36 +400,27 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         sleep.filled[1] = end
 
     @wp.func
-    def mover_of(first: int, end: int, worlds: WorldWork) -> int:
-        """The first body of a block that the solver moves, -1 without."""
-        for i in range(first, end):
-            if worlds.island[worlds.bodies[i]] >= AWAKE:
-                return worlds.bodies[i]
-        return -1
-
-    @wp.func
-    def measure_islands(first: int, last: int, worlds: WorldWork, sleep: SleepWork):
+    def measure_islands(world: int, worlds: WorldWork, sleep: SleepWork):
         """How many bodies the islands of a world have, and for how long they have been at rest."""
-        i = int(first)
-        while i < last:
+        for block in range(sleep.block_start[world], sleep.block_start[world + 1]):
+            i = sleep.blocks[block]
             end = worlds.block_end[i]
             mover = mover_of(i, end, worlds)
-            if mover >= 0 and worlds.island[mover] == AWAKE:
-                root = island_of(sleep.islands, mover)
-                if mover == root:
-                    sleep.quiet[root] = wp.inf
-                    sleep.size[root] = 0
-                sleep.size[root] = sleep.size[root] + end - i
-                for k in range(i, end):
-                    body = worlds.bodies[k]
-                    if worlds.island[body] == AWAKE:
-                        still = sleep.still[body]
-                        # what rested on something that is gone is about to fall
-                        if sleep.met[body] != sleep.contacts[body]:
-                            still = wp.min(still, 0.0)
-                        sleep.contacts[body] = sleep.met[body]
-                        sleep.quiet[root] = wp.min(sleep.quiet[root], still)
-            i = end
+            root = island_of(sleep.islands, mover)
+            if mover == root:
+                sleep.quiet[root] = wp.inf
+                sleep.size[root] = 0
+            sleep.size[root] = sleep.size[root] + end - i
+            for k in range(i, end):
+                body = worlds.bodies[k]
+                if worlds.island[body] == AWAKE:
+                    still = sleep.still[body]
+                    # what rested on something that is gone is about to fall
+                    if sleep.met[body] != sleep.contacts[body]:
+                        still = wp.min(still, 0.0)
+                    sleep.contacts[body] = sleep.met[body]
+                    sleep.met[body] = 0
+                    sleep.quiet[root] = wp.min(sleep.quiet[root], still)
 
     @wp.func
     def begin_seen_island(
@@ -369,90 +478,106 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         if sleep.filled[2] != 0:
             close_gaps(sleep, history)
         watch_gravity(model, worlds, sleep)
-        count = int(0)
+        sleeping = int(0)
         if wp.static(effects.contact):
-            count = wp.min(contacts.count[0], contacts.capacity)
-            watch_contacts(count, shapes, contacts, worlds, sleep, rows)
-        for k in range(sleep.filled[0]):
-            body = sleep.order[k]
-            if sleep.met[body] != sleep.contacts[body]:
-                disturb(body, worlds, sleep)
-        is_stirred = sleep.stirred[0] != 0
-        if is_stirred:
+            sleeping = list_contacts(shapes, contacts, worlds, sleep, rows)
+        if sleeping != sleep.marks[0]:
+            if wp.static(effects.contact):
+                find_changed_contacts(shapes, contacts, worlds, sleep)
+            else:
+                for k in range(sleep.filled[0]):
+                    if sleep.contacts[sleep.order[k]] != 0:
+                        disturb(sleep.order[k], worlds, sleep)
+        if sleep.stirred[0] != 0:
             sleep.stirred[0] = 0
-            wake_islands(worlds, sleep, history)
+            wake_islands(worlds, sleep, rows, history)
+            if wp.static(effects.contact):
+                sleeping = list_contacts(shapes, contacts, worlds, sleep, rows)
 
         # What is linked.
-        for body in range(static_slot):
-            if worlds.island[body] == AWAKE:
+        world_count = worlds.body_start.shape[0] - 1
+        for block in range(sleep.block_start[world_count]):
+            i = sleep.blocks[block]
+            for k in range(i, worlds.block_end[i]):
+                body = worlds.bodies[k]
                 begin_island(sleep.islands, body)
-                sleep.islands.parent[body] = sleep.tied[body]
-        for contact in range(count):
-            if is_stirred or rows.owner[contact] != ASLEEP:
-                shape0 = contacts.shape0[contact]
-                shape1 = contacts.shape1[contact]
+                tied = sleep.tied[body]
+                if worlds.island[tied] == AWAKE:
+                    sleep.islands.parent[body] = tied
+        if wp.static(effects.contact):
+            for k in range(rows.awake_count[0]):
+                shape0 = contacts.shape0[rows.awake[k]]
+                shape1 = contacts.shape1[rows.awake[k]]
                 if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
                     continue
                 a = body_slot(shapes, shape0, static_slot)
                 b = body_slot(shapes, shape1, static_slot)
-                rows.owner[contact] = -1
-                if wp.max(worlds.island[a], worlds.island[b]) >= 0:
-                    rows.owner[contact] = ASLEEP
-                elif worlds.island[a] == AWAKE and worlds.island[b] == AWAKE:
+                if worlds.island[a] == AWAKE and worlds.island[b] == AWAKE:
                     if worlds.of_body[a] == worlds.of_body[b]:
                         unite(sleep.islands, worlds, a, b)
 
         # Who sleeps now, and who is where in the list of the others.
         island = int(0)
         at = int(0)
-        for world in range(worlds.body_start.shape[0] - 1):
-            first = worlds.body_start[world]
-            last = worlds.body_start[world + 1]
-            measure_islands(first, last, worlds, sleep)
+        kept = int(0)
+        before = sleep.filled[0]
+        for world in range(world_count):
+            measure_islands(world, worlds, sleep)
             seen.island_start[world] = island
-            i = int(first)
-            while i < last:
+            first_block = sleep.block_start[world]
+            sleep.block_start[world] = kept
+            for block in range(first_block, sleep.block_start[world + 1]):
+                i = sleep.blocks[block]
                 end = worlds.block_end[i]
                 mover = mover_of(i, end, worlds)
-                if mover >= 0 and worlds.island[mover] == AWAKE:
-                    root = island_of(sleep.islands, mover)
-                    if sleep.quiet[root] >= REST_TIME:
-                        for k in range(i, end):
-                            body = worlds.bodies[k]
-                            if worlds.island[body] == AWAKE:
-                                put_to_sleep(
-                                    body,
-                                    root,
-                                    body_q,
-                                    worlds,
-                                    sleep,
-                                    history,
-                                    body_q_out,
-                                    body_qd_out,
-                                )
-                    else:
-                        if mover == root:
-                            begin_seen_island(
-                                world, island, root, worlds, seen, sleep, history, seen_history
+                root = island_of(sleep.islands, mover)
+                if sleep.quiet[root] >= REST_TIME:
+                    for k in range(i, end):
+                        body = worlds.bodies[k]
+                        if worlds.island[body] == AWAKE:
+                            put_to_sleep(
+                                body,
+                                root,
+                                body_q,
+                                worlds,
+                                sleep,
+                                rows,
+                                history,
+                                body_q_out,
+                                body_qd_out,
                             )
-                            seen.body_start[island] = at
-                            sleep.place[root] = at
-                            at += sleep.size[root]
-                            island += 1
-                        place = sleep.place[root]
-                        sleep.place[root] = place + end - i
-                        if wp.static(effects.closures):
-                            sleep.seen_block_of[place] = sleep.block_of[i]
-                        for k in range(i, end):
-                            body = worlds.bodies[k]
-                            seen.bodies[place + k - i] = body
-                            seen.rank[body] = place + k - i
-                            seen.block_end[place + k - i] = place + end - i
-                i = end
+                    continue
+                sleep.blocks[kept] = i
+                kept += 1
+                if mover == root:
+                    begin_seen_island(
+                        world, island, root, worlds, seen, sleep, history, seen_history
+                    )
+                    seen.body_start[island] = at
+                    sleep.place[root] = at
+                    at += sleep.size[root]
+                    island += 1
+                place = sleep.place[root]
+                sleep.place[root] = place + end - i
+                if wp.static(effects.closures):
+                    sleep.seen_block_of[place] = sleep.block_of[i]
+                for k in range(i, end):
+                    body = worlds.bodies[k]
+                    seen.bodies[place + k - i] = body
+                    seen.rank[body] = place + k - i
+                    seen.block_end[place + k - i] = place + end - i
             if wp.static(effects.loops):
                 sleep.seen_loop_start[island] = sleep.loop_start[world + 1]
-        seen.island_start[worlds.body_start.shape[0] - 1] = island
+        sleep.block_start[world_count] = kept
+        seen.island_start[world_count] = island
         seen.body_start[island] = at
+        if wp.static(effects.contact):
+            if sleep.filled[0] > before:
+                for k in range(rows.awake_count[0]):
+                    contact = rows.awake[k]
+                    if is_asleep(contact, shapes, contacts, worlds):
+                        sleeping += mark_of(contacts.shape0[contact], contacts.shape1[contact])
+        sleep.marks[0] = sleeping
 
     return form_islands
 
