@@ -35,6 +35,7 @@ from .execute.piles import OUTSIDE
 from .execute.sleeping import (
     AWAKE,
     STILL,
+    export_sleeping_force,
     make_end_islands,
     make_form_islands,
     make_watch_bodies,
@@ -317,7 +318,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         for contact_f in _requested(
             observables and observables.contact_f, contacts and contacts.force
         ):
-            self._export_contact_force(contact_f)
+            self._export_contact_force(contact_f, contacts)
         for body_parent_f in _requested(
             observables and observables.body_parent_f, state_out.body_parent_f
         ):
@@ -738,7 +739,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 "contacts.force is not allocated; call model.request_contact_attributes('force') "
                 "before creating the contacts, or use the observable 'contact_f'."
             )
-        self._export_contact_force(contacts.force)
+        self._export_contact_force(contacts.force, contacts)
 
     # Buffers, and what the kernels see of the model.
 
@@ -1426,10 +1427,26 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 f"contacts are on device {contacts.device}, the solver on {self.device}."
             )
 
-    def _export_contact_force(self, contact_f: wp.array) -> None:
+    def _export_contact_force(self, contact_f: wp.array, contacts: newton.Contacts | None) -> None:
         contact_f.zero_()
         if self._capacity:
             self._launch_bodies(export_contact_force, [self._work, self._rows, contact_f])
+        if self._flags.sleeping and contacts is not None:
+            source = self._contact_input(contacts)
+            self._launch(
+                export_sleeping_force,
+                source.capacity,
+                [
+                    self._bodies,
+                    self._shapes,
+                    source,
+                    self._worlds,
+                    self._work,
+                    self._sleep,
+                    self._history,
+                    contact_f,
+                ],
+            )
 
     def _export_parent_force(
         self,
@@ -1439,9 +1456,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         contacts: newton.Contacts | None,
         dt: float,
     ) -> None:
-        body_parent_f.zero_()
+        if not self._flags.sleeping:
+            body_parent_f.zero_()
         if not self._flags.joints:
             return
+        seen = self._see_worlds()
         self._launch(
             make_export_parent_force(self._flags_with(contacts)),
             self._world_count,
@@ -1450,12 +1469,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._joints,
                 control,
                 dt,
-                self._worlds,
+                seen.worlds,
                 self._work,
                 self._rows,
-                self._tree,
-                self._loops,
-                self._history,
+                seen.tree,
+                seen.loops,
+                seen.history,
                 state_out.body_qd,
                 body_parent_f,
             ],

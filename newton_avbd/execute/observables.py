@@ -20,6 +20,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.joint import has_axes, wrapped
+from .islands import make_solved_worlds
 from .loops import make_loops
 from .trees import is_linked
 
@@ -73,9 +74,11 @@ def export_contact_force(
 def make_export_parent_force(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
     loop_wrench = make_loops(effects).loop_wrench
+    solved_worlds = make_solved_worlds(effects)
 
-    @wp.kernel(enable_backward=False, module="unique")
-    def export_parent_force(
+    @wp.func
+    def export_world(
+        world: int,
         # Model:
         model: BodyModel,
         joints: JointModel,
@@ -94,7 +97,6 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         body_parent_f: wp.array[wp.spatial_vector],
     ):
         """What holds a subtree is what its bodies lack: momentum that no other force gave."""
-        world = wp.tid()
         first = worlds.body_start[world]
         end = worlds.body_start[world + 1]
         step = h
@@ -103,6 +105,9 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         inv_h2 = 1.0 / (step * step)
         for i in range(first, end):
             body = worlds.bodies[i]
+            if wp.static(effects.sleeping):
+                # of what sleeps, the last force stays
+                body_parent_f[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             lacking = step * body_qd_out[body] - work.target[body]
             if wp.static(effects.bdf2):
                 lacking += work.lead[body]
@@ -152,6 +157,43 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         # the sweeps of the next step start from zero
         for i in range(first, end):
             tree.load[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def export_parent_force(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        history: History,
+        # State out:
+        body_qd_out: wp.array[wp.spatial_vector],
+        # Out:
+        body_parent_f: wp.array[wp.spatial_vector],
+    ):
+        first, end = solved_worlds(wp.tid(), worlds)
+        for world in range(first, end):
+            export_world(
+                world,
+                model,
+                joints,
+                control,
+                h,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+                body_qd_out,
+                body_parent_f,
+            )
 
     return export_parent_force
 

@@ -15,7 +15,9 @@ import warp as wp
 from ..blocks.body import is_mobile
 from ..data import (
     BodyModel,
+    BodyWork,
     ContactInput,
+    ContactRecord,
     ControlInput,
     History,
     JointModel,
@@ -26,7 +28,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .bodies import make_wrench, unit_pose
-from .contacts import body_slot
+from .contacts import FAR, anchor_distance, body_arm, body_slot
 from .islands import begin_island, disturb, island_of, unite
 
 REST = wp.constant(1.0e-3)
@@ -621,3 +623,62 @@ def make_end_islands(effects: Effects) -> wp.Kernel:
                 )
 
     return end_islands
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def export_sleeping_force(
+    # Model:
+    model: BodyModel,
+    shapes: ShapeModel,
+    # Contacts in:
+    contacts: ContactInput,
+    # Work:
+    worlds: WorldWork,
+    work: BodyWork,
+    sleep: SleepWork,
+    history: History,
+    # Out:
+    contact_f: wp.array[wp.spatial_vector],
+):
+    """As :func:`.observables.export_contact_force`, of what sleeps: the load that it slept with.
+
+    One thread a contact, which takes the load of the record that is nearest.
+    """
+    contact = wp.tid()
+    shape0 = contacts.shape0[contact]
+    shape1 = contacts.shape1[contact]
+    is_real = contact < contacts.count[0] and contact < contact_f.shape[0]
+    if not is_real or wp.min(shape0, shape1) < 0:
+        return
+    static_slot = sleep.tied.shape[0] - 1
+    a = body_slot(shapes, shape0, static_slot)
+    b = body_slot(shapes, shape1, static_slot)
+    point0 = contacts.point0[contact]
+    point1 = contacts.point1[contact]
+    arm0 = body_arm(work.pose, model, a, static_slot, point0)
+    arm1 = body_arm(work.pose, model, b, static_slot, point1)
+    apart = (work.com[b] - work.com[a]) + (arm1 - arm0)
+    margins = contacts.margin0[contact] - contacts.margin1[contact]
+    arm = arm0 + 0.5 * (apart + margins * contacts.normal[contact])
+    best = FAR * FAR * wp.min(wp.length_sq(arm0), wp.length_sq(arm1))
+    if b == static_slot:
+        best = FAR * FAR * wp.length_sq(arm0)
+    if a == static_slot:
+        best = FAR * FAR * wp.length_sq(arm1)
+    this = ContactRecord()
+    this.point0 = point0
+    this.point1 = point1
+    for side in range(2):
+        body = wp.where(side == 0, a, b)
+        if worlds.island[body] >= 0:
+            for i in range(sleep.start[body], sleep.end[body]):
+                record = history.records[0, i]
+                distance = anchor_distance(record, this)
+                if record.shape0 == shape0 and record.shape1 == shape1 and distance < best:
+                    best = distance
+                    # the record has the force on the body that does not own it
+                    sign = wp.where(side == 0, -1.0, 1.0)
+                    torque = wp.cross(arm, record.force)
+                    if history.torque.shape[1] > 0:
+                        torque += history.torque[0, i]
+                    contact_f[contact] = sign * wp.spatial_vector(record.force, torque)
