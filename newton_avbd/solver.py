@@ -496,6 +496,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         - ``newton:avbd:formulation``, ``formulation``: likewise.
         - ``newton:avbd:scheme``, ``scheme``: likewise.
         - ``newton:avbd:blocks``, ``blocks``: likewise.
+        - ``newton:avbd:sleeping``, ``sleeping``: likewise.
 
         and from its joints, into arrays of one value a joint:
 
