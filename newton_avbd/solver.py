@@ -1464,7 +1464,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         seen = self._see_worlds()
         self._launch(
             make_export_parent_force(self._flags_with(contacts)),
-            self._world_count,
+            self.model.body_count if self._flags.sleeping else self._world_count,
             [
                 self._bodies,
                 self._joints,

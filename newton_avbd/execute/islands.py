@@ -10,7 +10,6 @@ island that brings back its momentum is known in closed form and leaves all slip
 import warp as wp
 
 from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, WorldWork
-from ..effects import Effects
 
 
 @wp.func
@@ -119,18 +118,3 @@ def keep_momentum(
             turn = wp.inverse(total.inertia / size) * (total.angular / size)
             shift = total.momentum / total.mass + wp.cross(turn, r)
             work.increment[body] = work.increment[body] + wp.spatial_vector(shift, turn)
-
-
-def make_solved_worlds(effects: Effects) -> wp.Function:
-    """Device function: what is solved of a world, from first to end: itself, or its islands."""
-
-    @wp.func
-    def solved_worlds(world: int, worlds: WorldWork):
-        first = int(world)
-        end = world + 1
-        if wp.static(effects.sleeping):
-            first = worlds.island_start[world]
-            end = worlds.island_start[world + 1]
-        return first, end
-
-    return solved_worlds

@@ -20,7 +20,6 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.joint import has_axes, wrapped
-from .islands import make_solved_worlds
 from .loops import make_loops
 from .trees import is_linked
 
@@ -74,11 +73,9 @@ def export_contact_force(
 def make_export_parent_force(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
     loop_wrench = make_loops(effects).loop_wrench
-    solved_worlds = make_solved_worlds(effects)
 
-    @wp.func
-    def export_world(
-        world: int,
+    @wp.kernel(enable_backward=False, module="unique")
+    def export_parent_force(
         # Model:
         model: BodyModel,
         joints: JointModel,
@@ -97,6 +94,10 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         body_parent_f: wp.array[wp.spatial_vector],
     ):
         """What holds a subtree is what its bodies lack: momentum that no other force gave."""
+        world = wp.tid()
+        if wp.static(effects.sleeping):
+            if world >= worlds.island_start[worlds.island_start.shape[0] - 1]:
+                return
         first = worlds.body_start[world]
         end = worlds.body_start[world + 1]
         step = h
@@ -157,43 +158,6 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         # the sweeps of the next step start from zero
         for i in range(first, end):
             tree.load[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def export_parent_force(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        h: float,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
-        # State out:
-        body_qd_out: wp.array[wp.spatial_vector],
-        # Out:
-        body_parent_f: wp.array[wp.spatial_vector],
-    ):
-        first, end = solved_worlds(wp.tid(), worlds)
-        for world in range(first, end):
-            export_world(
-                world,
-                model,
-                joints,
-                control,
-                h,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
-                body_qd_out,
-                body_parent_f,
-            )
 
     return export_parent_force
 

@@ -36,7 +36,7 @@ from .closures import make_closures
 from .contacts import make_rows
 from .denormals import flush_denormals, restore_denormals
 from .impacts import free_share, make_impacts
-from .islands import begin_island, join_islands, keep_momentum, make_solved_worlds
+from .islands import begin_island, join_islands, keep_momentum
 from .loops import has_loops, has_outer_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
 from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
@@ -522,7 +522,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
     measure_moved = trees.measure_moved
     sweep_tree = trees.sweep_tree
     put_together = trees.put_together
-    solved_worlds = make_solved_worlds(effects)
 
     @wp.func
     def sweep_body_ramped(body: int, h: float, model: BodyModel, work: BodyWork, rows: RowWork):
@@ -1352,8 +1351,33 @@ def make_solve(effects: Effects) -> wp.Kernel:
         body_qd_out: wp.array[wp.spatial_vector],
     ):
         mode = flush_denormals()
-        first, end = solved_worlds(wp.tid(), worlds)
-        for world in range(first, end):
+        world = wp.tid()
+        if wp.static(effects.sleeping):
+            # the islands of the world that are awake are solved as worlds are
+            for island in range(worlds.island_start[world], worlds.island_start[world + 1]):
+                solve_world(
+                    island,
+                    model,
+                    shapes,
+                    joints,
+                    control,
+                    body_q,
+                    body_qd,
+                    contacts,
+                    h,
+                    iterations,
+                    tolerance,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    islands,
+                    history,
+                    body_q_out,
+                    body_qd_out,
+                )
+        else:
             solve_world(
                 world,
                 model,
