@@ -298,6 +298,8 @@ class WorldWork:
     awake, less for one that the solver does not move."""
     island_start: wp.array[wp.int32]
     """Sleeping: first of each world's islands, shape (world_count + 1,)."""
+    threads: int
+    """Sleeping: how many threads share the islands."""
     pace: wp.array[float]
     """Sleeping: how far a kinematic body of the world goes in the step [m]."""
 

@@ -398,7 +398,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
         self._launch(
             make_solve(effects),
-            self._world_count,
+            seen.worlds.threads if effects.sleeping else self._world_count,
             [
                 self._bodies,
                 self._shapes,
@@ -637,7 +637,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def notify_model_changed(self, flags: ModelFlags | int) -> None:
         """Look again at what the model calls for.
 
-        Arrays of the model are read live, so changing their values needs no call, except where it
+        Arrays of the model are read live, so changing their values needs no call, except where
+        bodies sleep, which this call wakes, and where it
         calls for what the scene did without: an effect that the kernels were not compiled with
         (friction, restitution, unequal moments of inertia, drives, limits, ...), or a body that
         starts or stops to move. New arrays in the place of old ones, and new initial joint
@@ -1222,6 +1223,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             worlds.block_end = wp.full(slots, value=-1, dtype=wp.int32)
             worlds.rank = wp.full(slots, value=slots - 1, dtype=wp.int32)
             worlds.island_start = wp.zeros(self._world_count + 1, dtype=wp.int32)
+            # a thread of the CPU that finds nothing to do costs more than a body that sleeps
+            worlds.threads = self.model.body_count if self.device.is_cuda else 1
             for name in ("update", "pace", "step"):
                 setattr(worlds, name, wp.zeros(slots, dtype=float))
             for name in ("parity", "age", "smooth"):

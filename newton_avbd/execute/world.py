@@ -1353,8 +1353,9 @@ def make_solve(effects: Effects) -> wp.Kernel:
         mode = flush_denormals()
         world = wp.tid()
         if wp.static(effects.sleeping):
-            # the islands of the world that are awake are solved as worlds are
-            for island in range(worlds.island_start[world], worlds.island_start[world + 1]):
+            # what is awake is solved island by island, as worlds are
+            count = worlds.island_start[worlds.island_start.shape[0] - 1]
+            for island in range(world, count, worlds.threads):
                 solve_world(
                     island,
                     model,
