@@ -229,6 +229,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._sleeping = settings.sleeping
         self._sleep = data.SleepWork()
         self._seen: _Seen | None = None
+        self._seen_worlds = data.WorldWork()
+        self._seen_history = data.History()
         self._friction_mix = settings.friction_mix_mode
         self._angular_friction = settings.angular_friction
         self.writes_joint_state = update_joint_state and model.joint_count > 0
@@ -1159,7 +1161,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """Buffers for what sleeps; all bodies are awake afterwards."""
         if not self._flags.sleeping:
             return
-        self._retired.append((self._sleep, self._worlds.island, self._worlds.pace, self._seen))
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((self._sleep, self._worlds.island, self._worlds.pace))
+        self._retired.append((self._rows.awake, self._rows.awake_count))
+        self._retired.append((self._seen_worlds, self._seen_history))
         model, topology = self.model, self._topology
         assert topology is not None
         slots, worlds = model.body_count + 1, self._world_count

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Islands at rest sleep until something disturbs them, and none notices whether another one does."""
+"""Islands at rest sleep until something disturbs them; none notices whether another one does."""
 
 from collections.abc import Callable
 
