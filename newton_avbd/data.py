@@ -294,6 +294,15 @@ class WorldWork:
     """Contacts that made no sense, of all steps, shape (1,)."""
     repaired: wp.array[wp.int32]
     """Poses whose quaternion was not of unit length, of all steps."""
+    island: wp.array[wp.int32]
+    """Sleeping: by body slot, first body of the island that it sleeps with; -1 for a body that is
+    awake, less for one that the solver does not move."""
+    island_start: wp.array[wp.int32]
+    """Sleeping: first of each world's islands, shape (world_count + 1,)."""
+    threads: int
+    """Sleeping: how many threads share the islands."""
+    pace: wp.array[float]
+    """Sleeping: how far a kinematic body of the world goes in the step [m]."""
 
 
 @wp.struct
@@ -598,6 +607,10 @@ class RowWork:
     """Owner of each contact, -1 where the solver moves neither body."""
     contacts: wp.array[wp.int32]
     """Contacts sorted by owner."""
+    awake: wp.array[wp.int32]
+    """Sleeping: contacts of bodies that are awake."""
+    awake_count: wp.array[wp.int32]
+    """Sleeping: how many there are, shape (1,)."""
     rows: wp.array[ContactRow]
     drift: wp.array[wp.vec3]
     """How far moving surfaces carry b against a in the step, and how far a bounce is to take b away
@@ -622,6 +635,66 @@ class RowWork:
     other_end: wp.array[wp.int32]
     other_rows: wp.array[wp.int32]
     piles: PileWork
+
+
+@wp.struct
+class SleepWork:
+    """Who may sleep and what is kept of who does; by body slot unless it says otherwise.
+
+    What is awake is solved island by island: the solve sees a second ``WorldWork`` and ``History``
+    in which what is by world is by island, and positions count the bodies that are awake.
+    """
+
+    tied: wp.array[wp.int32]
+    """First of the bodies that joints tie to the body."""
+    still: wp.array[float]
+    """For how long the body has been at rest [s]; negative in the step in which it wakes."""
+    woken: wp.array[wp.int32]
+    """At the first body of an island that sleeps: 1 where something wakes it."""
+    stirred: wp.array[wp.int32]
+    """1 where an island is to wake, shape (1,)."""
+    pose: wp.array[wp.transform]
+    """Pose in the last step's state_in."""
+    wrench: wp.array[wp.spatial_vector]
+    """External force [N] and torque [N m] in the last step."""
+    met: wp.array[wp.int32]
+    """Sum of the marks of the body's contacts, numbers that tell pairs of shapes from others."""
+    contacts: wp.array[wp.int32]
+    """The same in the last step."""
+    marks: wp.array[wp.int32]
+    """Sum of the marks of all contacts of what sleeps, shape (1,)."""
+    blocks: wp.array[wp.int32]
+    """Where the blocks that are awake begin in visiting order, world by world."""
+    block_start: wp.array[wp.int32]
+    """First of each world's, shape (world_count + 1,)."""
+    start: wp.array[wp.int32]
+    """First of the records of a body that sleeps, beyond those of the rows."""
+    end: wp.array[wp.int32]
+    order: wp.array[wp.int32]
+    """Bodies that sleep, in the order of their records."""
+    filled: wp.array[wp.int32]
+    """How many bodies ``order`` lists, where their records end, and 1 where some have woken."""
+    islands: IslandWork
+    quiet: wp.array[float]
+    """At the first body of an island: the least time that its bodies have been at rest [s]."""
+    size: wp.array[wp.int32]
+    """At the first body of an island: number of its bodies."""
+    place: wp.array[wp.int32]
+    """At the first body of an island: where the next of its bodies is listed."""
+    gravity: wp.array[wp.vec3]
+    """Gravity of the last step [m/s^2], by Newton world."""
+    joint_f: wp.array[float]
+    """The last step's control."""
+    target_q: wp.array[float]
+    target_qd: wp.array[float]
+    loop_body: wp.array[wp.int32]
+    """By world: a body of the island that has all joints outside of trees, -1 without."""
+    loop_start: wp.array[wp.int32]
+    """The model's ``LoopWork.world_start`` and ``ClosureWork.block_of``, and what of them the
+    solve sees."""
+    seen_loop_start: wp.array[wp.int32]
+    block_of: wp.array[wp.int32]
+    seen_block_of: wp.array[wp.int32]
 
 
 @wp.struct

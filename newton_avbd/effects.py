@@ -64,6 +64,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "bdf2": Cause("", "scheme='bdf2' or 'generalized_alpha'", "execute/bdf2.py", "Pass scheme."),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
+    "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
     "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
     "moving_surfaces": Cause(_OF_BUFFER, "with surface velocities", "execute/contacts.py"),
     "contact_materials": Cause(
@@ -174,6 +175,8 @@ class Effects:
     """Share that its steps leave of what is infinitely fast."""
     ramp: bool = False
     """The seed document's formulation: penalties that grow, and no multipliers."""
+    sleeping: bool = False
+    """Asked for: islands at rest are not solved, and each island is solved for itself."""
     friction_mix: str = "geometric_average"
     """How the friction coefficients of two shapes mix."""
     angular_friction: bool = False
@@ -199,6 +202,7 @@ class Effects:
         friction_mix: str,
         angular_friction: bool,
         scheme: str,
+        sleeping: bool,
         without: frozenset[str] = frozenset(),
     ) -> tuple["Effects", "Callers"]:
         """Reads from the model which effects it calls for; copies model arrays to the host.
@@ -212,6 +216,7 @@ class Effects:
             friction_mix: How friction coefficients mix.
             angular_friction: Whether torsional and rolling friction is asked for.
             scheme: Integration in time.
+            sleeping: Whether islands at rest are to sleep.
             without: Effects that are to be left out.
 
         Returns:
@@ -264,6 +269,7 @@ class Effects:
             bdf2=scheme in SCHEMES,
             rho=SCHEMES.get(scheme, 0.0),
             ramp=ramp,
+            sleeping=sleeping,
             friction_mix=friction_mix,
         )
         return effects.leaving_out(without), Callers.of_items(model, callers)

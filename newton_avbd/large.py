@@ -28,6 +28,7 @@ _UNSUPPORTED: dict[str, str] = {
     "restitution": "restitution (effects={'restitution': False} leaves it out)",
     "bdf2": "scheme='bdf2'",
     "ramp": "formulation='ramp'",
+    "sleeping": "sleeping=True",
 }
 """Effects that worlds solved color by color do without, and what to call them."""
 

@@ -24,6 +24,14 @@ _OWNERS: dict[str, str] = {
     "history.rate": "bdf2",
     "history.smooth": "bdf2",
     "history.slope_age": "bdf2",
+    "sleep": "sleeping",
+    "seen_worlds": "sleeping",
+    "seen_history": "sleeping",
+    "sleep.islands": "sleeping",
+    "worlds.island": "sleeping",
+    "worlds.pace": "sleeping",
+    "rows.awake": "sleeping",
+    "rows.awake_count": "sleeping",
     "rows.piles": "piles",
     "rows.owner": "contact",
     "rows.contacts": "contact",
@@ -69,6 +77,7 @@ _OWNED: tuple[Any, ...] = (
     data.LoopWork,
     data.WorldWork,
     data.ColorWork,
+    data.SleepWork,
 )
 """Structs whose arrays are the solver's own, not the model's, a control's or a contact buffer's."""
 

@@ -47,6 +47,7 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
     "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
     "scheme": SceneSetting(str, "newton:avbd:scheme", "euler", name="scheme"),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
+    "sleeping": SceneSetting(wp.bool, "newton:avbd:sleeping", False, name="sleeping"),
 }
 """What a scene may author, by argument of the solver's constructor.
 
@@ -99,6 +100,7 @@ class Settings:
     formulation: str
     scheme: str
     blocks: str
+    sleeping: bool
 
     @classmethod
     def resolve(cls, model: newton.Model, **arguments: Any) -> "Settings":

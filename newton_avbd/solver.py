@@ -32,6 +32,15 @@ from .execute.observables import (
     make_export_parent_force,
 )
 from .execute.piles import OUTSIDE
+from .execute.sleeping import (
+    AWAKE,
+    STILL,
+    export_sleeping_force,
+    make_end_islands,
+    make_form_islands,
+    make_watch_bodies,
+    watch_joints,
+)
 from .execute.slopes import SCHEMES
 from .execute.workers import Workers
 from .execute.world import SETTLED, make_solve
@@ -66,6 +75,8 @@ class Status:
     """How far the last of these still moved a body [m], a turn by its radius of gyration."""
     broken_joints: np.ndarray
     """Joints that broke."""
+    sleeping_bodies: int
+    """Bodies that sleep."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
     colors: int
@@ -121,6 +132,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         scheme: Literal["euler", "bdf2", "generalized_alpha"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
         parallel: Literal["worlds", "bodies"] | None = None,
+        sleeping: bool | None = None,
         effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
@@ -168,6 +180,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 ``"bodies"``, all bodies of a color at once, for large worlds of free bodies in
                 contact; each body is then a block of its own. None, the default, takes bodies on
                 a GPU where a world has at least 256 and nothing else.
+            sleeping: Islands, what contacts and joints link, are not solved any more once all their
+                bodies have been at rest for half a second, until something touches or drives them
+                or their state, forces or gravity change; see :attr:`status`. Each is solved for
+                itself. None for not.
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
                 that are to be there, which raises where nothing calls for them. For their names
                 and what calls for each see :attr:`effects`.
@@ -200,6 +216,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             formulation=formulation,
             scheme=scheme,
             blocks=blocks,
+            sleeping=sleeping,
         )
         if parallel not in (None, "worlds", "bodies"):
             raise ValueError(f"parallel must be 'worlds', 'bodies' or None, got {parallel!r}.")
@@ -232,6 +249,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._scheme = settings.scheme
         self._bdf2 = settings.scheme in SCHEMES
         self._blocks = settings.blocks
+        self._sleeping = settings.sleeping
+        self._sleep = data.SleepWork()
+        self._seen: _Seen | None = None
+        self._seen_worlds = data.WorldWork()
+        self._seen_history = data.History()
         self._friction_mix = settings.friction_mix_mode
         self._angular_friction = settings.angular_friction
         self.writes_joint_state = update_joint_state and model.joint_count > 0
@@ -313,7 +335,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
-        if contacts is None and not self._flags.joints and not self._flags.bdf2:
+        needs_solve = self._flags.joints or self._flags.bdf2 or self._flags.sleeping
+        if contacts is None and not needs_solve:
             self._integrate(state_in, state_out, control_input, dt)
         else:
             self._solve(state_in, state_out, control_input, contacts, dt)
@@ -323,7 +346,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         for contact_f in _requested(
             observables and observables.contact_f, contacts and contacts.force
         ):
-            self._export_contact_force(contact_f)
+            self._export_contact_force(contact_f, contacts)
         for body_parent_f in _requested(
             observables and observables.body_parent_f, state_out.body_parent_f
         ):
@@ -371,6 +394,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self.model.joint_count,
                 [self.model.joint_enabled, self._history, self._joints.enabled],
             )
+        seen = self._see_worlds()
+        if effects.sleeping:
+            self._form_islands(seen, effects, state_in, state_out, control, source, dt)
         self._launch(
             make_predict(self._flags, self._passing),
             -(-self.model.body_count // self._passing.bodies_per_thread),
@@ -406,13 +432,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
             dt,
             self.iterations,
             self.tolerance,
-            self._worlds,
+            seen.worlds,
             self._work,
             self._rows,
-            self._tree,
-            self._loops,
+            seen.tree,
+            seen.loops,
             self._islands,
-            self._history,
+            seen.history,
             state_out.body_q,
             state_out.body_qd,
         ]
@@ -421,12 +447,69 @@ class SolverAVBD(SolverBase, RigidCoupling):
             return
         if contacts is not None:
             self._launch(
-                make_sort_contacts(self._passing),
+                make_sort_contacts(effects.sleeping, self._passing),
                 1,
-                [self._shapes, source, self._worlds, self._work, self._rows],
+                [self._shapes, source, seen.worlds, self._work, self._rows],
+            )
+        threads = seen.worlds.threads if effects.sleeping else self._world_count
+        workers = None if effects.sleeping else self._workers
+        self._launch(make_solve(effects, self._passing), threads, [0, *arguments], workers)
+        if effects.sleeping:
+            self._launch(
+                make_end_islands(effects),
+                self._world_count,
+                [self._worlds, seen.worlds, self._history, seen.history],
+            )
+
+    def _form_islands(
+        self,
+        seen: "_Seen",
+        effects: Effects,
+        state_in: newton.State,
+        state_out: newton.State,
+        control: data.ControlInput,
+        contacts: data.ContactInput,
+        dt: float,
+    ) -> None:
+        """Finds out what sleeps, passes it on, and lists the rest island by island."""
+        self._launch_bodies(
+            make_watch_bodies(self._flags),
+            [
+                self._bodies,
+                state_in.body_q,
+                state_in.body_qd,
+                state_in.body_f,
+                control,
+                dt,
+                self._worlds,
+                self._sleep,
+                state_out.body_q,
+                state_out.body_qd,
+            ],
+        )
+        if effects.joints:
+            self._launch(
+                watch_joints,
+                self.model.joint_count,
+                [self._joints, control, self._worlds, self._sleep],
             )
         self._launch(
-            make_solve(effects, self._passing), self._world_count, [0, *arguments], self._workers
+            make_form_islands(effects),
+            1,
+            [
+                self._bodies,
+                self._shapes,
+                state_in.body_q,
+                contacts,
+                self._worlds,
+                seen.worlds,
+                self._rows,
+                self._sleep,
+                self._history,
+                seen.history,
+                state_out.body_q,
+                state_out.body_qd,
+            ],
         )
 
     # What a user may do besides stepping.
@@ -446,6 +529,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         - ``newton:avbd:formulation``, ``formulation``: likewise.
         - ``newton:avbd:scheme``, ``scheme``: likewise.
         - ``newton:avbd:blocks``, ``blocks``: likewise.
+        - ``newton:avbd:sleeping``, ``sleeping``: likewise.
 
         and from its joints, into arrays of one value a joint:
 
@@ -527,6 +611,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
             repaired_poses=self._worlds.repaired.numpy().copy(),
             sweeps=self._worlds.sweeps.numpy().copy(),
             update=self._worlds.update.numpy().copy(),
+            sleeping_bodies=int(
+                0 if self._worlds.island is None else np.sum(self._worlds.island.numpy() >= 0)
+            ),
             broken_joints=np.flatnonzero(
                 [] if self._history.broken is None else self._history.broken.numpy()
             ),
@@ -584,6 +671,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._tree,
                 self._loops,
                 self._rest_angle,
+                self._sleep,
                 self._history,
                 state.body_q,
                 state.body_qd,
@@ -634,7 +722,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def notify_model_changed(self, flags: ModelFlags | int) -> None:
         """Look again at what the model calls for.
 
-        Arrays of the model are read live, so changing their values needs no call, except where it
+        Arrays of the model are read live, so changing their values needs no call, except where
+        bodies sleep, which this call wakes, and where it
         calls for what the scene did without: an effect that the kernels were not compiled with
         (friction, restitution, unequal moments of inertia, drives, limits, ...), or a body that
         starts or stops to move. New arrays in the place of old ones, and new initial joint
@@ -657,6 +746,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if not int(flags) & int(ModelFlags.ALL):
             return
         self._bind_model()
+        if self._flags.sleeping:
+            for array, value in ((self._sleep.still, 0.0), (self._sleep.woken, 1)):
+                array.fill_(value)
+            self._sleep.stirred.fill_(1)
         if self.device.is_capturing:
             self._flags = self._flags.for_any_values().leaving_out(self._without)
             self._flags_apart = self._flags.without_contact()
@@ -733,7 +826,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 "contacts.force is not allocated; call model.request_contact_attributes('force') "
                 "before creating the contacts, or use the observable 'contact_f'."
             )
-        self._export_contact_force(contacts.force)
+        self._export_contact_force(contacts.force, contacts)
 
     # Buffers, and what the kernels see of the model.
 
@@ -802,7 +895,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
     def _bind_model(self) -> None:
         """Points the kernels to the model's arrays."""
-        self._launch.forget()
+        self._forget_launches()
         model = self.model
         self._bound = {
             name: array
@@ -892,6 +985,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             friction_mix=self._friction_mix,
             angular_friction=self._angular_friction,
             scheme=self._scheme,
+            sleeping=self._sleeping,
             without=self._without,
         )
         if self._takes_bodies(groups, flags):
@@ -938,7 +1032,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._retired.append((self._history.filling, self._history.step, self._history.age))
             self._retired.append((self._tree, self._loops, self._history.smooth))
             self._retired.append((self._history.loop_force, self._history.loop_torque))
-        self._launch.forget()
+        self._forget_launches()
         self._topology = topology
         self._world_count = int(groups.max(initial=0)) + 1
         starts = np.searchsorted(groups[topology.order], np.arange(self._world_count + 1))
@@ -981,6 +1075,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
+        self._allocate_sleep()
 
     def _allocate_piles(self) -> None:
         """Buffers for the piles of free bodies, by body slot."""
@@ -992,7 +1087,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             # the static world, in the last slot, is in no pile
             piles.parent = wp.full(slots, value=OUTSIDE, dtype=wp.int32)
             piles.order = wp.zeros(slots, dtype=wp.int32)
-            piles.end = wp.zeros(self._world_count, dtype=wp.int32)
+            count = slots if self._sleeping else self._world_count
+            piles.end = wp.zeros(count, dtype=wp.int32)
             piles.level = wp.zeros(slots, dtype=wp.int32)
             piles.supports = wp.zeros(slots, dtype=wp.int32)
             piles.mass = wp.zeros(slots, dtype=float)
@@ -1178,6 +1274,109 @@ class SolverAVBD(SolverBase, RigidCoupling):
             work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
             work.gram = wp.zeros(int(gram[-1]), dtype=float)
 
+    def _allocate_sleep(self) -> None:
+        """Buffers for what sleeps; all bodies are awake afterwards."""
+        if not self._flags.sleeping:
+            return
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((self._sleep, self._worlds.island, self._worlds.pace))
+        self._retired.append((self._rows.awake, self._rows.awake_count))
+        self._retired.append((self._seen_worlds, self._seen_history))
+        model, topology = self.model, self._topology
+        assert topology is not None
+        slots, worlds = model.body_count + 1, self._world_count
+        tied = topology.tied(model)
+        sleep = data.SleepWork()
+        with wp.ScopedDevice(self.device):
+            self._worlds.island = wp.array(
+                np.append(np.full(slots - 1, AWAKE), STILL), dtype=wp.int32
+            )
+            self._worlds.pace = wp.zeros(worlds, dtype=float)
+            sleep.tied = wp.array(np.append(tied, slots - 1), dtype=wp.int32)
+            for name in ("still", "quiet"):
+                setattr(sleep, name, wp.zeros(slots, dtype=float))
+            for name in ("woken", "met", "contacts", "end", "size", "place"):
+                setattr(sleep, name, wp.zeros(slots, dtype=wp.int32))
+            # the first step lists what is awake
+            sleep.stirred = wp.ones(1, dtype=wp.int32)
+            sleep.marks = wp.zeros(1, dtype=wp.int32)
+            sleep.blocks = wp.zeros(slots, dtype=wp.int32)
+            sleep.block_start = wp.zeros(worlds + 1, dtype=wp.int32)
+            self._rows.awake = wp.zeros(self._capacity, dtype=wp.int32)
+            self._rows.awake_count = wp.zeros(1, dtype=wp.int32)
+            sleep.start = wp.full(slots, value=-1, dtype=wp.int32)
+            sleep.order = wp.zeros(slots - 1, dtype=wp.int32)
+            sleep.filled = wp.array([0, self._capacity, 0], dtype=wp.int32)
+            sleep.pose = wp.zeros(slots, dtype=wp.transform)
+            sleep.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
+            sleep.islands.parent = wp.zeros(slots, dtype=wp.int32)
+            sleep.islands.fixed = wp.zeros(slots, dtype=wp.int32)
+            sleep.gravity = wp.clone(model.gravity)
+            if self._flags.joints:
+                sleep.joint_f = wp.zeros(model.joint_dof_count, dtype=float)
+                sleep.target_qd = wp.zeros(model.joint_dof_count, dtype=float)
+                sleep.target_q = wp.zeros(model.joint_coord_count, dtype=float)
+            if self._flags.loops:
+                child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+                holders = np.full(worlds, -1)
+                for joint in topology.loops:
+                    pair = [b for b in (child[joint], parent[joint]) if b >= 0]
+                    holders[topology.worlds[pair[0]]] = next(
+                        b for b in pair if model.body_inv_mass.numpy()[b] > 0.0
+                    )
+                sleep.loop_body = wp.array(holders, dtype=wp.int32)
+                sleep.loop_start = self._loops.world_start
+                sleep.seen_loop_start = wp.zeros(slots, dtype=wp.int32)
+            if self._flags.closures:
+                sleep.block_of = self._tree.closures.block_of
+                sleep.seen_block_of = wp.zeros(slots, dtype=wp.int32)
+        self._sleep = sleep
+        self._allocate_seen()
+
+    def _allocate_seen(self) -> None:
+        """What the solve sees in the place of what is by world, and of positions."""
+        slots = self.model.body_count + 1
+        self._seen_worlds = worlds = data.WorldWork()
+        self._seen_history = history = data.History()
+        with wp.ScopedDevice(self.device):
+            for name in ("body_start", "bodies", "sweeps"):
+                setattr(worlds, name, wp.zeros(slots, dtype=wp.int32))
+            # a body that is not listed makes no block
+            worlds.block_end = wp.full(slots, value=-1, dtype=wp.int32)
+            worlds.rank = wp.full(slots, value=slots - 1, dtype=wp.int32)
+            worlds.island_start = wp.zeros(self._world_count + 1, dtype=wp.int32)
+            # a thread of the CPU that finds nothing to do costs more than a body that sleeps
+            worlds.threads = self.model.body_count if self.device.is_cuda else 1
+            for name in ("update", "pace", "step"):
+                setattr(worlds, name, wp.zeros(slots, dtype=float))
+            history.slope_age = wp.zeros(slots, dtype=float)
+            for name in ("parity", "age", "smooth"):
+                setattr(history, name, wp.zeros(slots, dtype=wp.int32))
+            history.filling = wp.zeros((slots, 2), dtype=wp.int32)
+            history.step = wp.zeros(slots, dtype=float)
+        self._forget_launches()
+
+    def _forget_launches(self) -> None:
+        """Drops what was packed, after a struct changed its arrays."""
+        self._launch.forget()
+        self._seen = None
+
+    def _see_worlds(self) -> "_Seen":
+        """What the solve sees as worlds: with sleeping, the islands that are awake."""
+        if self._seen is None:
+            seen = _Seen(self._worlds, self._history, self._tree, self._loops)
+            if self._flags.sleeping:
+                seen.worlds = _merged(seen.worlds, self._seen_worlds)
+                seen.history = _merged(seen.history, self._seen_history)
+            if self._flags.sleeping and self._flags.loops:
+                seen.loops = _merged(seen.loops)
+                seen.loops.world_start = self._sleep.seen_loop_start
+            if self._flags.sleeping and self._flags.closures:
+                seen.tree = _merged(seen.tree)
+                seen.tree.closures.block_of = self._sleep.seen_block_of
+            self._seen = seen
+        return self._seen
+
     def _allocate_contacts(self, capacity: int) -> None:
         """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""
         capture = self.device.is_capturing
@@ -1201,10 +1400,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._rows.contacts = wp.empty(capacity, dtype=wp.int32)
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
-            self._history.records = wp.empty((_SIDES, capacity), dtype=data.ContactRecord)
+            # what sleeps keeps its records beyond those of the rows
+            room = 2 * capacity if self._sleeping else capacity
+            self._history.records = wp.empty((_SIDES, room), dtype=data.ContactRecord)
             self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
         self._allocate_large_contacts()
         self._allocate_contact_effects()
+        self._allocate_sleep()
 
     def _allocate_large_contacts(self) -> None:
         """Buffers by contact of a large world."""
@@ -1229,15 +1431,17 @@ class SolverAVBD(SolverBase, RigidCoupling):
         with wp.ScopedDevice(self.device):
             for owner, name, dtype, is_wanted in by_contact:
                 old = getattr(owner, name)
-                if is_wanted and (old is None or old.shape[-1] < self._capacity):
+                of_history = owner is history
+                room = self._history.records.shape[1] if of_history else self._capacity
+                if is_wanted and (old is None or old.shape[-1] < room):
                     # graphs that were captured before go on using the old array
                     self._retired.append((old,))
-                    shape = [_SIDES, self._capacity] if owner is history else [self._capacity]
+                    shape = [_SIDES, room] if of_history else [room]
                     setattr(owner, name, wp.zeros(shape, dtype=dtype))
             if effects.restitution and rows.struck_qd is None:
                 rows.struck_qd = wp.zeros(self.model.body_count + 1, dtype=wp.spatial_vector)
                 rows.struck_at = wp.zeros(self.model.body_count + 1, dtype=float)
-        self._launch.forget()
+        self._forget_launches()
 
     def _forget_contacts(self) -> None:
         """Drops all multipliers and rows, on the device."""
@@ -1360,10 +1564,26 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 f"contacts are on device {contacts.device}, the solver on {self.device}."
             )
 
-    def _export_contact_force(self, contact_f: wp.array) -> None:
+    def _export_contact_force(self, contact_f: wp.array, contacts: newton.Contacts | None) -> None:
         contact_f.zero_()
         if self._capacity:
             self._launch_bodies(export_contact_force, [self._work, self._rows, contact_f])
+        if self._flags.sleeping and contacts is not None:
+            source = self._contact_input(contacts)
+            self._launch(
+                export_sleeping_force,
+                source.capacity,
+                [
+                    self._bodies,
+                    self._shapes,
+                    source,
+                    self._worlds,
+                    self._work,
+                    self._sleep,
+                    self._history,
+                    contact_f,
+                ],
+            )
 
     def _export_parent_force(
         self,
@@ -1373,23 +1593,25 @@ class SolverAVBD(SolverBase, RigidCoupling):
         contacts: newton.Contacts | None,
         dt: float,
     ) -> None:
-        body_parent_f.zero_()
+        if not self._flags.sleeping:
+            body_parent_f.zero_()
         if not self._flags.joints:
             return
+        seen = self._see_worlds()
         self._launch(
             make_export_parent_force(self._flags_with(contacts)),
-            self._world_count,
+            self.model.body_count if self._flags.sleeping else self._world_count,
             [
                 self._bodies,
                 self._joints,
                 control,
                 dt,
-                self._worlds,
+                seen.worlds,
                 self._work,
                 self._rows,
-                self._tree,
-                self._loops,
-                self._history,
+                seen.tree,
+                seen.loops,
+                seen.history,
                 state_out.body_qd,
                 body_parent_f,
             ],
@@ -1407,6 +1629,26 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""
         self._launch(kernel, self.model.body_count, arguments)
+
+
+@dataclass
+class _Seen:
+    """What the solve sees of worlds."""
+
+    worlds: data.WorldWork
+    history: data.History
+    tree: data.TreeWork
+    loops: data.LoopWork
+
+
+def _merged(*structs: Any) -> Any:
+    """A struct with the arrays of others of its kind, of the last that has them."""
+    merged = structs[0]._cls()
+    for struct in structs:
+        for name in struct._cls.vars:
+            if getattr(struct, name) is not None:
+                setattr(merged, name, getattr(struct, name))
+    return merged
 
 
 class _AllJoints:

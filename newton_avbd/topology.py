@@ -99,6 +99,31 @@ class Topology:
             for field in fields(self)
         )
 
+    def tied(self, model: newton.Model) -> np.ndarray:
+        """First in visiting order of the bodies that joints or blocks tie to each body.
+
+        What joints outside of trees tie to others counts as one in each world.
+        """
+        moves = (model.body_inv_mass.numpy() > 0.0) & (
+            model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
+        )
+        # in terms of ranks: the least one of a component is its first body
+        rank, tied = self.rank, np.arange(len(self.order))
+        starts = np.unique(self.block_end, return_index=True)[1]
+        block = np.repeat(starts, np.diff(np.append(starts, len(self.order))))
+        groups = [self.order[block == start] for start in np.unique(block[block != tied])]
+        if model.joint_count:
+            joints = np.stack([model.joint_child.numpy(), model.joint_parent.numpy()], axis=1)
+            groups += list(joints[joints[:, 1] >= 0])
+            loops = joints[self.loops]
+            groups += [loops[self.worlds[loops[:, 0]] == w].ravel() for w in set(self.worlds)]
+        for group in groups:
+            members = [rank[body] for body in group if body >= 0 and moves[body]]
+            for member in members[1:]:
+                both = tied[[member, members[0]]]
+                tied[tied == both.max()] = both.min()
+        return self.order[tied][rank]
+
     @property
     def rank(self) -> np.ndarray:
         """Position of each body in ``order``."""

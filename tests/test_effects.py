@@ -140,7 +140,7 @@ def test_the_full_scene_calls_for_everything() -> None:
     off = {name for name, effect in effects.items() if not effect.on}
     assert off == {
         *("compliance", "ramp", "bdf2", "matching", "moving_surfaces", "contact_materials"),
-        "light_roots",
+        *("light_roots", "sleeping"),
     }
 
 
@@ -270,6 +270,8 @@ BODY, DOF, PILE, CONTACT = 421, 4, 292, 180
 (beside those), and contact."""
 LINK, AXIS = 599, 160
 """Of each body and each axis in a scene with joints, beside those."""
+SLEEPER, SLEEPING_CONTACT = 172, 100
+"""Of each body and each contact with sleeping, beside those."""
 BY_CONTACT = {"restitution": 80, "angular_friction": 52, "compliance": 4, "ramp": 8}
 """Of each contact, where the effect is on."""
 
@@ -279,6 +281,10 @@ def test_memory_is_as_documented() -> None:
     assert memory(boxes(200)) - memory(boxes(100)) == 100 * (BODY + 6 * DOF + PILE)
     assert memory(boxes(1, 300)) - memory(boxes(1, 200)) == 100 * CONTACT
     assert memory(chain(200)) - memory(chain(100)) == 100 * (BODY + DOF + LINK + AXIS)
+    sleepers = [memory(boxes(n), sleeping=True) for n in (100, 200)]
+    assert sleepers[1] - sleepers[0] == 100 * (BODY + 6 * DOF + PILE + SLEEPER)
+    sleepers = [memory(boxes(1, n), sleeping=True) for n in (100, 200)]
+    assert sleepers[1] - sleepers[0] == 100 * (CONTACT + SLEEPING_CONTACT)
     bouncing = [
         SolverAVBD(boxes(1, n, restitution=0.5), angular_friction=True).effects for n in (100, 200)
     ]
@@ -288,7 +294,9 @@ def test_memory_is_as_documented() -> None:
         few, many = {"compliance": compliant, "ramp": ramped}.get(name, bouncing)
         assert many[name].bytes - few[name].bytes == 100 * size
     text = DOCS.read_text()
-    for size in (BODY, DOF, PILE, CONTACT, LINK, AXIS, *BY_CONTACT.values()):
+    for size in (BODY, DOF, PILE, CONTACT, LINK, AXIS, SLEEPER, SLEEPING_CONTACT):
+        assert f" {size} |" in text
+    for size in BY_CONTACT.values():
         assert f" {size} |" in text
 
 

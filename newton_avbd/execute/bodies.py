@@ -296,6 +296,9 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     ):
         each = wp.static(passing.bodies_per_thread)
         for body in range(thread * each, wp.min((thread + 1) * each, body_q.shape[0])):
+            if wp.static(effects.sleeping):
+                if worlds.island[body] >= 0:
+                    continue
             predict_body(
                 body, model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
             )

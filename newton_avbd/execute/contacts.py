@@ -18,6 +18,7 @@ from ..data import (
     LoopWork,
     RowWork,
     ShapeModel,
+    SleepWork,
     SpinRow,
     TreeWork,
     WorldScale,
@@ -27,6 +28,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from .islands import disturb
 from .launch import BY_VALUE, KERNEL, Passing
 from .piles import mass_to_hold
 
@@ -81,64 +83,82 @@ def is_sound(row: ContactRow) -> bool:
     return wp.isfinite(row.gap) and wp.abs(wp.dot(row.normal, row.normal) - 1.0) < NOT_UNIT
 
 
-@wp.func
-def sort_by_owner(
-    shapes: ShapeModel, contacts: ContactInput, worlds: WorldWork, work: BodyWork, rows: RowWork
-):
-    """Counting sort of the contacts by owner, in the order of the buffer.
-
-    Makes room for the rows of each body: afterwards ``owned_start`` and ``owned_end`` enclose the
-    body's contacts in ``rows.contacts``, and ``other_start`` = ``other_end`` is where the rows
-    that others own will be listed.
-    """
-    static_slot = work.inv_mass.shape[0] - 1
-    count = wp.min(contacts.count[0], contacts.capacity)
-    worlds.overflow[0] = wp.max(worlds.overflow[0], contacts.count[0] - contacts.capacity)
-    for body in range(static_slot):
-        rows.owned_end[body] = 0
-        rows.other_end[body] = 0
-    for contact in range(count):
-        shape0 = contacts.shape0[contact]
-        shape1 = contacts.shape1[contact]
-        rows.owner[contact] = -1
-        if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
-            report_dropped(worlds, contact)
-            continue
-        slot0 = body_slot(shapes, shape0, static_slot)
-        slot1 = body_slot(shapes, shape1, static_slot)
-        if is_across(worlds, work, slot0, slot1):
-            report_dropped(worlds, contact)
-            continue
-        a = owner_of(worlds, work, slot0, slot1)
-        if a >= 0:
-            rows.owner[contact] = a
-            rows.owned_end[a] = rows.owned_end[a] + 1
-            b = slot0 + slot1 - a
-            if work.inv_mass[b] > 0.0:
-                rows.other_end[b] = rows.other_end[b] + 1
-    owned = int(0)
-    other = int(0)
-    for i in range(static_slot):
-        body = worlds.bodies[i]
-        owned_count = rows.owned_end[body]
-        other_count = rows.other_end[body]
-        rows.owned_start[body] = owned
-        rows.owned_end[body] = owned
-        rows.other_start[body] = other
-        rows.other_end[body] = other
-        owned += owned_count
-        other += other_count
-    for contact in range(count):
-        a = rows.owner[contact]
-        if a >= 0:
-            rows.contacts[rows.owned_end[a]] = contact
-            rows.owned_end[a] = rows.owned_end[a] + 1
-
-
 @functools.cache
-def make_sort_contacts(passing: Passing = BY_VALUE) -> wp.Kernel:
+def make_sort_contacts(sleeping: bool = False, passing: Passing = BY_VALUE) -> wp.Kernel:
     """Kernel, one thread: makes room for the rows of each body."""
     a, read = passing.annotate, passing.read
+
+    @wp.func
+    def sort_by_owner(
+        shapes: ShapeModel,
+        contacts: ContactInput,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+    ):
+        """Counting sort of the contacts by owner, in the order of the buffer.
+
+        Makes room for the rows: afterwards ``owned_start`` and ``owned_end`` enclose a
+        body's contacts in ``rows.contacts``, and ``other_start`` = ``other_end`` is where the rows
+        that others own will be listed.
+        """
+        static_slot = work.inv_mass.shape[0] - 1
+        count = wp.min(contacts.count[0], contacts.capacity)
+        worlds.overflow[0] = wp.max(worlds.overflow[0], contacts.count[0] - contacts.capacity)
+        listed = static_slot
+        if wp.static(sleeping):
+            count = rows.awake_count[0]
+            listed = worlds.body_start[worlds.island_start[worlds.island_start.shape[0] - 1]]
+        for i in range(listed):
+            body = worlds.bodies[i]
+            rows.owned_end[body] = 0
+            rows.other_end[body] = 0
+        for k in range(count):
+            contact = int(k)
+            if wp.static(sleeping):
+                contact = rows.awake[k]
+            shape0 = contacts.shape0[contact]
+            shape1 = contacts.shape1[contact]
+            rows.owner[contact] = -1
+            if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
+                report_dropped(worlds, contact)
+                continue
+            slot0 = body_slot(shapes, shape0, static_slot)
+            slot1 = body_slot(shapes, shape1, static_slot)
+            if is_across(worlds, work, slot0, slot1):
+                report_dropped(worlds, contact)
+                continue
+            a = owner_of(worlds, work, slot0, slot1)
+            if wp.static(sleeping):
+                # they may have fallen asleep just now
+                if wp.max(worlds.island[slot0], worlds.island[slot1]) >= 0:
+                    a = -1
+            if a >= 0:
+                rows.owner[contact] = a
+                rows.owned_end[a] = rows.owned_end[a] + 1
+                b = slot0 + slot1 - a
+                if work.inv_mass[b] > 0.0:
+                    rows.other_end[b] = rows.other_end[b] + 1
+        owned = int(0)
+        other = int(0)
+        for i in range(listed):
+            body = worlds.bodies[i]
+            owned_count = rows.owned_end[body]
+            other_count = rows.other_end[body]
+            rows.owned_start[body] = owned
+            rows.owned_end[body] = owned
+            rows.other_start[body] = other
+            rows.other_end[body] = other
+            owned += owned_count
+            other += other_count
+        for k in range(count):
+            contact = int(k)
+            if wp.static(sleeping):
+                contact = rows.awake[k]
+            a = rows.owner[contact]
+            if a >= 0:
+                rows.contacts[rows.owned_end[a]] = contact
+                rows.owned_end[a] = rows.owned_end[a] + 1
 
     @wp.kernel(**KERNEL)
     def sort_contacts(
@@ -521,6 +541,7 @@ def reset_bodies(
     tree: TreeWork,
     loops: LoopWork,
     rest_angle: wp.array[float],
+    sleep: SleepWork,
     # Out:
     history: History,
     body_q: wp.array[wp.transform],
@@ -543,6 +564,9 @@ def reset_bodies(
         history.start[side, body] = 0
         history.end[side, body] = 0
     history.falling[body] = 0.0
+    if sleep.still.shape[0] > 0:
+        disturb(body, worlds, sleep)
+        sleep.end[body] = sleep.start[body]
     if tree.joint.shape[0] > 0:
         history.joint_force[body] = wp.vec3(0.0)
         history.placed[body] = wp.vec3(0.0)

@@ -12,7 +12,7 @@ known in closed form and leaves all slips as they are.
 import warp as wp
 
 from ..algebra.so3 import world_inertia
-from ..data import BodyModel, BodyWork, IslandSum, IslandWork, WorldWork
+from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, WorldWork
 
 
 @wp.func
@@ -33,17 +33,33 @@ def island_of(islands: IslandWork, body: int) -> int:
 
 
 @wp.func
+def unite(islands: IslandWork, worlds: WorldWork, a: int, b: int):
+    """Makes one island of those of two bodies."""
+    root_a = island_of(islands, a)
+    root_b = island_of(islands, b)
+    is_a_first = worlds.rank[root_a] < worlds.rank[root_b]
+    first = wp.where(is_a_first, root_a, root_b)
+    islands.fixed[first] = wp.max(islands.fixed[root_a], islands.fixed[root_b])
+    islands.parent[wp.where(is_a_first, root_b, root_a)] = first
+
+
+@wp.func
 def join_islands(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int, b: int):
     """Makes one island of two bodies that push each other; b may be one that does not move."""
-    root_a = island_of(islands, a)
     if work.inv_mass[b] > 0.0:
-        root_b = island_of(islands, b)
-        is_a_first = worlds.rank[root_a] < worlds.rank[root_b]
-        first = wp.where(is_a_first, root_a, root_b)
-        islands.fixed[first] = wp.max(islands.fixed[root_a], islands.fixed[root_b])
-        islands.parent[wp.where(is_a_first, root_b, root_a)] = first
+        unite(islands, worlds, a, b)
     else:
-        islands.fixed[root_a] = 1
+        islands.fixed[island_of(islands, a)] = 1
+
+
+@wp.func
+def disturb(slot: int, worlds: WorldWork, sleep: SleepWork):
+    """Wakes the island of a body, or keeps it awake."""
+    sleep.still[slot] = 0.0
+    island = worlds.island[slot]
+    if island >= 0:
+        sleep.woken[island] = 1
+        sleep.stirred[0] = 1
 
 
 @wp.func

@@ -96,6 +96,9 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
     ):
         """What holds a subtree is what its bodies lack: momentum that no other force gave."""
         world = wp.tid()
+        if wp.static(effects.sleeping):
+            if world >= worlds.island_start[worlds.island_start.shape[0] - 1]:
+                return
         first = worlds.body_start[world]
         end = worlds.body_start[world + 1]
         step = h
@@ -104,6 +107,9 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         inv_h2 = 1.0 / (step * step)
         for i in range(first, end):
             body = worlds.bodies[i]
+            if wp.static(effects.sleeping):
+                # of what sleeps, the last force stays
+                body_parent_f[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             lacking = step * body_qd_out[body] - work.target[body]
             if wp.static(effects.bdf2):
                 lacking += work.lead[body]

@@ -149,7 +149,7 @@ def hold_world(
     body_qd_out: wp.array[wp.spatial_vector],
 ):
     """Passes a world through unchanged, counts it, and forgets its contacts."""
-    report_held(worlds, world)
+    report_held(worlds, worlds.of_body[worlds.bodies[worlds.body_start[world]]])
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = worlds.bodies[i]
         body_q_out[body] = body_q[body]
@@ -196,6 +196,8 @@ def make_measure_world(effects: Effects) -> wp.Function:
         scale.lag = 0.5
         scale.static_slot = work.inv_mass.shape[0] - 1
         farthest = float(0.0)
+        if wp.static(effects.sleeping):
+            farthest = worlds.pace[world]
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
@@ -1359,7 +1361,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                         history.placed[body] = after
                         history.lost[body] = shift - (after - before)
                 else:
-                    report_held(worlds, world)
+                    report_held(worlds, worlds.of_body[body])
             body_q_out[body] = pose
         if wp.static(effects.gyroscopic and effects.contact):
             if has_islands:
@@ -1378,6 +1380,59 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                         work,
                         history,
                     )
+
+    @wp.func
+    def solve_worlds(
+        thread: int,
+        model: BodyModel,
+        shapes: ShapeModel,
+        joints: JointModel,
+        control: ControlInput,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        contacts: ContactInput,
+        h: float,
+        iterations: int,
+        tolerance: float,
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        islands: IslandWork,
+        history: History,
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """The world of a thread; what is awake is solved island by island, as worlds are."""
+        end = int(thread + 1)
+        stride = int(1)
+        if wp.static(effects.sleeping):
+            end = worlds.island_start[worlds.island_start.shape[0] - 1]
+            stride = worlds.threads
+        for world in range(thread, end, stride):
+            solve_world(
+                world,
+                model,
+                shapes,
+                joints,
+                control,
+                body_q,
+                body_qd,
+                contacts,
+                h,
+                iterations,
+                tolerance,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                islands,
+                history,
+                body_q_out,
+                body_qd_out,
+            )
 
     @wp.kernel(**KERNEL)
     def solve(
@@ -1408,7 +1463,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     ):
         """The worlds from ``first`` on."""
         mode = flush_denormals()
-        solve_world(
+        solve_worlds(
             first + wp.tid(),
             read(model),
             read(shapes),
