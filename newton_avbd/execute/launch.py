@@ -71,6 +71,7 @@ class Launcher:
         self._device = device
         self._recorded: dict[wp.Kernel, dict[int, tuple[wp.Launch, list]]] = {}
         self._resident: dict[int, tuple[Any, wp.array]] = {}
+        self._stale: set[int] = set()
 
     def __call__(
         self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
@@ -98,11 +99,11 @@ class Launcher:
     def forget(self) -> None:
         """Drops what was packed, after a struct among the arguments changed its arrays.
 
-        Resident structs change where they lie, so that captured graphs see the new arrays, too.
+        Resident structs change where they lie, when they are next used, so that captured graphs see
+        the new arrays, too.
         """
         self._recorded.clear()
-        for struct, place in self._resident.values():
-            _write(struct, place)
+        self._stale.update(self._resident)
 
     def _pack(self, kernel: wp.Kernel, dim: int, arguments: list) -> wp.Launch:
         inputs = [self._passed(kernel, i, argument) for i, argument in enumerate(arguments)]
@@ -113,11 +114,16 @@ class Launcher:
         struct = getattr(kernel.adj.args[i].type, "dtype", None)
         if struct is None or argument is None or isinstance(argument, wp.array):
             return argument
-        if id(argument) not in self._resident:
+        key = id(argument)
+        if key not in self._resident:
             place = wp.empty(1, dtype=struct, device=self._device)
+            self._resident[key] = argument, place
+            self._stale.add(key)
+        place = self._resident[key][1]
+        if key in self._stale:
             _write(argument, place)
-            self._resident[id(argument)] = argument, place
-        return self._resident[id(argument)][1]
+            self._stale.remove(key)
+        return place
 
 
 def _write(struct: Any, place: wp.array) -> None:
