@@ -1349,7 +1349,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             worlds.threads = self.model.body_count if self.device.is_cuda else 1
             for name in ("update", "pace", "step"):
                 setattr(worlds, name, wp.zeros(slots, dtype=float))
-            history.slope_age = wp.zeros(slots, dtype=float)
+            if self._bdf2:
+                history.slope_age = wp.zeros(slots, dtype=float)
             for name in ("parity", "age", "smooth"):
                 setattr(history, name, wp.zeros(slots, dtype=wp.int32))
             history.filling = wp.zeros((slots, 2), dtype=wp.int32)

@@ -58,6 +58,7 @@ VARIANTS = {
         "pairs piles restitution angular_friction matching moving_surfaces contact_materials",
     ),
     "compliance": with_all(BODIES, "compliance matching contact_materials"),
+    "sleeping": with_all(BARE, "sleeping"),
     "ramp": with_all(BODIES, "ramp matching contact_materials"),
     "articulations": with_all(
         JOINTED,
