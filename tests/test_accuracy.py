@@ -404,7 +404,7 @@ def test_command_knows_its_scenes(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_page_names_presets_and_losses() -> None:
     points = [
-        Point("projectile", OURS, Setting(4, 2), 5e-3, 2.0),
+        Point("projectile", OURS, Setting(4, 2, scheme="euler"), 5e-3, 2.0),
         Point("projectile", "xpbd", Setting(4, 2), 5e-3, 1.0),
     ]
     page = accuracy_page.page({}, "quick", [ACCURACY_SCENES["projectile"]], points)

@@ -118,7 +118,7 @@ class Split:
 
 
 def split(points: Iterable[Point], base: Setting, slack: float = 1.1) -> Split | None:
-    """Compare iterations and substeps at equal cost on one scene with one solver.
+    """Compare iterations and substeps at equal cost on one scene with one solver and scheme.
 
     Args:
         points: Its points.
@@ -128,7 +128,11 @@ def split(points: Iterable[Point], base: Setting, slack: float = 1.1) -> Split |
     Returns:
         The comparison; None where there are no points for it.
     """
-    points = [point for point in usable(points) if point.setting.tolerance is None]
+    points = [
+        point
+        for point in usable(points)
+        if point.setting.tolerance is None and point.setting.scheme == base.scheme
+    ]
     costs = [_cost(point) for point in points if point.setting == base]
     most = base.iterations
     if not costs or most is None:

@@ -26,13 +26,13 @@ from newton_avbd.study.accuracy_solvers import MEASURED, Setting
 from newton_avbd.study.measure import Array
 
 PRESETS: dict[str, Setting] = {
-    "resting": Setting(1, 40),
-    "everyday": Setting(4, 10),
-    "moving": Setting(16, 10),
+    "resting": Setting(1, 40, scheme="euler"),
+    "everyday": Setting(4, 10, scheme="euler"),
+    "moving": Setting(4, 10, scheme="generalized_alpha"),
 }
 """Settings of SolverAVBD that are recommended."""
 
-EQUAL_COST = PRESETS["moving"]
+EQUAL_COST = Setting(16, 10, scheme="euler")
 """Setting at whose cost iterations and substeps are compared."""
 
 COLORS = {

@@ -79,6 +79,8 @@ def _effort(setting: Setting) -> tuple[float, int]:
 
 
 SUBSTEPS = (1, 2, 3, 4, 6, 8, 12, 16, 32, 64)
+QUICK_SUBSTEPS = (1, 4, 16, 64, 256)
+"""Those of a quick run."""
 ITERATIONS = (2, 5, 10, 20, 40)
 
 
@@ -115,7 +117,8 @@ class MeasuredSolver:
             )
         if quick:
             first = chosen[0]
-            chosen = (Sweep(first.substeps[::2], first.iterations[::2], schemes=first.schemes),)
+            substeps = tuple(n for n in first.substeps if n in QUICK_SUBSTEPS)
+            chosen = (Sweep(substeps, first.iterations[::2], schemes=first.schemes),)
         found = {setting: None for sweep in chosen for setting in sweep.settings()}
         return sorted(found, key=_effort)
 
@@ -187,7 +190,7 @@ MEASURED: dict[str, MeasuredSolver] = {
     "avbd": MeasuredSolver(
         "SolverAVBD",
         _avbd,
-        smooth=(Sweep((*SUBSTEPS, 128, 256), (2, 10), schemes=AVBD_SCHEMES),),
+        smooth=(Sweep((*SUBSTEPS, 128, 256), (10, 2), schemes=AVBD_SCHEMES),),
         contact=(
             Sweep(SUBSTEPS, ITERATIONS, schemes=AVBD_SCHEMES),
             Sweep(SUBSTEPS, (40,), (1e-4, 1e-5, 1e-6), AVBD_SCHEMES),
