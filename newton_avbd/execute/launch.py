@@ -70,8 +70,8 @@ class Launcher:
     def __init__(self, device: wp.Device) -> None:
         self._device = device
         self._recorded: dict[wp.Kernel, dict[int, tuple[wp.Launch, list]]] = {}
-        self._resident: dict[int, tuple[Any, wp.array]] = {}
-        self._stale: set[int] = set()
+        self._resident: dict[int, tuple[Any, bytes, wp.array]] = {}
+        self._places: list[wp.array] = []
 
     def __call__(
         self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
@@ -97,13 +97,8 @@ class Launcher:
             workers.launch(command, dim)
 
     def forget(self) -> None:
-        """Drops what was packed, after a struct among the arguments changed its arrays.
-
-        Resident structs change where they lie, when they are next used, so that captured graphs see
-        the new arrays, too.
-        """
+        """Drops what was packed, after a struct among the arguments changed its arrays."""
         self._recorded.clear()
-        self._stale.update(self._resident)
 
     def _pack(self, kernel: wp.Kernel, dim: int, arguments: list) -> wp.Launch:
         inputs = [self._passed(kernel, i, argument) for i, argument in enumerate(arguments)]
@@ -114,22 +109,17 @@ class Launcher:
         struct = getattr(kernel.adj.args[i].type, "dtype", None)
         if struct is None or argument is None or isinstance(argument, wp.array):
             return argument
-        key = id(argument)
-        if key not in self._resident:
+        content = bytes(argument.__ctype__())
+        known = self._resident.get(id(argument))
+        if known is None or known[1] != content:
             place = wp.empty(1, dtype=struct, device=self._device)
-            self._resident[key] = argument, place
-            self._stale.add(key)
-        place = self._resident[key][1]
-        if key in self._stale:
-            _write(argument, place)
-            self._stale.remove(key)
-        return place
-
-
-def _write(struct: Any, place: wp.array) -> None:
-    """Puts a struct into memory of the CPU at once, also while a graph is captured."""
-    content = struct.__ctype__()
-    ctypes.memmove(place.ptr, ctypes.byref(content), ctypes.sizeof(content))
+            # at once, also while a graph is captured
+            ctypes.memmove(place.ptr, content, len(content))
+            # graphs that were captured before go on using the old place, and the arrays named there
+            self._places.append(place)
+            known = argument, content, place
+            self._resident[id(argument)] = known
+        return known[2]
 
 
 class Compiler(Launcher):

@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Structs that lie in memory on a CPU: launches see what they hold, graphs what they held."""
+
+import warp as wp
+
+from newton_avbd.execute.launch import Launcher
+
+
+@wp.struct
+class Counter:
+    count: wp.array[float]
+
+
+@wp.kernel(enable_backward=False)
+def count_up(counters: wp.array[Counter]):
+    counter = counters[0]
+    counter.count[0] = counter.count[0] + 1.0
+
+
+def test_a_graph_goes_on_with_the_arrays_that_it_was_captured_with() -> None:
+    """As it does where structs are passed by value: their number of worlds may be another now."""
+    first, second = wp.zeros(1, dtype=float, device="cpu"), wp.zeros(1, dtype=float, device="cpu")
+    counter = Counter()
+    counter.count = first
+    launch = Launcher(wp.get_device("cpu"))
+    launch(count_up, 1, [counter])
+    with wp.ScopedCapture(device="cpu") as capture:
+        launch(count_up, 1, [counter])
+    before = float(first.numpy()[0])
+    counter.count = second
+    launch.forget()
+    launch(count_up, 1, [counter])
+    wp.capture_launch(capture.graph)
+    assert first.numpy()[0] == before + 1.0
+    assert second.numpy()[0] == 1.0
