@@ -259,11 +259,11 @@ class BodyWork:
     """Pose at the start of the step: that of state_in, its quaternion of unit length."""
     factor: wp.array[BlockFactor]
     wrench: wp.array[wp.spatial_vector]
-    """BDF2: external force [N] and torque [N m], without gravity."""
+    """Second order: external force [N] and torque [N m], without gravity."""
     lead: wp.array[wp.spatial_vector]
-    """BDF2: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
+    """Second order: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
     coasting: wp.array[wp.spatial_vector]
-    """BDF2: increment of a body that nothing accelerates."""
+    """Second order: increment of a body that nothing accelerates."""
 
 
 @wp.struct
@@ -287,7 +287,7 @@ class WorldWork:
     """How far the last sweep of the last step still moved a body [m], a turn by its radius of
     gyration."""
     step: wp.array[float]
-    """BDF2: the step that inertia sees [s]."""
+    """Second order: the step that inertia sees [s]."""
     overflow: wp.array[wp.int32]
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
     dropped: wp.array[wp.int32]

@@ -26,7 +26,7 @@ _UNSUPPORTED: dict[str, str] = {
     "joints": "joints other than FREE",
     "loops": "joints other than FREE",
     "restitution": "restitution (effects={'restitution': False} leaves it out)",
-    "bdf2": "scheme='bdf2'",
+    "bdf2": "scheme='bdf2' or 'generalized_alpha'",
     "ramp": "formulation='ramp'",
     "sleeping": "sleeping=True",
 }

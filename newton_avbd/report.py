@@ -26,7 +26,7 @@ class Report:
     """Update at which the world's sweeps end [m]: ``tolerance``, or where nothing moves any
     more."""
     order: np.ndarray
-    """Order of the step in time: 2 for BDF2, otherwise 1."""
+    """Order of the step in time: 2 where a scheme of second order could be kept, otherwise 1."""
 
     @property
     def settled(self) -> np.ndarray:
