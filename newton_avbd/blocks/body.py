@@ -26,7 +26,7 @@ KINEMATIC = wp.constant(int(newton.BodyFlags.KINEMATIC))
 
 
 @wp.func
-def is_mobile(model: BodyModel, body: int) -> bool:
+def is_mobile(model: wp.ref[BodyModel], body: int) -> bool:
     """Whether the solver moves the body: it has mass and is not kinematic."""
     return model.inv_mass[body] > 0.0 and (model.flags[body] & KINEMATIC) == 0
 

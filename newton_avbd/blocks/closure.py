@@ -48,7 +48,7 @@ IMMOVABLE = wp.constant(1.0e-10)
 
 
 @wp.func
-def meet_rows(node: ClosureNode, inverse: wp.spatial_vector, closures: ClosureWork):
+def meet_rows(node: ClosureNode, inverse: wp.spatial_vector, closures: wp.ref[ClosureWork]):
     """Adds what rows that go on have met at a body to their matrix; ``inverse`` of its pivots."""
     for p in range(node.start, node.stop):
         share = wp.cw_mul(inverse, closures.met[p])
@@ -59,7 +59,7 @@ def meet_rows(node: ClosureNode, inverse: wp.spatial_vector, closures: ClosureWo
 
 
 @wp.func
-def meet_root(body: int, work: BodyWork, tree: TreeWork):
+def meet_root(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
     """Takes rows through a body that no joint holds, the last one on their way."""
     closures = tree.closures
     node = closures.nodes[body]
@@ -75,7 +75,7 @@ def meet_root(body: int, work: BodyWork, tree: TreeWork):
 
 
 @wp.func
-def meet_axes(body: int, axes: int, work: BodyWork, tree: TreeWork):
+def meet_axes(body: int, axes: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
     """Takes rows through the joint of a body, whose axes are eliminated, to its parent."""
     closures = tree.closures
     node = closures.nodes[body]
@@ -110,7 +110,7 @@ def meet_axes(body: int, axes: int, work: BodyWork, tree: TreeWork):
 
 
 @wp.func
-def rows_push(body: int, closures: ClosureWork) -> wp.spatial_vector:
+def rows_push(body: int, closures: wp.ref[ClosureWork]) -> wp.spatial_vector:
     """What the multipliers of the rows that go on take from the push of each axis of a body."""
     node = closures.nodes[body]
     push = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
@@ -126,7 +126,7 @@ def end_rows(
     h_al: wp.mat33,
     h_aa: wp.mat33,
     push: wp.spatial_vector,
-    closures: ClosureWork,
+    closures: wp.ref[ClosureWork],
 ):
     """Eliminates the multipliers of the rows that end at a node; returns its block and wrench.
 
@@ -198,7 +198,7 @@ def end_rows(
 
 
 @wp.func
-def find_multipliers(at: int, update: wp.spatial_vector, closures: ClosureWork):
+def find_multipliers(at: int, update: wp.spatial_vector, closures: wp.ref[ClosureWork]):
     """Multipliers of the rows that end at a node, whose body has moved by its update."""
     node = closures.nodes[at]
     for i in range(node.row_end - node.row):
@@ -218,7 +218,7 @@ def find_multipliers(at: int, update: wp.spatial_vector, closures: ClosureWork):
 
 
 @wp.func
-def solve_ground(first: int, closures: ClosureWork):
+def solve_ground(first: int, closures: wp.ref[ClosureWork]):
     """Multipliers of the rows of a block that end at no body, after elimination."""
     number = closures.block_of[first]
     if number >= 0:

@@ -56,7 +56,7 @@ MOST_TURN = wp.constant(1.0)
 
 @wp.func
 def spin_momentum(
-    model: BodyModel, body: int, rotation: wp.quat, velocity: wp.spatial_vector
+    model: wp.ref[BodyModel], body: int, rotation: wp.quat, velocity: wp.spatial_vector
 ) -> wp.vec3:
     """Angular momentum of a body about its COM [N m s], world axes."""
     return world_inertia(rotation, model.inertia[body]) * wp.spatial_bottom(velocity)
@@ -67,8 +67,8 @@ def begin_bodies(
     world: int,
     h: float,
     body_qd: wp.array[wp.spatial_vector],
-    worlds: WorldWork,
-    work: BodyWork,
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
 ):
     """Backward Euler: nothing is ahead, and bodies coast by h v."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -80,7 +80,9 @@ def begin_bodies(
 
 
 @wp.func
-def external_wrench(model: BodyModel, body: int, work: BodyWork) -> wp.spatial_vector:
+def external_wrench(
+    model: wp.ref[BodyModel], body: int, work: wp.ref[BodyWork]
+) -> wp.spatial_vector:
     """External force [N], weight included, and torque [N m] on a body."""
     weight = model.mass[body] * model.gravity[model.world[body]]
     return work.wrench[body] + wp.spatial_vector(weight, wp.vec3(0.0))
@@ -99,10 +101,10 @@ def is_continued(
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
     scale: WorldScale,
-    model: BodyModel,
-    worlds: WorldWork,
-    work: BodyWork,
-    history: History,
+    model: wp.ref[BodyModel],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    history: wp.ref[History],
 ) -> bool:
     """Whether all bodies of a world are as the last step left them, turned little in it, and are
     pushed as they were."""
@@ -130,7 +132,7 @@ def is_continued(
 
 
 @wp.func
-def has_impact(body: int, jolt: float, work: BodyWork, rows: RowWork) -> bool:
+def has_impact(body: int, jolt: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> bool:
     """Whether a contact that a body owns closes by more than ``jolt`` [m] while bodies coast."""
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
@@ -148,7 +150,9 @@ def is_pushing(row: ContactRow) -> bool:
 
 
 @wp.func
-def lets_go(world: int, worlds: WorldWork, rows: RowWork, history: History) -> bool:
+def lets_go(
+    world: int, worlds: wp.ref[WorldWork], rows: wp.ref[RowWork], history: wp.ref[History]
+) -> bool:
     """Whether a contact that pushed in the last step is gone or about to open."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = worlds.bodies[i]
@@ -161,7 +165,7 @@ def lets_go(world: int, worlds: WorldWork, rows: RowWork, history: History) -> b
 
 
 @wp.func
-def is_beyond(joints: JointModel, dof: int, at: float, history: History) -> bool:
+def is_beyond(joints: wp.ref[JointModel], dof: int, at: float, history: wp.ref[History]) -> bool:
     """Whether a coordinate that goes on as in the last step would be beyond a limit."""
     goes_to = 2.0 * at - history.coordinate[dof].start
     lower = joints.limit_lower[dof] - LIMIT_JOLT
@@ -185,12 +189,12 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
     @wp.func
     def meets_limit(
         world: int,
-        joints: JointModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> bool:
         """Whether a joint of a world is about to meet a limit."""
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -216,13 +220,13 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
     def is_smooth(
         world: int,
         scale: WorldScale,
-        joints: JointModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> bool:
         """Whether no velocity of a world is about to jump, and no linked body turns fast."""
         if wp.static(effects.tilting):
@@ -254,9 +258,9 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: BodyModel,
-        work: BodyWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        work: wp.ref[BodyWork],
+        history: wp.ref[History],
     ):
         """Lead, target and first guess of a body."""
         step = scale.step
@@ -302,7 +306,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         work.increment[body] = coasting + history.falling[body] * (target - coasting)
 
     @wp.func
-    def lead_rows(body: int, scale: WorldScale, work: BodyWork, rows: RowWork):
+    def lead_rows(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
         """Penalties of the rows that a body owns, by the step; friction sees velocities."""
         stiffer = (scale.h * scale.h) / (scale.step * scale.step)
         for i in range(rows.owned_start[body], rows.owned_end[body]):
@@ -325,14 +329,14 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: BodyModel,
-        joints: JointModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> WorldScale:
         """Decides on the order of a world's step, and makes targets and rows those of BDF2."""
         out = scale
@@ -372,11 +376,11 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         body: int,
         start_velocity: wp.spatial_vector,
         scale: WorldScale,
-        joints: JointModel,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        history: History,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
     ):
         """How a body has moved in the step, before anything old is recovered, and what pushes."""
         if wp.static(effects.contact):
@@ -405,7 +409,11 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
 
     @wp.func
     def remember_loops(
-        world: int, scale: WorldScale, joints: JointModel, loops: LoopWork, history: History
+        world: int,
+        scale: WorldScale,
+        joints: wp.ref[JointModel],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """Likewise the coordinates of a world's loop joints."""
         if wp.static(effects.loops):
@@ -427,9 +435,9 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         velocity: wp.spatial_vector,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        work: BodyWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        work: wp.ref[BodyWork],
+        history: wp.ref[History],
     ):
         """Where a step has left a body, how fast, and what its constraints did to that."""
         last = history.last[body]

@@ -38,7 +38,11 @@ NOT_UNIT = wp.constant(1.0e-4)
 
 @wp.func
 def target_shift(
-    model: BodyModel, body: int, velocity: wp.spatial_vector, wrench: wp.spatial_vector, h: float
+    model: wp.ref[BodyModel],
+    body: int,
+    velocity: wp.spatial_vector,
+    wrench: wp.spatial_vector,
+    h: float,
 ) -> wp.vec3:
     """dx* [m]: where the COM of a body goes without constraints."""
     push = model.inv_mass[body] * wp.spatial_top(wrench)
@@ -48,7 +52,7 @@ def target_shift(
 
 @wp.func
 def target_turn(
-    model: BodyModel,
+    model: wp.ref[BodyModel],
     body: int,
     rotation: wp.quat,
     velocity: wp.spatial_vector,
@@ -63,7 +67,7 @@ def target_turn(
 
 @wp.func
 def free_turn_of(
-    model: BodyModel,
+    model: wp.ref[BodyModel],
     body: int,
     rotation: wp.quat,
     velocity: wp.spatial_vector,
@@ -83,7 +87,7 @@ def free_turn_of(
 
 @wp.func
 def mean_spin(
-    model: BodyModel,
+    model: wp.ref[BodyModel],
     body: int,
     rotation: wp.quat,
     velocity: wp.spatial_vector,
@@ -117,7 +121,7 @@ def vector_sum(v: wp.spatial_vector) -> float:
 
 
 @wp.func
-def unit_pose(pose: wp.transform, body: int, worlds: WorldWork) -> wp.transform:
+def unit_pose(pose: wp.transform, body: int, worlds: wp.ref[WorldWork]) -> wp.transform:
     """The pose with a quaternion of unit length; counts one that was not, and says so once."""
     rotation = wp.transform_get_rotation(pose)
     length_sq = wp.dot(rotation, rotation)
@@ -130,7 +134,7 @@ def unit_pose(pose: wp.transform, body: int, worlds: WorldWork) -> wp.transform:
 
 @wp.func
 def is_finite(
-    model: BodyModel,
+    model: wp.ref[BodyModel],
     body: int,
     pose: wp.transform,
     velocity: wp.spatial_vector,
@@ -151,10 +155,10 @@ def make_wrench(effects: Effects) -> wp.Function:
 
     @wp.func
     def external_wrench(
-        model: BodyModel,
+        model: wp.ref[BodyModel],
         body: int,
         body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
+        control: wp.ref[ControlInput],
     ) -> wp.spatial_vector:
         wrench = body_f[body]
         if wp.static(effects.joint_force):
@@ -171,7 +175,7 @@ def make_wrench(effects: Effects) -> wp.Function:
 
 
 @wp.func
-def moved_by(body: int, update: wp.spatial_vector, work: BodyWork) -> float:
+def moved_by(body: int, update: wp.spatial_vector, work: wp.ref[BodyWork]) -> float:
     """Square of how far an update moves a body [m^2], a turn by its radius of gyration."""
     shift = wp.spatial_top(update)
     turn = wp.spatial_bottom(update)
@@ -179,7 +183,7 @@ def moved_by(body: int, update: wp.spatial_vector, work: BodyWork) -> float:
 
 
 @wp.func
-def has_rows(rows: RowWork, body: int) -> bool:
+def has_rows(rows: wp.ref[RowWork], body: int) -> bool:
     """Whether anything touches the body."""
     return (
         rows.owned_start[body] < rows.owned_end[body]
@@ -188,7 +192,7 @@ def has_rows(rows: RowWork, body: int) -> bool:
 
 
 @wp.func
-def report_held(worlds: WorldWork, world: int):
+def report_held(worlds: wp.ref[WorldWork], world: int):
     """Counts a step in which a world (or a body in it) was held still, and says so once."""
     if wp.atomic_add(worlds.held, world, 1) == 0:
         wp.printf("SolverAVBD: world %d is not finite and is held still until it is reset\n", world)
@@ -221,18 +225,18 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     def predict_body(
         body: int,
         # Model:
-        model: BodyModel,
+        model: wp.ref[BodyModel],
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
+        control: wp.ref[ControlInput],
         h: float,
-        worlds: WorldWork,
-        history: History,
-        tree: TreeWork,
+        worlds: wp.ref[WorldWork],
+        history: wp.ref[History],
+        tree: wp.ref[TreeWork],
         # Work out:
-        work: BodyWork,
+        work: wp.ref[BodyWork],
     ):
         pose = unit_pose(body_q[body], body, worlds)
         velocity = body_qd[body]
@@ -283,16 +287,16 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     @wp.func
     def predict_bodies(
         thread: int,
-        model: BodyModel,
+        model: wp.ref[BodyModel],
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
+        control: wp.ref[ControlInput],
         h: float,
-        worlds: WorldWork,
-        history: History,
-        tree: TreeWork,
-        work: BodyWork,
+        worlds: wp.ref[WorldWork],
+        history: wp.ref[History],
+        tree: wp.ref[TreeWork],
+        work: wp.ref[BodyWork],
     ):
         each = wp.static(passing.bodies_per_thread)
         for body in range(thread * each, wp.min((thread + 1) * each, body_q.shape[0])):

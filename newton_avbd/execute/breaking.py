@@ -37,7 +37,13 @@ def enable_joints(
 
 
 @wp.func
-def break_joint(joint: int, force: wp.vec3, torque: wp.vec3, joints: JointModel, history: History):
+def break_joint(
+    joint: int,
+    force: wp.vec3,
+    torque: wp.vec3,
+    joints: wp.ref[JointModel],
+    history: wp.ref[History],
+):
     """Breaks a joint that carries more than it may."""
     most_force = joints.break_force[joint]
     most_torque = joints.break_torque[joint]
@@ -61,9 +67,9 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
         body: int,
         load: wp.spatial_vector,
         static_slot: int,
-        model: BodyModel,
-        joints: JointModel,
-        tree: TreeWork,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
     ):
         """Force and torque at its anchor with which a joint holds a load, along what it locks."""
         joint = tree.joint[body]
@@ -87,15 +93,15 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
     def break_joints(
         world: int,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """What a joint of a tree holds is what all bodies above it lack: momentum that no other
         force gave. What one outside of trees holds is its multiplier."""

@@ -31,8 +31,8 @@ def mimic_misfit(
     closure: Closure,
     dof: int,
     coordinate: wp.array[float],
-    joints: JointModel,
-    tree: TreeWork,
+    joints: wp.ref[JointModel],
+    tree: wp.ref[TreeWork],
 ) -> float:
     """q - (offset + multiplier q_leader) of a mimic joint [m or rad]."""
     coefficients = joints.mimic_coefficients[closure.joint]
@@ -42,7 +42,7 @@ def mimic_misfit(
 
 
 @wp.func
-def is_mimicking(closure: Closure, joints: JointModel, tree: TreeWork) -> bool:
+def is_mimicking(closure: Closure, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
     """Whether a mimic joint and its leader are enabled."""
     return is_linked(joints, tree, closure.body) and is_linked(joints, tree, closure.leader_body)
 
@@ -96,7 +96,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     angular_lock = joint_functions.angular_lock
 
     @wp.func
-    def begin_closures(first: int, joints: JointModel, tree: TreeWork) -> bool:
+    def begin_closures(first: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
         """Misfit of the mimics of a block, which starts at ``first``, at the start of the step.
 
         Returns whether one is beyond rounding.
@@ -123,12 +123,12 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     def loop_rows(
         closure: Closure,
         recovery: float,
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """The rows of a joint that closes a loop: what it locks, linear rows first."""
         closures = tree.closures
@@ -180,8 +180,8 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     def mimic_rows(
         closure: Closure,
         recovery: float,
-        joints: JointModel,
-        tree: TreeWork,
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
     ):
         """The rows of a mimic joint, one for each of its coordinates."""
         closures = tree.closures
@@ -203,13 +203,13 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         first: int,
         end: int,
         recovery: float,
-        model: BodyModel,
-        joints: JointModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """Before elimination: the rows of a block where they start their ways."""
         closures = tree.closures
@@ -241,7 +241,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
 
     @wp.func
     def keep_forces(
-        first: int, joints: JointModel, tree: TreeWork, loops: LoopWork, history: History
+        first: int,
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """After substitution: what the joints of a block that close loops push with."""
         closures = tree.closures

@@ -82,11 +82,11 @@ def recall(
     body: int,
     side: int,
     static_slot: int,
-    shapes: ShapeModel,
-    worlds: WorldWork,
-    work: BodyWork,
-    rows: RowWork,
-    history: History,
+    shapes: wp.ref[ShapeModel],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
+    history: wp.ref[History],
 ):
     """Hands what is remembered of the contacts that a body owned to their rows of this step.
 

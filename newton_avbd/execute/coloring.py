@@ -243,6 +243,6 @@ def count_owned(
 
 
 @wp.func
-def is_owner(body: int, partner: int, worlds: WorldWork) -> bool:
+def is_owner(body: int, partner: int, worlds: wp.ref[WorldWork]) -> bool:
     """Whether a body moves before the other one of its contact."""
     return partner < 0 or worlds.rank[body] < worlds.rank[partner]

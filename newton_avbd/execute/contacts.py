@@ -39,14 +39,14 @@ FAR = wp.constant(0.2)
 
 
 @wp.func
-def body_slot(shapes: ShapeModel, shape: int, static_slot: int) -> int:
+def body_slot(shapes: wp.ref[ShapeModel], shape: int, static_slot: int) -> int:
     """Slot of the body that carries a shape; the static world for a shape without a body."""
     body = shapes.body[shape]
     return wp.where(body < 0, static_slot, body)
 
 
 @wp.func
-def owner_of(worlds: WorldWork, work: BodyWork, slot0: int, slot1: int) -> int:
+def owner_of(worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], slot0: int, slot1: int) -> int:
     """Slot of the body of a contact that is visited first; -1 when the solver moves neither."""
     moves0 = work.inv_mass[slot0] > 0.0
     moves1 = work.inv_mass[slot1] > 0.0
@@ -60,14 +60,14 @@ def owner_of(worlds: WorldWork, work: BodyWork, slot0: int, slot1: int) -> int:
 
 
 @wp.func
-def is_across(worlds: WorldWork, work: BodyWork, slot0: int, slot1: int) -> bool:
+def is_across(worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], slot0: int, slot1: int) -> bool:
     """Whether a contact is between bodies of two worlds, which cannot meet."""
     both_move = work.inv_mass[slot0] > 0.0 and work.inv_mass[slot1] > 0.0
     return both_move and worlds.of_body[slot0] != worlds.of_body[slot1]
 
 
 @wp.func
-def report_dropped(worlds: WorldWork, contact: int):
+def report_dropped(worlds: wp.ref[WorldWork], contact: int):
     """Counts a contact that makes no sense, and says so once."""
     if wp.atomic_add(worlds.dropped, 0, 1) == 0:
         wp.printf(
@@ -90,11 +90,11 @@ def make_sort_contacts(sleeping: bool = False, passing: Passing = BY_VALUE) -> w
 
     @wp.func
     def sort_by_owner(
-        shapes: ShapeModel,
-        contacts: ContactInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
     ):
         """Counting sort of the contacts by owner, in the order of the buffer.
 
@@ -179,7 +179,11 @@ def make_sort_contacts(sleeping: bool = False, passing: Passing = BY_VALUE) -> w
 
 @wp.func
 def body_arm(
-    body_q: wp.array[wp.transform], model: BodyModel, slot: int, static_slot: int, point: wp.vec3
+    body_q: wp.array[wp.transform],
+    model: wp.ref[BodyModel],
+    slot: int,
+    static_slot: int,
+    point: wp.vec3,
 ) -> wp.vec3:
     """From the COM of a body to a point given in its frame, in world axes [m]."""
     if slot == static_slot:
@@ -201,7 +205,12 @@ def anchor_distance(a: ContactRecord, b: ContactRecord) -> float:
 
 @wp.func
 def find_row(
-    record: ContactRecord, start: int, end: int, side: int, rows: RowWork, history: History
+    record: ContactRecord,
+    start: int,
+    end: int,
+    side: int,
+    rows: wp.ref[RowWork],
+    history: wp.ref[History],
 ) -> int:
     """Row of a remembered contact, -1 when there is none.
 
@@ -223,7 +232,7 @@ def find_row(
 
 
 @wp.func
-def is_matched(history: History, world: int, contacts: ContactInput) -> bool:
+def is_matched(history: wp.ref[History], world: int, contacts: wp.ref[ContactInput]) -> bool:
     """Whether the pipeline's contact matching speaks of the contacts that are remembered."""
     filling = history.filling[world, 1]
     return history.filling[world, 0] == contacts.buffer and (
@@ -233,7 +242,12 @@ def is_matched(history: History, world: int, contacts: ContactInput) -> bool:
 
 @wp.func
 def matched_record(
-    history: History, side: int, world: int, body: int, contacts: ContactInput, contact: int
+    history: wp.ref[History],
+    side: int,
+    world: int,
+    body: int,
+    contacts: wp.ref[ContactInput],
+    contact: int,
 ) -> int:
     """Record that the pipeline's contact matching names, -1 for a new contact."""
     known = int(contact)
@@ -265,10 +279,10 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         record: ContactRecord,
         static_slot: int,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        shapes: ShapeModel,
-        contacts: ContactInput,
-        work: BodyWork,
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        work: wp.ref[BodyWork],
     ) -> ContactRow:
         """The row of a contact that ``body`` owns, at the poses in state_in."""
         slot0 = body_slot(shapes, record.shape0, static_slot)
@@ -304,13 +318,13 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         body: int,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        shapes: ShapeModel,
-        contacts: ContactInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        history: wp.ref[History],
     ):
         """Turns the contacts that a body owns into rows, without those that cannot close."""
         side = history.parity[world]
@@ -368,7 +382,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     linearise_rows = make_linearise_rows(effects)
 
     @wp.func
-    def recall_multipliers(world: int, body: int, rows: RowWork, history: History):
+    def recall_multipliers(world: int, body: int, rows: wp.ref[RowWork], history: wp.ref[History]):
         """Hands what is remembered of the last step to the rows of the same contacts.
 
         Each record serves once and looks for its row, not the other way round: so no load is used
@@ -397,11 +411,11 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         world: int,
         body: int,
         scale: WorldScale,
-        shapes: ShapeModel,
-        contacts: ContactInput,
-        work: BodyWork,
-        rows: RowWork,
-        history: History,
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        history: wp.ref[History],
     ) -> float:
         """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
         side = 1 - history.parity[world]
@@ -485,13 +499,13 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         body: int,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        shapes: ShapeModel,
-        contacts: ContactInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        history: wp.ref[History],
     ):
         """Builds the rows that a body owns, with what is remembered of their forces."""
         linearise_rows(
@@ -513,7 +527,9 @@ def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
 
 
 @wp.func
-def forget_axes(joint: int, joints: JointModel, rest_angle: wp.array[float], history: History):
+def forget_axes(
+    joint: int, joints: wp.ref[JointModel], rest_angle: wp.array[float], history: wp.ref[History]
+):
     """Mends a joint, lets go its limits, and puts the turns of its angles back."""
     if joint >= 0:
         if history.broken.shape[0] > 0:

@@ -45,14 +45,16 @@ SETTLE = wp.constant(50)
 
 
 @wp.func
-def mixed_restitution(shapes: ShapeModel, shape0: int, shape1: int) -> float:
+def mixed_restitution(shapes: wp.ref[ShapeModel], shape0: int, shape1: int) -> float:
     """Mean of two shapes' restitution, each within 0 and 1, as in SolverSteel."""
     e0 = wp.clamp(shapes.restitution[shape0], 0.0, 1.0)
     return 0.5 * (e0 + wp.clamp(shapes.restitution[shape1], 0.0, 1.0))
 
 
 @wp.func
-def current_qd(work: BodyWork, rows: RowWork, slot: int, h: float) -> wp.spatial_vector:
+def current_qd(
+    work: wp.ref[BodyWork], rows: wp.ref[RowWork], slot: int, h: float
+) -> wp.spatial_vector:
     """Velocity of a body after the rounds so far."""
     if work.inv_mass[slot] == 0.0:
         return work.target[slot] / h
@@ -60,7 +62,9 @@ def current_qd(work: BodyWork, rows: RowWork, slot: int, h: float) -> wp.spatial
 
 
 @wp.func
-def parting_speed(row: ContactRow, work: BodyWork, rows: RowWork, h: float) -> float:
+def parting_speed(
+    row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork], h: float
+) -> float:
     """Speed at which the bodies part after the rounds so far [m/s]; negative where they close."""
     span = work.com[row.a] - work.com[row.b]
     qd_a = current_qd(work, rows, row.a, h)
@@ -70,7 +74,7 @@ def parting_speed(row: ContactRow, work: BodyWork, rows: RowWork, h: float) -> f
 
 @wp.func
 def response(
-    work: BodyWork, slot: int, arm: wp.vec3, force: wp.vec3, torque: wp.vec3
+    work: wp.ref[BodyWork], slot: int, arm: wp.vec3, force: wp.vec3, torque: wp.vec3
 ) -> wp.spatial_vector:
     """M^-1 times a force at an arm and a torque, of a free body."""
     return wp.spatial_vector(
@@ -85,10 +89,10 @@ def begin_impacts(
     side: int,
     lag: float,
     h: float,
-    shapes: ShapeModel,
-    work: BodyWork,
-    rows: RowWork,
-    history: History,
+    shapes: wp.ref[ShapeModel],
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
+    history: wp.ref[History],
 ) -> bool:
     """Rows that a body owns and that close in this step; returns if there is one.
 
@@ -122,7 +126,9 @@ def begin_impacts(
 
 
 @wp.func
-def continue_impacts(body: int, threshold: float, h: float, work: BodyWork, rows: RowWork) -> bool:
+def continue_impacts(
+    body: int, threshold: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+) -> bool:
     """Rows that a body owns and that the last round makes close; returns if there is one."""
     found = bool(False)
     for i in range(rows.owned_start[body], rows.owned_end[body]):
@@ -143,7 +149,12 @@ def continue_impacts(body: int, threshold: float, h: float, work: BodyWork, rows
 
 @wp.func
 def continue_world(
-    world: int, threshold: float, h: float, worlds: WorldWork, work: BodyWork, rows: RowWork
+    world: int,
+    threshold: float,
+    h: float,
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
 ) -> bool:
     """The next round; returns if there is one."""
     found = bool(False)
@@ -154,7 +165,7 @@ def continue_world(
 
 
 @wp.func
-def strike(body: int, work: BodyWork, rows: RowWork, h: float) -> float:
+def strike(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork], h: float) -> float:
     """Lets the round's rows of a body part; returns the largest change [m/s]."""
     change = float(0.0)
     for i in range(rows.owned_start[body], rows.owned_end[body]):
@@ -192,7 +203,9 @@ def strike(body: int, work: BodyWork, rows: RowWork, h: float) -> float:
 
 
 @wp.func
-def strike_world(world: int, h: float, worlds: WorldWork, work: BodyWork, rows: RowWork) -> float:
+def strike_world(
+    world: int, h: float, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+) -> float:
     """A Gauss-Seidel sweep over the round's rows of a world; returns the largest change [m/s]."""
     change = float(0.0)
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -201,7 +214,9 @@ def strike_world(world: int, h: float, worlds: WorldWork, work: BodyWork, rows: 
 
 
 @wp.func
-def aim_rows(body: int, noise: float, lag: float, h: float, work: BodyWork, rows: RowWork):
+def aim_rows(
+    body: int, noise: float, lag: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+):
     """Makes the rows that a body owns part as the rounds have decided.
 
     A bounce that gravity ends within the step is none.
@@ -232,8 +247,8 @@ def add_target(
     force: wp.vec3,
     torque: wp.vec3,
     h: float,
-    work: BodyWork,
-    rows: RowWork,
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
 ) -> wp.spatial_vector:
     """Adds to a body's target what an impact's force does from its time on.
 
@@ -246,7 +261,7 @@ def add_target(
 
 
 @wp.func
-def free_share(body: int, scale: WorldScale, work: BodyWork) -> float:
+def free_share(body: int, scale: WorldScale, work: wp.ref[BodyWork]) -> float:
     """Share of its free acceleration that impacts leave a body, 0 to 1, once they are released."""
     lacking = wp.length(wp.spatial_top(work.target[body] - work.increment[body]))
     fall = scale.gravity * scale.h * scale.h
@@ -267,7 +282,9 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
     """Generates the functions for a scene's effects."""
 
     @wp.func
-    def is_joined(slot: int, worlds: WorldWork, tree: TreeWork, loops: LoopWork) -> bool:
+    def is_joined(
+        slot: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork], loops: wp.ref[LoopWork]
+    ) -> bool:
         """Whether joints decide how a body answers a force."""
         result = bool(False)
         if wp.static(effects.joints):
@@ -283,13 +300,13 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         side: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        shapes: ShapeModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        shapes: wp.ref[ShapeModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> bool:
         """Lets the impacts go through the world, in rounds; returns whether there are any."""
         h = scale.h
@@ -327,7 +344,11 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
 
     @wp.func
     def find_wait(
-        body: int, worlds: WorldWork, rows: RowWork, tree: TreeWork, loops: LoopWork
+        body: int,
+        worlds: wp.ref[WorldWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
     ) -> float:
         """How long the impacts of a body waited [s], the first of them; negative without any.
 
@@ -345,7 +366,7 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         return wp.where(is_held, wp.min(wait, 0.0), wait)
 
     @wp.func
-    def release_impacts(body: int, h: float, work: BodyWork, rows: RowWork):
+    def release_impacts(body: int, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
         """Puts bodies where their rebounds are; the rows that a body owns go back to their gaps.
 
         The sweeps let the force of an impact act all step long, though it acts from its time on.
@@ -373,7 +394,7 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
                     work.increment[row.b] = work.increment[row.b] - early
 
     @wp.func
-    def restore_impacts(body: int, h: float, work: BodyWork, rows: RowWork):
+    def restore_impacts(body: int, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
         """Gives the rows that a body owns their forces back, and the bodies their targets."""
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             impact = rows.impacts[i]

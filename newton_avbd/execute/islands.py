@@ -16,14 +16,14 @@ from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, WorldW
 
 
 @wp.func
-def begin_island(islands: IslandWork, body: int):
+def begin_island(islands: wp.ref[IslandWork], body: int):
     """Puts a body into an island of its own."""
     islands.parent[body] = body
     islands.fixed[body] = 0
 
 
 @wp.func
-def island_of(islands: IslandWork, body: int) -> int:
+def island_of(islands: wp.ref[IslandWork], body: int) -> int:
     """First body of the island; shortens the way for the next call."""
     root = int(body)
     while islands.parent[root] != root:
@@ -33,7 +33,7 @@ def island_of(islands: IslandWork, body: int) -> int:
 
 
 @wp.func
-def unite(islands: IslandWork, worlds: WorldWork, a: int, b: int):
+def unite(islands: wp.ref[IslandWork], worlds: wp.ref[WorldWork], a: int, b: int):
     """Makes one island of those of two bodies."""
     root_a = island_of(islands, a)
     root_b = island_of(islands, b)
@@ -44,7 +44,9 @@ def unite(islands: IslandWork, worlds: WorldWork, a: int, b: int):
 
 
 @wp.func
-def join_islands(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int, b: int):
+def join_islands(
+    islands: wp.ref[IslandWork], worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], a: int, b: int
+):
     """Makes one island of two bodies that push each other; b may be one that does not move."""
     if work.inv_mass[b] > 0.0:
         unite(islands, worlds, a, b)
@@ -53,7 +55,7 @@ def join_islands(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int,
 
 
 @wp.func
-def disturb(slot: int, worlds: WorldWork, sleep: SleepWork):
+def disturb(slot: int, worlds: wp.ref[WorldWork], sleep: SleepWork):
     """Wakes the island of a body, or keeps it awake."""
     sleep.still[slot] = 0.0
     island = worlds.island[slot]
@@ -63,14 +65,14 @@ def disturb(slot: int, worlds: WorldWork, sleep: SleepWork):
 
 
 @wp.func
-def is_free_island(islands: IslandWork, body: int) -> bool:
+def is_free_island(islands: wp.ref[IslandWork], body: int) -> bool:
     """Whether the body's island has other bodies and touches nothing fixed."""
     root = island_of(islands, body)
     return islands.fixed[root] == 0 and islands.sum[root].bodies > 1
 
 
 @wp.func
-def is_alone(islands: IslandWork, body: int) -> bool:
+def is_alone(islands: wp.ref[IslandWork], body: int) -> bool:
     """Whether nothing pushes the body."""
     root = island_of(islands, body)
     return islands.fixed[root] == 0 and islands.sum[root].bodies == 1
@@ -92,7 +94,11 @@ def point_inertia(mass: float, r: wp.vec3) -> wp.mat33:
 
 @wp.func
 def keep_momentum(
-    world: int, model: BodyModel, worlds: WorldWork, work: BodyWork, islands: IslandWork
+    world: int,
+    model: wp.ref[BodyModel],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    islands: wp.ref[IslandWork],
 ) -> bool:
     """Moves each free island rigidly so that it has the momentum of its inertial targets.
 
@@ -148,10 +154,10 @@ def keep_spin(
     world: int,
     h: float,
     body_q: wp.array[wp.transform],
-    model: BodyModel,
-    worlds: WorldWork,
-    work: BodyWork,
-    islands: IslandWork,
+    model: wp.ref[BodyModel],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    islands: wp.ref[IslandWork],
     body_qd: wp.array[wp.spatial_vector],
 ):
     """Turns the velocities of each free island so that it has its angular momentum.

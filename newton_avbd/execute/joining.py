@@ -16,7 +16,7 @@ from .islands import keep_momentum, keep_spin
 
 
 @wp.func
-def root_of(islands: IslandWork, body: int) -> int:
+def root_of(islands: wp.ref[IslandWork], body: int) -> int:
     """First body of the island as far as it is joined; halves the way for the next call."""
     root = int(body)
     while islands.parent[root] != root:
@@ -27,7 +27,9 @@ def root_of(islands: IslandWork, body: int) -> int:
 
 
 @wp.func
-def join_at_once(islands: IslandWork, worlds: WorldWork, work: BodyWork, a: int, b: int):
+def join_at_once(
+    islands: wp.ref[IslandWork], worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], a: int, b: int
+):
     """As :func:`.islands.join_islands`, while other threads join others."""
     if work.inv_mass[b] == 0.0:
         islands.fixed[a] = 1

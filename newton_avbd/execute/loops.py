@@ -45,7 +45,7 @@ from .trees import (
 
 
 @wp.func
-def parent_slot(joints: JointModel, joint: int, static_slot: int) -> int:
+def parent_slot(joints: wp.ref[JointModel], joint: int, static_slot: int) -> int:
     """Slot of the joint's parent."""
     parent = joints.parent[joint]
     return wp.where(parent < 0, static_slot, parent)
@@ -58,13 +58,13 @@ def mean_inverse(inv_inertia: wp.mat33) -> float:
 
 
 @wp.func
-def has_loops(loops: LoopWork, body: int) -> bool:
+def has_loops(loops: wp.ref[LoopWork], body: int) -> bool:
     """Whether a joint outside of the trees acts on the body."""
     return loops.body_start[body] < loops.body_start[body + 1]
 
 
 @wp.func
-def has_outer_loops(body: int, loops: LoopWork) -> bool:
+def has_outer_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
     """Whether a joint acts on the body that is not solved with its tree."""
     for k in range(loops.body_start[body], loops.body_start[body + 1]):
         if not loops.is_exact[loops.items[k] / 2]:
@@ -75,11 +75,11 @@ def has_outer_loops(body: int, loops: LoopWork) -> bool:
 @wp.func
 def loop_geometry(
     i: int,
-    model: BodyModel,
-    joints: JointModel,
-    work: BodyWork,
-    tree: TreeWork,
-    loops: LoopWork,
+    model: wp.ref[BodyModel],
+    joints: wp.ref[JointModel],
+    work: wp.ref[BodyWork],
+    tree: wp.ref[TreeWork],
+    loops: wp.ref[LoopWork],
 ):
     """Rotations of a joint's anchors after the increments, arms, and child anchor from parent's."""
     static_slot = work.inv_mass.shape[0] - 1
@@ -101,9 +101,9 @@ def distance_force(
     i: int,
     length: float,
     recovery: float,
-    joints: JointModel,
-    loops: LoopWork,
-    history: History,
+    joints: wp.ref[JointModel],
+    loops: wp.ref[LoopWork],
+    history: wp.ref[History],
 ) -> float:
     """Force of a DISTANCE joint that pushes its anchors apart [N], negative where it pulls."""
     index = joints.dof_start[loops.joints[i]]
@@ -151,10 +151,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
         q_c: wp.quat,
         offset: wp.vec3,
         known: float,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
     ) -> float:
         """Coordinate of a degree of freedom after the increments; a ball's turn in the step."""
         joint = loops.joints[i]
@@ -170,12 +170,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
         i: int,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> bool:
         """Misfit, coordinates and penalties of a joint at the start of the step.
 
@@ -254,11 +254,11 @@ def make_loops(effects: Effects) -> LoopFunctions:
         turn_away: wp.vec3,
         rest_away: wp.vec3,
         h: float,
-        joints: JointModel,
-        control: ControlInput,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """Generalized force along a free axis, its curvature, and what friction and stops have in
         it, which are held by multipliers."""
@@ -320,13 +320,13 @@ def make_loops(effects: Effects) -> LoopFunctions:
         i: int,
         recovery: float,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
         has_dual: bool,
     ):
         """Force [N] at the anchor and torque [N m] of a joint on its child, and the two arms [m].
@@ -394,13 +394,13 @@ def make_loops(effects: Effects) -> LoopFunctions:
         item: int,
         doubled: bool,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """What a joint adds to the block of one of its bodies: H_ll, H_al and H_aa."""
         i = item / 2

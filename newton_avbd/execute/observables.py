@@ -39,7 +39,7 @@ def export_acceleration(
 
 
 @wp.func
-def row_torque(i: int, rows: RowWork) -> wp.vec3:
+def row_torque(i: int, rows: wp.ref[RowWork]) -> wp.vec3:
     """Torque of a row's torsional and rolling friction on its body b [N m]."""
     if rows.spin.shape[0] == 0:
         return wp.vec3(0.0)

@@ -61,19 +61,19 @@ SHARE_WEIGHT = wp.constant(0.05)
 
 
 @wp.func
-def in_pile(rows: RowWork, slot: int) -> bool:
+def in_pile(rows: wp.ref[RowWork], slot: int) -> bool:
     """Whether a body moves with a pile."""
     return rows.piles.parent[slot] >= ROOT
 
 
 @wp.func
-def is_link(row: ContactRow, rows: RowWork) -> bool:
+def is_link(row: ContactRow, rows: wp.ref[RowWork]) -> bool:
     """Whether the row belongs to the link of one of its bodies to the other."""
     return rows.piles.parent[row.b] == row.a or rows.piles.parent[row.a] == row.b
 
 
 @wp.func
-def mass_to_hold(row: ContactRow, work: BodyWork, rows: RowWork) -> float:
+def mass_to_hold(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> float:
     """Mass by which a row is to be as stiff as its pile needs it [kg]."""
     piles = rows.piles
     if piles.parent[row.b] == row.a:
@@ -89,13 +89,13 @@ def mass_to_hold(row: ContactRow, work: BodyWork, rows: RowWork) -> float:
 
 
 @wp.func
-def supports(other: int, body: int, rows: RowWork) -> bool:
+def supports(other: int, body: int, rows: wp.ref[RowWork]) -> bool:
     """Whether a body of the same pile lies on a lower level than another that touches it."""
     return in_pile(rows, other) and rows.piles.level[other] < rows.piles.level[body]
 
 
 @wp.func
-def has_joints(i: int, worlds: WorldWork, tree: TreeWork) -> bool:
+def has_joints(i: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
     """Whether the i-th body moves with others that joints link to it."""
     if tree.joint[worlds.bodies[i]] >= 0 or worlds.block_end[i] > i + 1:
         return True
@@ -103,14 +103,14 @@ def has_joints(i: int, worlds: WorldWork, tree: TreeWork) -> bool:
 
 
 @wp.func
-def row_count(body: int, rows: RowWork) -> int:
+def row_count(body: int, rows: wp.ref[RowWork]) -> int:
     """Number of rows of a body."""
     owned = rows.owned_end[body] - rows.owned_start[body]
     return owned + rows.other_end[body] - rows.other_start[body]
 
 
 @wp.func
-def row_of(body: int, i: int, rows: RowWork) -> int:
+def row_of(body: int, i: int, rows: wp.ref[RowWork]) -> int:
     """The i-th row of a body: first those it owns, then the others."""
     owned = rows.owned_end[body] - rows.owned_start[body]
     if i < owned:
@@ -119,7 +119,7 @@ def row_of(body: int, i: int, rows: RowWork) -> int:
 
 
 @wp.func
-def is_grounded(body: int, gap: float, work: BodyWork, rows: RowWork) -> bool:
+def is_grounded(body: int, gap: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> bool:
     """Whether a body is at most ``gap`` [m] from something that the solver does not move."""
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         if work.inv_mass[rows.rows[i].b] == 0.0 and rows.rows[i].gap <= gap:
@@ -128,7 +128,7 @@ def is_grounded(body: int, gap: float, work: BodyWork, rows: RowWork) -> bool:
 
 
 @wp.func
-def reach(slot: int, parent: int, at: int, rows: RowWork) -> int:
+def reach(slot: int, parent: int, at: int, rows: wp.ref[RowWork]) -> int:
     """Links a body to its parent, if it has not been reached before; returns where to list more."""
     if rows.piles.parent[slot] != _UNSEEN:
         return at
@@ -141,7 +141,7 @@ def reach(slot: int, parent: int, at: int, rows: RowWork) -> int:
 
 
 @wp.func
-def spread(at: int, end: int, rows: RowWork) -> int:
+def spread(at: int, end: int, rows: wp.ref[RowWork]) -> int:
     """Links, breadth first, what the bodies listed from ``at`` to ``end`` touch, and counts what
     supports each; the new end."""
     while at < end:
@@ -182,11 +182,11 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
     def link_piles(
         world: int,
         slop: float,
-        model: BodyModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
     ):
         first = worlds.body_start[world]
         last = worlds.body_start[world + 1]
@@ -242,7 +242,7 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
             at += 1
 
     @wp.func
-    def link_block(body: int, work: BodyWork, rows: RowWork):
+    def link_block(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
         """Curvature of the rows that link a body to its parent, about its COM."""
         ll = wp.mat33(0.0)
         al = wp.mat33(0.0)
@@ -259,7 +259,9 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
         return ll, al, aa
 
     @wp.func
-    def factor_piles(world: int, worlds: WorldWork, work: BodyWork, rows: RowWork):
+    def factor_piles(
+        world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+    ):
         piles = rows.piles
         at = int(piles.end[world])
         while at > worlds.body_start[world]:
@@ -300,7 +302,9 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
                 piles.aa[parent] = piles.aa[parent] + aa
 
     @wp.func
-    def link_wrench(body: int, motion: wp.spatial_vector, rows: RowWork) -> wp.spatial_vector:
+    def link_wrench(
+        body: int, motion: wp.spatial_vector, rows: wp.ref[RowWork]
+    ) -> wp.spatial_vector:
         """Wrench that a motion in its link makes at the COM of a body."""
         piles = rows.piles
         return times_block(piles.link_ll[body], piles.link_al[body], piles.link_aa[body], motion)
@@ -312,15 +316,15 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
         recovery: float,
         slop: float,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> float:
         first = worlds.body_start[world]
         end = rows.piles.end[world]

@@ -59,11 +59,11 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
     def watch_body(
         body: int,
         wrench: wp.spatial_vector,
-        model: BodyModel,
+        model: wp.ref[BodyModel],
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         h: float,
-        worlds: WorldWork,
+        worlds: wp.ref[WorldWork],
         sleep: SleepWork,
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
@@ -172,7 +172,7 @@ def watch_joints(
 
 
 @wp.func
-def mover_of(first: int, end: int, worlds: WorldWork) -> int:
+def mover_of(first: int, end: int, worlds: wp.ref[WorldWork]) -> int:
     """The first body of a block that the solver moves, -1 without."""
     for i in range(first, end):
         if worlds.island[worlds.bodies[i]] >= AWAKE:
@@ -188,7 +188,7 @@ def mark_of(shape0: int, shape1: int) -> int:
 
 
 @wp.func
-def end_of_run(contact: int, count: int, contacts: ContactInput) -> int:
+def end_of_run(contact: int, count: int, contacts: wp.ref[ContactInput]) -> int:
     """End of the contacts of the same two shapes that follow each other."""
     shape0 = contacts.shape0[contact]
     shape1 = contacts.shape1[contact]
@@ -199,7 +199,7 @@ def end_of_run(contact: int, count: int, contacts: ContactInput) -> int:
 
 
 @wp.func
-def forget_rows(body: int, rows: RowWork):
+def forget_rows(body: int, rows: wp.ref[RowWork]):
     """Leaves a body that is not solved without rows."""
     rows.owned_end[body] = rows.owned_start[body]
     rows.other_end[body] = rows.other_start[body]
@@ -210,7 +210,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
     """Kernel, one thread: wakes and puts to sleep, and lists what is awake island by island."""
 
     @wp.func
-    def watch_gravity(model: BodyModel, worlds: WorldWork, sleep: SleepWork):
+    def watch_gravity(model: wp.ref[BodyModel], worlds: wp.ref[WorldWork], sleep: SleepWork):
         """Disturbs the bodies whose gravity has changed."""
         is_changed = bool(False)
         for i in range(sleep.gravity.shape[0]):
@@ -225,7 +225,12 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                 sleep.gravity[i] = model.gravity[i]
 
     @wp.func
-    def is_asleep(contact: int, shapes: ShapeModel, contacts: ContactInput, worlds: WorldWork):
+    def is_asleep(
+        contact: int,
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
+    ):
         """Whether a contact is one of a body that sleeps."""
         static_slot = worlds.rank.shape[0] - 1
         a = body_slot(shapes, contacts.shape0[contact], static_slot)
@@ -234,11 +239,11 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
 
     @wp.func
     def list_contacts(
-        shapes: ShapeModel,
-        contacts: ContactInput,
-        worlds: WorldWork,
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
         sleep: SleepWork,
-        rows: RowWork,
+        rows: wp.ref[RowWork],
     ) -> int:
         """Lists the contacts of bodies that are awake, disturbs what touches those or what moves;
         returns the sum of the marks of the other contacts."""
@@ -284,9 +289,9 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
 
     @wp.func
     def find_changed_contacts(
-        shapes: ShapeModel,
-        contacts: ContactInput,
-        worlds: WorldWork,
+        shapes: wp.ref[ShapeModel],
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
         sleep: SleepWork,
     ):
         """Disturbs what sleeps and has other contacts than before."""
@@ -307,7 +312,9 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                 disturb(body, worlds, sleep)
 
     @wp.func
-    def move_records(start: int, end: int, side: int, to: int, to_side: int, history: History):
+    def move_records(
+        start: int, end: int, side: int, to: int, to_side: int, history: wp.ref[History]
+    ):
         """Copies records of contacts to a place before or far behind them."""
         for i in range(start, end):
             history.records[to_side, to + i - start] = history.records[side, i]
@@ -315,7 +322,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                 history.torque[to_side, to + i - start] = history.torque[side, i]
 
     @wp.func
-    def close_gaps(sleep: SleepWork, history: History):
+    def close_gaps(sleep: SleepWork, history: wp.ref[History]):
         """Takes those that have woken from the list of sleepers, and their records with them."""
         count = int(0)
         at = history.records.shape[1] / 2
@@ -333,7 +340,9 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         sleep.filled[2] = 0
 
     @wp.func
-    def wake_islands(worlds: WorldWork, sleep: SleepWork, rows: RowWork, history: History):
+    def wake_islands(
+        worlds: wp.ref[WorldWork], sleep: SleepWork, rows: wp.ref[RowWork], history: wp.ref[History]
+    ):
         """Wakes the bodies of islands that are disturbed, with the loads that they slept with, and
         lists the blocks that are awake."""
         for k in range(sleep.filled[0]):
@@ -375,10 +384,10 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         body: int,
         island: int,
         body_q: wp.array[wp.transform],
-        worlds: WorldWork,
+        worlds: wp.ref[WorldWork],
         sleep: SleepWork,
-        rows: RowWork,
-        history: History,
+        rows: wp.ref[RowWork],
+        history: wp.ref[History],
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
@@ -403,7 +412,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         sleep.filled[1] = end
 
     @wp.func
-    def measure_islands(world: int, worlds: WorldWork, sleep: SleepWork):
+    def measure_islands(world: int, worlds: wp.ref[WorldWork], sleep: SleepWork):
         """How many bodies the islands of a world have, and for how long they have been at rest."""
         for block in range(sleep.block_start[world], sleep.block_start[world + 1]):
             i = sleep.blocks[block]
@@ -430,11 +439,11 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         world: int,
         island: int,
         root: int,
-        worlds: WorldWork,
-        seen: WorldWork,
+        worlds: wp.ref[WorldWork],
+        seen: wp.ref[WorldWork],
         sleep: SleepWork,
-        history: History,
-        seen_history: History,
+        history: wp.ref[History],
+        seen_history: wp.ref[History],
     ):
         """What holds for a world holds for its islands."""
         seen.pace[island] = worlds.pace[world]

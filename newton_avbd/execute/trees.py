@@ -52,7 +52,11 @@ FAR = wp.constant(3.0e-2)
 
 @wp.func
 def anchor_arm(
-    model: BodyModel, tree: TreeWork, slot: int, frame: wp.transform, static_slot: int
+    model: wp.ref[BodyModel],
+    tree: wp.ref[TreeWork],
+    slot: int,
+    frame: wp.transform,
+    static_slot: int,
 ) -> wp.vec3:
     """From the COM of a body, moved by its increment, to an anchor on it [m], world axes.
 
@@ -65,13 +69,13 @@ def anchor_arm(
 
 
 @wp.func
-def anchor_rotation(tree: TreeWork, slot: int, frame: wp.transform) -> wp.quat:
+def anchor_rotation(tree: wp.ref[TreeWork], slot: int, frame: wp.transform) -> wp.quat:
     """Rotation of an anchor frame after the increment."""
     return tree.rotation[slot] * wp.transform_get_rotation(frame)
 
 
 @wp.func
-def joint_shift(work: BodyWork, slot: int) -> wp.vec3:
+def joint_shift(work: wp.ref[BodyWork], slot: int) -> wp.vec3:
     """Shift of a body in the step as its joints see it [m]: a kinematic one is where it is put."""
     if work.inv_mass[slot] == 0.0:
         return wp.vec3(0.0)
@@ -85,8 +89,8 @@ def start_span(
     frame_p: wp.transform,
     static_slot: int,
     body_q: wp.array[wp.transform],
-    model: BodyModel,
-    history: History,
+    model: wp.ref[BodyModel],
+    history: wp.ref[History],
 ) -> wp.vec3:
     """From the COM of the parent to that of the body at the start of the step [m].
 
@@ -106,7 +110,7 @@ def start_span(
 
 @wp.func
 def anchor_offset(
-    apart: wp.vec3, work: BodyWork, body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3
+    apart: wp.vec3, work: wp.ref[BodyWork], body: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3
 ) -> wp.vec3:
     """From the parent anchor to the child anchor after the increments [m].
 
@@ -118,7 +122,12 @@ def anchor_offset(
 
 @wp.func
 def carried_misfit(
-    parent: int, arm_p: wp.vec3, shift: wp.vec3, turn: wp.vec3, work: BodyWork, tree: TreeWork
+    parent: int,
+    arm_p: wp.vec3,
+    shift: wp.vec3,
+    turn: wp.vec3,
+    work: wp.ref[BodyWork],
+    tree: wp.ref[TreeWork],
 ) -> wp.spatial_vector:
     """Misfit of a joint that is not new in this step.
 
@@ -131,7 +140,7 @@ def carried_misfit(
 
 
 @wp.func
-def place_body(body: int, work: BodyWork, tree: TreeWork):
+def place_body(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
     """Orientation of a body after its increment, the turn of :func:`begin_turn` first.
 
     The rest is small, where the increment is many radians.
@@ -142,7 +151,11 @@ def place_body(body: int, work: BodyWork, tree: TreeWork):
 
 @wp.func
 def begin_turn(
-    body: int, turn: wp.vec3, body_q: wp.array[wp.transform], work: BodyWork, tree: TreeWork
+    body: int,
+    turn: wp.vec3,
+    body_q: wp.array[wp.transform],
+    work: wp.ref[BodyWork],
+    tree: wp.ref[TreeWork],
 ):
     """Orientation of a body that is to turn as said [rad], whatever the sweeps add to it."""
     tree.turn[body] = turn
@@ -151,21 +164,23 @@ def begin_turn(
 
 
 @wp.func
-def turn_of(body: int, work: BodyWork, tree: TreeWork) -> wp.quat:
+def turn_of(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> wp.quat:
     """Turn of a body in the step."""
     turn = tree.turn[body]
     return exp_quat(wp.spatial_bottom(work.increment[body]) - turn) * exp_quat(turn)
 
 
 @wp.func
-def ball_turn(work: BodyWork, tree: TreeWork, child: int, parent: int, q_p: wp.quat) -> wp.vec3:
+def ball_turn(
+    work: wp.ref[BodyWork], tree: wp.ref[TreeWork], child: int, parent: int, q_p: wp.quat
+) -> wp.vec3:
     """Turn of a ball joint in the step [rad], parent anchor frame."""
     turn = turn_of(child, work, tree) * wp.quat_inverse(turn_of(parent, work, tree))
     return wp.quat_rotate_inv(q_p, rotation_vector(turn))
 
 
 @wp.func
-def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
+def is_linked(joints: wp.ref[JointModel], tree: wp.ref[TreeWork], body: int) -> bool:
     """Whether the tree's joint of the body exists and is enabled."""
     joint = tree.joint[body]
     if joint < 0:
@@ -174,7 +189,7 @@ def is_linked(joints: JointModel, tree: TreeWork, body: int) -> bool:
 
 
 @wp.func
-def has_soft_loops(body: int, loops: LoopWork) -> bool:
+def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
     """Whether a joint acts on the body whose rows converge by a factor, sweep by sweep."""
     for k in range(loops.body_start[body], loops.body_start[body + 1]):
         if loops.is_soft[loops.items[k] / 2]:
@@ -218,7 +233,7 @@ def make_trees(
     linear_force, law_of, next_piece = axes.linear_force, axes.law_of, axes.next_piece
 
     @wp.func
-    def frames_of(joint: int, body: int, joints: JointModel):
+    def frames_of(joint: int, body: int, joints: wp.ref[JointModel]):
         """1, the anchor frame on the body's parent in the tree, and that on the body.
 
         -1 where the tree goes from the joint's child to its parent: the joint then moves the body
@@ -246,11 +261,11 @@ def make_trees(
         body: int,
         static_slot: int,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
     ) -> bool:
         """Misfit of the body's joint at the start of the step.
 
@@ -286,10 +301,10 @@ def make_trees(
     def put_together(
         body: int,
         static_slot: int,
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
     ):
         """Moves the body to where its joint is closed, whatever that takes; parents go first."""
         joint = tree.joint[body]
@@ -313,10 +328,10 @@ def make_trees(
         dof: int,
         known: float,
         static_slot: int,
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
     ) -> float:
         """Coordinate of the body's joint as ``tree`` has it; for a ball its turn in the step.
 
@@ -344,11 +359,11 @@ def make_trees(
     def measure_start(
         body: int,
         scale: WorldScale,
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
     ) -> bool:
         """Coordinates of the body's joint at the start of the step.
 
@@ -390,10 +405,10 @@ def make_trees(
         joint: int,
         static_slot: int,
         body_qd: wp.array[wp.spatial_vector],
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
         joint_qd: wp.array[float],
     ):
         """Velocities of a joint's coordinates by those of its bodies, at their present poses."""
@@ -419,10 +434,10 @@ def make_trees(
     def measure_moved(
         body: int,
         static_slot: int,
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
     ):
         """Coordinates of the body's joint after the increments."""
         joint = tree.joint[body]
@@ -439,14 +454,14 @@ def make_trees(
         recovery: float,
         slop: float,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """Reduces the body's block and wrench by its joint's axes and hands them to the parent.
 
@@ -727,10 +742,10 @@ def make_trees(
     @wp.func
     def substitute(
         body: int,
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
     ) -> int:
         """Moves the body by its share of the tree's minimum.
 
@@ -804,10 +819,10 @@ def make_trees(
         end: int,
         wrong: int,
         has_dual: bool,
-        joints: JointModel,
-        worlds: WorldWork,
-        tree: TreeWork,
-        history: History,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
     ):
         """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
         not led to fewer for a while."""
@@ -841,15 +856,15 @@ def make_trees(
         slop: float,
         h: float,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> float:
         """Moves the bodies of a tree to the minimum of their quadratic model.
 

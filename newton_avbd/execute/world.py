@@ -60,13 +60,13 @@ LONGER = wp.constant(1.5)
 
 
 @wp.func
-def is_tree(first: int, end: int, body: int, tree: TreeWork) -> bool:
+def is_tree(first: int, end: int, body: int, tree: wp.ref[TreeWork]) -> bool:
     """Whether a body belongs to a block with joints, which holds it from ``first`` to ``end``."""
     return end > first + 1 or tree.joint[body] >= 0
 
 
 @wp.func
-def is_same_block(worlds: WorldWork, a: int, b: int) -> bool:
+def is_same_block(worlds: wp.ref[WorldWork], a: int, b: int) -> bool:
     """Whether two bodies move at once."""
     return worlds.block_end[worlds.rank[a]] == worlds.block_end[worlds.rank[b]]
 
@@ -75,7 +75,7 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
     """Device function: whether all bodies and joints of the world came with finite input."""
 
     @wp.func
-    def joint_sum(joint: int, joints: JointModel, control: ControlInput) -> wp.vec3:
+    def joint_sum(joint: int, joints: wp.ref[JointModel], control: wp.ref[ControlInput]) -> wp.vec3:
         """Sums of the numbers that make a joint and drive it: finite when they are."""
         parent = joints.parent_frame[joint]
         child = joints.child_frame[joint]
@@ -105,12 +105,12 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
     @wp.func
     def is_world_finite(
         world: int,
-        joints: JointModel,
-        control: ControlInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
     ) -> bool:
         total = wp.vec3(0.0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -129,7 +129,7 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
 
 
 @wp.func
-def is_solution_finite(world: int, worlds: WorldWork, work: BodyWork) -> bool:
+def is_solution_finite(world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork]) -> bool:
     """Whether the sweeps ended in finite increments."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         if not wp.isfinite(vector_sum(work.increment[worlds.bodies[i]])):
@@ -142,9 +142,9 @@ def hold_world(
     world: int,
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
-    worlds: WorldWork,
-    rows: RowWork,
-    history: History,
+    worlds: wp.ref[WorldWork],
+    rows: wp.ref[RowWork],
+    history: wp.ref[History],
     body_q_out: wp.array[wp.transform],
     body_qd_out: wp.array[wp.spatial_vector],
 ):
@@ -170,7 +170,7 @@ def make_coasting(effects: Effects) -> wp.Function:
 
     @wp.func
     def coasting_increment(
-        work: BodyWork, body_qd: wp.array[wp.spatial_vector], slot: int, h: float
+        work: wp.ref[BodyWork], body_qd: wp.array[wp.spatial_vector], slot: int, h: float
     ) -> wp.spatial_vector:
         """Pose increment of a body that keeps its velocity."""
         if wp.static(effects.bdf2):
@@ -187,7 +187,11 @@ def make_measure_world(effects: Effects) -> wp.Function:
 
     @wp.func
     def measure_world(
-        world: int, h: float, model: BodyModel, worlds: WorldWork, work: BodyWork
+        world: int,
+        h: float,
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
     ) -> WorldScale:
         scale = WorldScale()
         scale.h = h
@@ -242,14 +246,14 @@ def make_gather(
         recovery: float,
         slop: float,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> wp.spatial_vector:
         increment = work.increment[body]
         away = work.target[body] - increment
@@ -357,14 +361,14 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
         recovery: float,
         slop: float,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> float:
         """Returns the square of how far that moved it [m^2], a turn by its radius of gyration."""
         wrench = gather(
@@ -395,7 +399,7 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
     """Device function: the block of a body, by its inertia and the curvature of its rows."""
 
     @wp.func
-    def share_of(row: ContactRow, worlds: WorldWork, rows: RowWork) -> float:
+    def share_of(row: ContactRow, worlds: wp.ref[WorldWork], rows: wp.ref[RowWork]) -> float:
         """What the block of one of its bodies sees of a row's curvature.
 
         The link of a pile is solved for itself. Where both bodies move at once all the same, twice
@@ -416,15 +420,15 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
     def assemble_body(
         body: int,
         h: float,
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """A body's block: its inertia and the curvature of its rows, the same all step long."""
         inv_h2 = 1.0 / (h * h)
@@ -495,11 +499,11 @@ def make_remember(
         side: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        islands: IslandWork,
-        history: History,
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
     ):
         """The last dual update of the rows that a body owns, kept for the next step."""
         h = scale.step
@@ -586,7 +590,9 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
 
     @wp.func
-    def has_no_joints(rank: int, worlds: WorldWork, tree: TreeWork, loops: LoopWork) -> bool:
+    def has_no_joints(
+        rank: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork], loops: wp.ref[LoopWork]
+    ) -> bool:
         """Whether no joint holds the body of this rank."""
         result = bool(True)
         if wp.static(effects.joints):
@@ -596,7 +602,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         return result
 
     @wp.func
-    def is_touched_by(body: int, rows: RowWork, islands: IslandWork) -> bool:
+    def is_touched_by(body: int, rows: wp.ref[RowWork], islands: wp.ref[IslandWork]) -> bool:
         """Whether contacts have pushed a body."""
         if wp.static(not effects.contact):
             return False
@@ -629,7 +635,9 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     put_together = trees.put_together
 
     @wp.func
-    def sweep_body_ramped(body: int, h: float, model: BodyModel, work: BodyWork, rows: RowWork):
+    def sweep_body_ramped(
+        body: int, h: float, model: wp.ref[BodyModel], work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+    ):
         """The seed document's body update: assemble at the current pose, factor, solve."""
         increment = work.increment[body]
         away = work.target[body] - increment
@@ -664,7 +672,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         work.increment[body] = increment + solve_block(factor_block(h_ll, h_al, h_aa), f, tau)
 
     @wp.func
-    def sweep_duals_ramped(body: int, work: BodyWork, rows: RowWork):
+    def sweep_duals_ramped(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
         """The seed document's dual update: the penalties of the rows that a body owns grow."""
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
@@ -682,15 +690,15 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         slop: float,
         h: float,
         body_q: wp.array[wp.transform],
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> float:
         """Visits all blocks; returns the square of how far one of their bodies moved [m^2].
 
@@ -792,11 +800,11 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         joint: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        model: BodyModel,
-        joints: JointModel,
-        work: BodyWork,
-        tree: TreeWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
     ):
         """Velocities of a joint's coordinates at the start of the step.
 
@@ -816,13 +824,13 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         world: int,
         scale: WorldScale,
         body_qd_out: wp.array[wp.spatial_vector],
-        model: BodyModel,
-        joints: JointModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ):
         """By how much coordinates changed faster than the velocities of their bodies say."""
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -871,14 +879,14 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: BodyModel,
-        joints: JointModel,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> bool:
         """Measures the joints at the start of the step; returns whether one is open."""
         h = scale.step
@@ -990,25 +998,25 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     def solve_world(
         world: int,
         # Model:
-        model: BodyModel,
-        shapes: ShapeModel,
-        joints: JointModel,
-        control: ControlInput,
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        contacts: ContactInput,
+        contacts: wp.ref[ContactInput],
         h: float,
         iterations: int,
         tolerance: float,
         # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        islands: IslandWork,
-        history: History,
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
         # State out:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
@@ -1384,23 +1392,23 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     @wp.func
     def solve_worlds(
         thread: int,
-        model: BodyModel,
-        shapes: ShapeModel,
-        joints: JointModel,
-        control: ControlInput,
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        contacts: ContactInput,
+        contacts: wp.ref[ContactInput],
         h: float,
         iterations: int,
         tolerance: float,
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        islands: IslandWork,
-        history: History,
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):

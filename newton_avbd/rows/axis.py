@@ -38,8 +38,8 @@ MOST_RECOVERED = wp.constant(2.0e-2)
 
 @wp.func
 def drive(
-    joints: JointModel,
-    control: ControlInput,
+    joints: wp.ref[JointModel],
+    control: wp.ref[ControlInput],
     dof: int,
     away: float,
     moved: float,
@@ -72,7 +72,7 @@ def drive(
 
 
 @wp.func
-def passive(joints: JointModel, dof: int, away: float, moved: float, h: float):
+def passive(joints: wp.ref[JointModel], dof: int, away: float, moved: float, h: float):
     """Generalized force of the passive spring and damper [N or N m] and its curvature."""
     ke = joints.stiffness[dof]
     kd = joints.damping[dof]
@@ -80,7 +80,7 @@ def passive(joints: JointModel, dof: int, away: float, moved: float, h: float):
 
 
 @wp.func
-def reflected(joints: JointModel, dof: int, start_velocity: float, moved: float, h: float):
+def reflected(joints: wp.ref[JointModel], dof: int, start_velocity: float, moved: float, h: float):
     """Generalized force of the armature's inertia [N or N m] and its curvature."""
     inertia = joints.armature[dof] / (h * h)
     return inertia * (h * start_velocity - moved), inertia
@@ -88,7 +88,12 @@ def reflected(joints: JointModel, dof: int, start_velocity: float, moved: float,
 
 @wp.func
 def away_from(
-    target: wp.array[float], joints: JointModel, joint: int, dof: int, q: float, turn: wp.vec3
+    target: wp.array[float],
+    joints: wp.ref[JointModel],
+    joint: int,
+    dof: int,
+    q: float,
+    turn: wp.vec3,
 ) -> float:
     """How far a coordinate is from one in the layout of the joint coordinates [m or rad].
 
@@ -100,20 +105,20 @@ def away_from(
 
 
 @wp.func
-def most_effort(joints: JointModel, dof: int) -> float:
+def most_effort(joints: wp.ref[JointModel], dof: int) -> float:
     """Most that the drive pushes with [N or N m]."""
     limit = joints.effort_limit[dof]
     return wp.where(limit < NO_LIMIT, limit, wp.inf)
 
 
 @wp.func
-def most_friction(joints: JointModel, joint: int, dof: int) -> float:
+def most_friction(joints: wp.ref[JointModel], joint: int, dof: int) -> float:
     """Most that friction pushes with [N or N m]; a rod has none."""
     return wp.where(joints.type[joint] == ROD, 0.0, joints.friction[dof])
 
 
 @wp.func
-def rod_response(joints: JointModel, dof: int, q: float, moved: float, h: float):
+def rod_response(joints: wp.ref[JointModel], dof: int, q: float, moved: float, h: float):
     """Generalized force of a rod's stretch, shear, bend or twist [N or N m] and its curvature.
 
     Coefficients are the drive's ``target_ke`` and ``target_kd``, as in SolverVBD.
@@ -124,7 +129,7 @@ def rod_response(joints: JointModel, dof: int, q: float, moved: float, h: float)
 
 
 @wp.func
-def soft_limit(joints: JointModel, dof: int, q: float, moved: float, h: float):
+def soft_limit(joints: wp.ref[JointModel], dof: int, q: float, moved: float, h: float):
     """Generalized force of a compliant limit [N or N m] and its curvature."""
     beyond = wp.min(q - joints.limit_lower[dof], 0.0) + wp.max(q - joints.limit_upper[dof], 0.0)
     if beyond == 0.0:
@@ -135,7 +140,7 @@ def soft_limit(joints: JointModel, dof: int, q: float, moved: float, h: float):
 
 
 @wp.func
-def limit_side(joints: JointModel, dof: int, q: float) -> int:
+def limit_side(joints: wp.ref[JointModel], dof: int, q: float) -> int:
     """-1 below the lower limit, 1 above the upper, 0 between."""
     if q < joints.limit_lower[dof]:
         return -1
@@ -143,7 +148,7 @@ def limit_side(joints: JointModel, dof: int, q: float) -> int:
 
 
 @wp.func
-def lower_stop(joints: JointModel, dof: int, start: float, recovery: float) -> float:
+def lower_stop(joints: wp.ref[JointModel], dof: int, start: float, recovery: float) -> float:
     """Where the lower limit stops the coordinate [m or rad].
 
     What was beyond at the start of the step stays, so that it does not enter the velocity; the
@@ -155,7 +160,7 @@ def lower_stop(joints: JointModel, dof: int, start: float, recovery: float) -> f
 
 
 @wp.func
-def upper_stop(joints: JointModel, dof: int, start: float, recovery: float) -> float:
+def upper_stop(joints: wp.ref[JointModel], dof: int, start: float, recovery: float) -> float:
     """As :func:`lower_stop` for the upper limit."""
     limit = joints.limit_upper[dof]
     beyond = wp.max(start - limit, 0.0)
@@ -202,8 +207,8 @@ def make_axis(effects: Effects) -> AxisFunctions:
 
     @wp.func
     def linear_force(
-        joints: JointModel,
-        control: ControlInput,
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         joint: int,
         dof: int,
         q: float,
@@ -239,7 +244,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
         return force, stiffness
 
     @wp.func
-    def stops(joints: JointModel, dof: int, start: float, recovery: float, h: float):
+    def stops(joints: wp.ref[JointModel], dof: int, start: float, recovery: float, h: float):
         """The interval that the coordinate is held in [m or rad]; limits beat velocity limits."""
         lower = float(-wp.inf)
         upper = float(wp.inf)
@@ -257,9 +262,9 @@ def make_axis(effects: Effects) -> AxisFunctions:
 
     @wp.func
     def law_of(
-        joints: JointModel,
-        control: ControlInput,
-        history: History,
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        history: wp.ref[History],
         joint: int,
         dof: int,
         q: float,

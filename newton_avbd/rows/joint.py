@@ -67,14 +67,14 @@ DISTANCE = wp.constant(int(JointType.DISTANCE))
 
 
 @wp.func
-def has_axes(joints: JointModel, joint: int) -> bool:
+def has_axes(joints: wp.ref[JointModel], joint: int) -> bool:
     """Whether the coordinates of a joint are those of its axes."""
     kind = joints.type[joint]
     return kind != BALL and kind != FREE and kind != ROD and kind != DISTANCE
 
 
 @wp.func
-def is_point(joints: JointModel, joint: int) -> bool:
+def is_point(joints: wp.ref[JointModel], joint: int) -> bool:
     """Whether a joint is a distance of 0, which has no direction: a ball holds the same."""
     return joints.type[joint] == DISTANCE and joints.limit_upper[joints.dof_start[joint]] == 0.0
 
@@ -160,7 +160,7 @@ def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
 
 @wp.func
 def ball_away(
-    q: wp.array[float], joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat
+    q: wp.array[float], joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat
 ) -> wp.vec3:
     """Turn that leads a ball joint to joint coordinates ``q`` [rad], parent anchor frame."""
     start = joints.coord_start[joint]
@@ -226,7 +226,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
     linear, angular = kinds.linear, kinds.angular
 
     @wp.func
-    def linear_count(joints: JointModel, joint: int) -> int:
+    def linear_count(joints: wp.ref[JointModel], joint: int) -> int:
         """Free linear axes of a joint."""
         count = int(wp.static(linear[0] if linear else 0))
         if wp.static(len(linear) > 1):
@@ -234,7 +234,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return count
 
     @wp.func
-    def angular_count(joints: JointModel, joint: int) -> int:
+    def angular_count(joints: wp.ref[JointModel], joint: int) -> int:
         """Free angular axes of a joint."""
         count = int(wp.static(angular[0] if angular else 0))
         if wp.static(len(angular) > 1):
@@ -242,12 +242,14 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return count
 
     @wp.func
-    def linear_axis(joints: JointModel, joint: int, dof: int, q_p: wp.quat) -> wp.vec3:
+    def linear_axis(joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat) -> wp.vec3:
         """Free linear axis, world frame; ``q_p`` is the rotation of the parent anchor."""
         return wp.quat_rotate(q_p, joints.axis[joints.dof_start[joint] + dof])
 
     @wp.func
-    def linear_misfit(joints: JointModel, joint: int, q_p: wp.quat, offset: wp.vec3) -> wp.vec3:
+    def linear_misfit(
+        joints: wp.ref[JointModel], joint: int, q_p: wp.quat, offset: wp.vec3
+    ) -> wp.vec3:
         """Part [m] of the offset between the anchors that the joint locks."""
         free = linear_count(joints, joint)
         if wp.static(0 in linear):
@@ -269,7 +271,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return wp.vec3(0.0)
 
     @wp.func
-    def linear_lock(joints: JointModel, joint: int, q_p: wp.quat) -> wp.mat33:
+    def linear_lock(joints: wp.ref[JointModel], joint: int, q_p: wp.quat) -> wp.mat33:
         """Projection of a shift to what the joint locks."""
         return wp.matrix_from_cols(
             linear_misfit(joints, joint, q_p, wp.vec3(1.0, 0.0, 0.0)),
@@ -278,7 +280,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         )
 
     @wp.func
-    def euler_axes(joints: JointModel, joint: int):
+    def euler_axes(joints: wp.ref[JointModel], joint: int):
         """The three axes of a joint with two or three angular axes, in the parent anchor frame.
 
         With two, the locked rotation is the middle one, as in Newton.
@@ -291,7 +293,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return a0, a1, joints.axis[first + 2]
 
     @wp.func
-    def euler_middle(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat):
+    def euler_middle(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat):
         """Middle Euler angle [rad] of a joint with two or three angular axes, and its axis."""
         a0, a1, a2 = euler_axes(joints, joint)
         first = wp.quat_rotate(q_p, a0)
@@ -310,7 +312,9 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return wp.asin(wp.clamp(sine, -1.0, 1.0)), middle
 
     @wp.func
-    def angular_misfit(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+    def angular_misfit(
+        joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat
+    ) -> wp.vec3:
         """Turn [rad] of the child against the parent that the joint locks, world frame."""
         free = angular_count(joints, joint)
         if wp.static(0 in angular):
@@ -327,7 +331,9 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return wp.vec3(0.0)
 
     @wp.func
-    def angular_lock(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.mat33:
+    def angular_lock(
+        joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat
+    ) -> wp.mat33:
         """Projection of a turn to what the joint locks."""
         free = angular_count(joints, joint)
         if wp.static(0 in angular):
@@ -347,7 +353,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func
     def angular_axis(
-        joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
+        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
     ) -> wp.vec3:
         """World frame's axis of angular coordinate ``dof``, counted from the first angular one."""
         if wp.static(kinds.balls):
@@ -366,7 +372,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return wp.quat_rotate(q_p, axis)
 
     @wp.func
-    def rod_turn(joints: JointModel, joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+    def rod_turn(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
         """Bends and twist of a rod beyond those at rest [rad]."""
         start = joints.coord_start[joint] + 3
         rest = wp.quat(
@@ -380,7 +386,9 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return out
 
     @wp.func
-    def angle(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> float:
+    def angle(
+        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
+    ) -> float:
         """Coordinate of angular axis ``dof`` of a joint that is no ball, in (-pi, pi] [rad]."""
         if wp.static(kinds.rods):
             if joints.type[joint] == ROD:
@@ -402,7 +410,9 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return wrapped(2.0 * half)
 
     @wp.func
-    def axis_of(joints: JointModel, joint: int, dof: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+    def axis_of(
+        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
+    ) -> wp.vec3:
         """World axis of a degree of freedom, linear or angular."""
         linear = linear_count(joints, joint)
         if dof < linear:
@@ -411,7 +421,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func
     def coordinate(
-        joints: JointModel,
+        joints: wp.ref[JointModel],
         joint: int,
         dof: int,
         q_p: wp.quat,
@@ -434,7 +444,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func
     def velocity(
-        joints: JointModel,
+        joints: wp.ref[JointModel],
         joint: int,
         dof: int,
         q_p: wp.quat,
