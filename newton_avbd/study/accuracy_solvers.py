@@ -78,10 +78,10 @@ def _effort(setting: Setting) -> tuple[float, int]:
     return setting.substeps * (setting.iterations or 1), setting.substeps
 
 
-SUBSTEPS = (1, 2, 3, 4, 6, 8, 12, 16, 32, 64)
-QUICK_SUBSTEPS = (1, 4, 16, 64, 256)
+SUBSTEPS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+ITERATIONS = (2, 3, 5, 10, 20, 40)
+QUICK_SUBSTEPS, QUICK_ITERATIONS = (1, 4, 16, 64, 256), (None, 2, 10, 40)
 """Those of a quick run."""
-ITERATIONS = (2, 5, 10, 20, 40)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,8 @@ class MeasuredSolver:
         if quick:
             first = chosen[0]
             substeps = tuple(n for n in first.substeps if n in QUICK_SUBSTEPS)
-            chosen = (Sweep(substeps, first.iterations[::2], schemes=first.schemes),)
+            iterations = tuple(n for n in first.iterations if n in QUICK_ITERATIONS)
+            chosen = (Sweep(substeps, iterations, schemes=first.schemes),)
         found = {setting: None for sweep in chosen for setting in sweep.settings()}
         return sorted(found, key=_effort)
 
@@ -190,7 +191,7 @@ MEASURED: dict[str, MeasuredSolver] = {
     "avbd": MeasuredSolver(
         "SolverAVBD",
         _avbd,
-        smooth=(Sweep((*SUBSTEPS, 128, 256), (10, 2), schemes=AVBD_SCHEMES),),
+        smooth=(Sweep((*SUBSTEPS, 128, 256), (10, 2, 40), schemes=AVBD_SCHEMES),),
         contact=(
             Sweep(SUBSTEPS, ITERATIONS, schemes=AVBD_SCHEMES),
             Sweep(SUBSTEPS, (40,), (1e-4, 1e-5, 1e-6), AVBD_SCHEMES),
