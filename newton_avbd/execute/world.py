@@ -1311,7 +1311,11 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 if wp.static(not effects.compliance):
                     if sweeps > 0 and deepest > scale.slop:
                         passes = 1
-                if is_open or update > unsettled * unsettled:
+                is_unsettled = update > unsettled * unsettled
+                if is_unsettled:
+                    # what that leaves open in trees is put together below
+                    passes = 1
+                if is_open or (is_unsettled and wp.static(effects.loops)):
                     passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
                 recovery = contact_rows.RECOVERY
                 sweep = 0
