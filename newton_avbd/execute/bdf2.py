@@ -50,6 +50,8 @@ g h^2: what a smooth force changes in a step is about that. Likewise the share o
 weight by which an external force jumps."""
 LIMIT_JOLT = wp.constant(1.0e-5)
 """How far beyond a limit a coordinate that goes on is about to meet it [m or rad]."""
+ROUNDING = wp.constant(1.0e-6)
+"""Share of a move that the rounding of float32 velocities may make up."""
 MOST_TURN = wp.constant(1.0)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing."""
 
@@ -77,6 +79,13 @@ def begin_bodies(
         work.coasting[body] = work.increment[body]
         if work.inv_mass[body] > 0.0:
             work.coasting[body] = h * body_qd[body]
+
+
+@wp.func
+def beyond_rounding(change: wp.vec3, move: wp.vec3) -> wp.vec3:
+    """A change of a move, or zero where the rounding of velocities may have made it."""
+    least = ROUNDING * wp.length(move)
+    return wp.where(wp.length_sq(change) > least * least, change, wp.vec3(0.0))
 
 
 @wp.func
@@ -303,7 +312,14 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         work.lead[body] = ahead
         work.coasting[body] = coasting
         work.target[body] = target
-        work.increment[body] = coasting + history.falling[body] * (target - coasting)
+        # what pushed it at the end of the last step goes on to
+        pushed = last.acceleration
+        if wp.static(effects.gyroscopic):
+            spun = world_inertia(rotation, model.inv_inertia[body]) * last.torque
+            pushed = wp.spatial_vector(wp.spatial_top(pushed), spun)
+        pushed_shift = beyond_rounding((step * step) * wp.spatial_top(pushed), dx)
+        pushed_turn = beyond_rounding((step * step) * wp.spatial_bottom(pushed), dtheta)
+        work.increment[body] = target + wp.spatial_vector(pushed_shift, pushed_turn)
 
     @wp.func
     def lead_rows(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):

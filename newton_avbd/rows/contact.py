@@ -30,6 +30,8 @@ RELEASE_RATIO = wp.constant(0.15)
 hold back a body that is about to leave or slide."""
 LINK_RELEASE_RATIO = wp.constant(0.1)
 """Likewise of the penalty that a link of a pile has for what is behind it."""
+STRUCK = wp.constant(0.5)
+"""Closing to expect that is an impact, as a share of g h^2."""
 RECOVERY = wp.constant(0.5)
 """Share of the penetration beyond the slop that a step removes."""
 
@@ -171,11 +173,32 @@ def slides(row: ContactRow, k_t: float, u: wp.vec3, f_n: float) -> bool:
 
 
 @wp.func
-def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3, scale: WorldScale):
+def slides_on(row: ContactRow, k_t: float, u: wp.vec3, scale: WorldScale) -> bool:
+    """Whether the slip u [m] to expect is no impact, and more than takes the row from one side of
+    its cone at the load that it carries to the other."""
+    n = row.normal
+    f_n = wp.dot(n, row.force)
+    u_n = wp.dot(n, u)
+    if f_n <= 0.0 or u_n + wp.max(row.gap, 0.0) < -STRUCK * scale.gravity * scale.h * scale.h:
+        return False
+    return k_t * wp.length(u - n * u_n) > 2.0 * row.mu * f_n
+
+
+@wp.func
+def penalise(
+    row: ContactRow,
+    mass: float,
+    load: float,
+    held: float,
+    u: wp.vec3,
+    expected: wp.vec3,
+    scale: WorldScale,
+):
     """The row with its penalties for this step.
 
     The row is classified once a step, by the motion that the bodies would have without it: the
-    curvature of rows that are about to open, or to slide, would only hold the bodies back.
+    curvature of rows that are about to open, or to slide, would only hold the bodies back. One that
+    slides already, under its load, is told by the motion to expect.
 
     Args:
         row: The row, with its multiplier warm-started.
@@ -183,6 +206,7 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
         load: Mass that the row carried in the last step [kg].
         held: Mass that the row has to hold at once [kg], as the link of a pile.
         u: Slip that the bodies would have without constraints [m].
+        expected: Slip by the first guess of their motion [m].
         scale: The world's scale.
     """
     out = row
@@ -197,7 +221,7 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
         k = wp.max(RELEASE_RATIO * least, LINK_RELEASE_RATIO * k)
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
-    if f_n > 0.0 and slides(row, out.k_t, u, f_n):
+    if f_n > 0.0 and (slides(row, out.k_t, u, f_n) or slides_on(row, out.k_t, expected, scale)):
         out.k_t = RELEASE_RATIO * out.k_t
     return out
 
