@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Schemes of second order with what acts along joints: drives, springs, friction, limits."""
+
+from collections.abc import Callable
+from typing import Any
+
+import newton
+import numpy as np
+import pytest
+from helpers import NO_GRAVITY, G
+from joint_scenes import (
+    WORLD,
+    add_link,
+    coordinates,
+    set_coordinates,
+    simulate,
+    transform,
+)
+from scipy.integrate import solve_ivp
+from test_bdf2 import STEPS, assert_second_order, both
+
+HINGE = (0.0, 1.0, 0.0)
+INERTIA = (0.2, 0.3, 0.4)
+"""Of the links here [kg m^2]; they weigh 1 kg."""
+ARM = 0.4
+"""From a hinge to the center of mass of a link that hangs from it [m]."""
+
+
+def hinged(arm: float = ARM, q: float = 0.0, qd: float = 0.0, **axis: Any) -> newton.ModelBuilder:
+    """A link on a hinge along y, at ``arm`` [m] along +x where the angle is zero."""
+    builder = newton.ModelBuilder()
+    link = add_link(builder, inertia=INERTIA)
+    joint = builder.add_joint_revolute(
+        WORLD, link, child_xform=transform((-arm, 0.0, 0.0)), axis=HINGE, **axis
+    )
+    builder.add_articulation([joint])
+    set_coordinates(builder, joint, [q], [qd])
+    return builder
+
+
+def angle(builder: newton.ModelBuilder, seconds: float, dt: float, scheme: str) -> float:
+    """First joint coordinate after a while [rad]."""
+    sim = simulate(builder, dt=dt, scheme=scheme)
+    sim.run(seconds)
+    return float(coordinates(sim)[0][0])
+
+
+def integrated(
+    acceleration: Callable[[float, float], float], q: float, qd: float, seconds: float
+) -> float:
+    """Coordinate after a while by DOP853, from its acceleration by coordinate and velocity."""
+
+    def rate(_: float, y: np.ndarray) -> list[float]:
+        return [y[1], acceleration(y[0], y[1])]
+
+    found = solve_ivp(rate, (0.0, seconds), [q, qd], method="DOP853", rtol=1e-11, atol=1e-12)
+    return float(found.y[0, -1])
+
+
+@both
+@pytest.mark.parametrize("law", ["drive", "spring", "armature", "all"])
+def test_a_pendulum_with_forces_along_its_hinge(law: str, scheme: str) -> None:
+    """(I + m l^2 + armature) q'' = m g l cos q + ke (target - q) - kd qd - k q - c qd, 1 s."""
+    ke, kd = (30.0, 0.4) if law in ("drive", "all") else (0.0, 0.0)
+    k, c = (20.0, 0.3) if law in ("spring", "all") else (0.0, 0.0)
+    armature = 0.3 if law in ("armature", "all") else 0.0
+    target = 0.2
+    inertia = INERTIA[1] + ARM**2 + armature
+
+    def acceleration(q: float, qd: float) -> float:
+        torque = G * ARM * np.cos(q) + ke * (target - q) - (kd + c) * qd - k * q
+        return torque / inertia
+
+    belongs = integrated(acceleration, -0.3, 0.5, 1.0)
+
+    def error(dt: float) -> float:
+        builder = hinged(
+            q=-0.3,
+            qd=0.5,
+            target_ke=ke,
+            target_kd=kd,
+            target_pos=target,
+            stiffness=k,
+            damping=c,
+            armature=armature,
+            actuator_mode=newton.JointTargetMode.POSITION,
+        )
+        return abs(angle(builder, 1.0, dt, scheme) - belongs)
+
+    assert_second_order(error, least=3.0)
+
+
+@both
+def test_a_stiff_drive_holds_and_does_not_ring(scheme: str) -> None:
+    """Ten times as stiff as a step of 1/60 s resolves: from 0.5 rad it comes to its target."""
+    ke = 100.0 * INERTIA[1] * 60.0**2
+    builder = hinged(arm=0.0, q=0.5, target_ke=ke, target_kd=0.0)
+    builder.gravity = NO_GRAVITY
+    sim = simulate(builder, dt=1.0 / 60.0, scheme=scheme)
+    start = sim.energy + 0.5 * ke * 0.5**2
+    for _ in range(120):
+        sim.step()
+        q = float(coordinates(sim)[0][0])
+        assert sim.energy + 0.5 * ke * q**2 < 1.01 * start
+    assert abs(q) < 1.0e-3
+
+
+@both
+def test_friction_stops_a_hinge_where_it_belongs(scheme: str) -> None:
+    """v t - a t^2 / 2 with order two, v^2 / (2 a) where it stops, and there it stays."""
+    speed, friction = 3.0, 0.6
+    brake = friction / INERTIA[1]
+    stop = speed**2 / (2.0 * brake)
+
+    def scene() -> newton.ModelBuilder:
+        builder = hinged(arm=0.0, qd=speed, friction=friction)
+        builder.gravity = NO_GRAVITY
+        return builder
+
+    belongs = speed - 0.5 * brake
+    assert_second_order(lambda dt: abs(angle(scene(), 1.0, dt, scheme) - belongs))
+    for dt in STEPS:
+        sim = simulate(scene(), dt=dt, scheme=scheme)
+        sim.run(2.0)
+        q = coordinates(sim)[0][0]
+        assert q == pytest.approx(stop, abs=brake * dt**2)
+        sim.run(1.0)
+        assert coordinates(sim)[0][0] == pytest.approx(q, abs=1.0e-6)
+        assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+@both
+def test_a_limit_gives_no_energy_back(scheme: str) -> None:
+    """In no gravity at 3 rad/s: after a limit it stands there; until then it keeps its speed."""
+    for dt in STEPS:
+        builder = hinged(arm=0.0, qd=3.0, limit_lower=-1.0, limit_upper=0.7)
+        builder.gravity = NO_GRAVITY
+        sim = simulate(builder, dt=dt, scheme=scheme)
+        energies = []
+        for _ in range(round(0.5 / dt)):
+            sim.step()
+            energies.append(sim.energy)
+        assert np.diff(energies).max() < 1.0e-5 * energies[0]
+        assert coordinates(sim)[0][0] == pytest.approx(0.7, abs=1.0e-4)
+        assert np.abs(sim.velocity).max() < 1.0e-3
+
+
+@both
+def test_a_pendulum_between_limits_only_loses_energy(scheme: str) -> None:
+    """It falls from one limit to the other and leans there; a swing gains at most 1e-3 of it."""
+    for dt in STEPS:
+        builder = hinged(q=-0.5, qd=-2.0, limit_lower=-0.8, limit_upper=0.9)
+        sim = simulate(builder, dt=dt, scheme=scheme)
+        start = highest = sim.energy
+        lowest = highest
+        for _ in range(round(2.0 / dt)):
+            sim.step()
+            highest = max(highest, sim.energy)
+            lowest = min(lowest, sim.energy)
+        assert highest - start < 1.0e-3 * (start - lowest)
+        assert coordinates(sim)[0][0] == pytest.approx(0.9, abs=1.0e-4)
+        assert np.abs(sim.velocity).max() < 1.0e-3
