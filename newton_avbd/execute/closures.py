@@ -4,7 +4,7 @@
 
 What they are is here, how they are eliminated in :mod:`..blocks.closure`.
 
-*What closing costs.* A taut net that is open by a hundredth of a millimeter hangs by a millimeter too
+*What closing costs.* A taut net that is open by a hundredth of a millimeter hangs a millimeter too
 low. Recovery closes it and leaves velocities alone, which lifts it, and all that lies on it, for
 nothing. So the motion pays. Where the recovery of an island moves it by d and that lifts it by the
 work U, its velocity becomes v + b d/h with the smallest b for which the kinetic energy falls by U,
