@@ -438,6 +438,9 @@ class ClosureWork:
     gram: wp.array[float]
     """How far a row is moved by the multipliers of those that are eliminated after it, up to the
     last that it meets; on the diagonal, after elimination, the inverse of the pivot."""
+    price: wp.array[wp.vec4]
+    """By body slot, at the first body of an island: what recovery costs, in the terms of
+    :func:`.execute.closures.make_closures`, and whether the motion is to pay for it."""
 
 
 @wp.struct

@@ -1269,6 +1269,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             work.direction = wp.zeros(len(top), dtype=wp.vec3)
             work.whole = wp.zeros(len(top), dtype=float)
             work.least = wp.zeros(len(top), dtype=float)
+            work.price = wp.zeros(len(nodes) - len(blocks), dtype=wp.vec4)
             work.held = wp.zeros(len(top), dtype=float)
             work.multiplier = wp.zeros(len(top), dtype=float)
             work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)

@@ -625,7 +625,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     sweep_piles = piles.sweep_piles
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
-    begin_closures = closures.begin_closures
+    begin_closures, pay_recovery = closures.begin_closures, closures.pay_recovery
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     measure_misfit = trees.measure_misfit
     measure_start = trees.measure_start
@@ -1184,6 +1184,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             unsettled = scale.slop
         recovery = float(0.0)
         sweep = int(0)
+        is_closing = bool(False)
         has_islands = bool(False)
         rounds = int(wp.static(1 if effects.ramp else 2))
         # Two rounds of sweeps, the motion and the recovery, by one call: it is most of the code.
@@ -1316,6 +1317,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                     # what that leaves open in trees is put together below
                     passes = 1
                 if is_open or (is_unsettled and wp.static(effects.loops)):
+                    is_closing = True
                     passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
                 recovery = contact_rows.RECOVERY
                 sweep = 0
@@ -1333,6 +1335,9 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                     body = worlds.bodies[i]
                     if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                         put_together(body, scale.static_slot, model, joints, work, tree)
+        if wp.static(effects.closures):
+            if is_closing and history.age[world] == COLD_STEPS:
+                pay_recovery(world, step, model, worlds, work, tree, islands, body_qd_out)
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 history.loop_force[i] = loops.kept_force[i]
