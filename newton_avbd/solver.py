@@ -392,7 +392,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._launch(
                 enable_joints,
                 self.model.joint_count,
-                [self.model.joint_enabled, self._history, self._joints.enabled],
+                [self.model.joint_enabled, self._history.broken, self._joints.enabled],
             )
         seen = self._see_worlds()
         if effects.sleeping:
@@ -409,8 +409,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 control,
                 dt,
                 self._worlds,
-                self._history,
-                self._tree,
+                self._history.falling,
+                self._tree.joint,
                 self._work,
             ],
             self._predictors if self._world_count > 1 else None,
