@@ -3,7 +3,7 @@
 """newton-avbd: a rigid-body solver for Newton by Augmented Vertex Block Descent."""
 
 from .effects import Effect, Effects, SceneEffects
-from .report import Report
-from .solver import SolverAVBD, Status
+from .report import Report, Status
+from .solver import SolverAVBD
 
 __all__ = ["Effect", "Effects", "Report", "SceneEffects", "SolverAVBD", "Status"]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""What the last step cost each world, and how far it got."""
+"""What the last step cost each world and how far it got, and what happened since a reset."""
 
 from dataclasses import dataclass
 
@@ -52,3 +52,32 @@ class Report:
             rest = np.setdiff1d(np.arange(count), listed)
             lines.append(f"{rest.size} more, at most {int(self.sweeps[rest].max())} sweeps each")
         return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Status:
+    """What happened in a solver since its construction or the last reset; read on request."""
+
+    held_steps: np.ndarray
+    """How often a world, or a body that touches nothing, was held still because its state, or what
+    acts on it, was not finite; by Newton world, where worlds are solved apart."""
+    repaired_poses: np.ndarray
+    """How often a body came with a quaternion that was not of unit length, and was normalised; by
+    world as above."""
+    sweeps: np.ndarray
+    """Sweeps of the last step with contacts, by world as above."""
+    update: np.ndarray
+    """How far the last of these still moved a body [m], a turn by its radius of gyration."""
+    broken_joints: np.ndarray
+    """Joints that broke."""
+    sleeping_bodies: int
+    """Bodies that sleep."""
+    contact_overflow: int
+    """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
+    colors: int
+    """Colors of the bodies in the last step, where they are solved color by color; else 0."""
+    clashes: int
+    """Bodies that found no color in it, and so moved one after the other."""
+    dropped_contacts: int
+    """Contacts of all steps that were left out because they made no sense: numbers that are not
+    finite, shapes that do not exist, or bodies of different worlds."""

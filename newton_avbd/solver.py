@@ -15,8 +15,7 @@ import warp as wp
 from newton import ModelFlags, StateFlags
 from newton.solvers import SolverBase
 
-from . import data
-from .algebra.block import BlockFactor
+from . import buffers, data, views
 from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
 from .checks import check_array, check_model, report_ignored
 from .coupling import RigidCoupling
@@ -31,7 +30,6 @@ from .execute.observables import (
     export_contact_force,
     make_export_parent_force,
 )
-from .execute.piles import OUTSIDE
 from .execute.sleeping import (
     AWAKE,
     STILL,
@@ -46,46 +44,16 @@ from .execute.workers import Workers
 from .execute.world import SETTLED, make_solve
 from .large import LARGE, LargeWorlds, obstacles
 from .memory import bytes_by_effect, members
-from .report import Report
+from .report import Report, Status
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings, register_scene_settings
 from .topology import Topology, mimics
 
-_SIDES = 2
 _BOUND = ("body_", "joint_", "shape_material_", "shape_body", "gravity")
 """How the arrays of a model begin that the kernels read."""
 _CONTACT_ARRAYS = ("shape0", "shape1", "point0", "point1", "normal", "margin0", "margin1")
 _EXTRA_CONTACT_ARRAYS = ("surface_velocity", "stiffness", "damping", "friction", "match_index")
 """Some buffers have these."""
-
-
-@dataclass(frozen=True)
-class Status:
-    """What happened in a solver since its construction or the last reset; read on request."""
-
-    held_steps: np.ndarray
-    """How often a world, or a body that touches nothing, was held still because its state, or what
-    acts on it, was not finite; by Newton world, where worlds are solved apart."""
-    repaired_poses: np.ndarray
-    """How often a body came with a quaternion that was not of unit length, and was normalised; by
-    world as above."""
-    sweeps: np.ndarray
-    """Sweeps of the last step with contacts, by world as above."""
-    update: np.ndarray
-    """How far the last of these still moved a body [m], a turn by its radius of gyration."""
-    broken_joints: np.ndarray
-    """Joints that broke."""
-    sleeping_bodies: int
-    """Bodies that sleep."""
-    contact_overflow: int
-    """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
-    colors: int
-    """Colors of the bodies in the last step, where they are solved color by color; else 0."""
-    clashes: int
-    """Bodies that found no color in it, and so moved one after the other."""
-    dropped_contacts: int
-    """Contacts of all steps that were left out because they made no sense: numbers that are not
-    finite, shapes that do not exist, or bodies of different worlds."""
 
 
 class SolverAVBD(SolverBase, RigidCoupling):
@@ -392,7 +360,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._launch(
                 enable_joints,
                 self.model.joint_count,
-                [self.model.joint_enabled, self._history, self._joints.enabled],
+                [self.model.joint_enabled, self._history.broken, self._joints.enabled],
             )
         seen = self._see_worlds()
         if effects.sleeping:
@@ -409,8 +377,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 control,
                 dt,
                 self._worlds,
-                self._history,
-                self._tree,
+                self._history.falling,
+                self._tree.joint,
                 self._work,
             ],
             self._predictors if self._world_count > 1 else None,
@@ -846,40 +814,11 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._no_mask = wp.empty(0, dtype=wp.bool)
             self._free_dof = wp.array(free_dof, dtype=wp.int32)
             self._pushing = wp.array(pushing_joints(model), dtype=wp.int32)
-            self._work = data.BodyWork()
-            self._work.com = wp.zeros(slots, dtype=wp.vec3)
-            self._work.inv_mass = wp.zeros(slots, dtype=float)
-            self._work.inertia = wp.zeros(slots, dtype=wp.mat33)
-            self._work.inv_inertia = wp.zeros(slots, dtype=wp.mat33)
-            self._work.target = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._work.increment = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._work.momentum = wp.zeros(slots, dtype=wp.vec3)
-            self._work.spin_momentum = wp.zeros(slots, dtype=wp.vec3)
-            self._work.finite = wp.zeros(slots, dtype=wp.int32)
-            self._work.pose = wp.zeros(slots, dtype=wp.transform)
-            self._work.factor = wp.zeros(slots, dtype=BlockFactor)
-            self._islands = data.IslandWork()
-            self._islands.parent = wp.zeros(slots, dtype=wp.int32)
-            self._islands.fixed = wp.zeros(slots, dtype=wp.int32)
-            self._islands.sum = wp.zeros(slots, dtype=data.IslandSum)
-            self._rows = data.RowWork()
-            self._rows.owned_start = wp.zeros(slots, dtype=wp.int32)
-            self._rows.owned_end = wp.zeros(slots, dtype=wp.int32)
-            self._rows.other_start = wp.zeros(slots, dtype=wp.int32)
-            self._rows.other_end = wp.zeros(slots, dtype=wp.int32)
-            self._history = data.History()
-            self._history.start = wp.zeros((_SIDES, slots), dtype=wp.int32)
-            self._history.end = wp.zeros((_SIDES, slots), dtype=wp.int32)
+            self._work = buffers.body_work(slots, self._bdf2)
+            self._islands = buffers.island_work(slots)
+            self._rows = buffers.row_work(slots)
+            self._history = buffers.history(model, self._bdf2)
             self._rest_angle = wp.array(self._initial_angles(), dtype=float)
-            self._history.falling = wp.zeros(slots, dtype=float)
-            if self._bdf2:
-                self._work.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
-                self._work.lead = wp.zeros(slots, dtype=wp.spatial_vector)
-                self._work.coasting = wp.zeros(slots, dtype=wp.spatial_vector)
-                self._history.last = wp.zeros(slots, dtype=data.LastStep)
-                self._history.pushing = wp.zeros(slots, dtype=wp.int32)
-                self._history.coordinate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
-                self._history.rate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
 
     def _initial_angles(self) -> np.ndarray:
         """Coordinate of each joint axis in the model, with its turns, shape (joint_dof_count,)."""
@@ -902,57 +841,16 @@ class SolverAVBD(SolverBase, RigidCoupling):
             for name, array in vars(model).items()
             if name.startswith(_BOUND) and isinstance(array, wp.array)
         }
-        self._bodies = data.BodyModel()
-        self._bodies.mass = model.body_mass
-        self._bodies.inertia = model.body_inertia
-        self._bodies.inv_mass = model.body_inv_mass
-        self._bodies.inv_inertia = model.body_inv_inertia
-        self._bodies.com = model.body_com
-        self._bodies.flags = model.body_flags
-        self._bodies.world = model.body_world
-        self._bodies.gravity = model.gravity
-        self._bodies.free_dof = self._free_dof
-        self._joints = data.JointModel()
+        self._bodies = views.body_model(model, self._free_dof)
+        self._joints = views.joint_model(model)
+        self._shapes = views.shape_model(model)
+        if model.constraint_mimic_count:
+            if not self.device.is_capturing:
+                _, coefficients = mimics(model)
+                self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
+            self._joints.mimic_coefficients = self._mimics
         if model.joint_count:
-            self._joints.type = model.joint_type
-            self._joints.parent = model.joint_parent
-            self._joints.child = model.joint_child
-            self._joints.parent_frame = model.joint_X_p
-            self._joints.child_frame = model.joint_X_c
-            self._joints.enabled = model.joint_enabled
-            self._joints.axis = model.joint_axis
-            self._joints.dof_start = model.joint_qd_start
-            self._joints.dof_dim = model.joint_dof_dim
-            self._joints.coord_start = model.joint_q_start
-            self._joints.target_mode = model.joint_target_mode
-            self._joints.target_ke = model.joint_target_ke
-            self._joints.target_kd = model.joint_target_kd
-            self._joints.limit_lower = model.joint_limit_lower
-            self._joints.limit_upper = model.joint_limit_upper
-            self._joints.limit_ke = model.joint_limit_ke
-            self._joints.limit_kd = model.joint_limit_kd
-            self._joints.rest_q = model.joint_rest_q
-            self._joints.mimic_coefficients = model.joint_mimic_coeffs
-            if model.constraint_mimic_count:
-                if not self.device.is_capturing:
-                    _, coefficients = mimics(model)
-                    self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
-                self._joints.mimic_coefficients = self._mimics
-            self._joints.damping = model.joint_damping
-            self._joints.stiffness = model.joint_stiffness
-            self._joints.armature = model.joint_armature
-            self._joints.friction = model.joint_friction
-            self._joints.effort_limit = model.joint_effort_limit
-            self._joints.velocity_limit = model.joint_velocity_limit
             self._bind_break_limits()
-        self._shapes = data.ShapeModel()
-        self._shapes.body = model.shape_body
-        self._shapes.mu = model.shape_material_mu
-        self._shapes.mu_torsional = model.shape_material_mu_torsional
-        self._shapes.mu_rolling = model.shape_material_mu_rolling
-        self._shapes.restitution = model.shape_material_restitution
-        self._shapes.ke = model.shape_material_ke
-        self._shapes.kd = model.shape_material_kd
 
     def _bind_break_limits(self) -> None:
         """Joints that can break are enabled by an array of the solver's own."""
@@ -1078,202 +976,37 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._allocate_sleep()
 
     def _allocate_piles(self) -> None:
-        """Buffers for the piles of free bodies, by body slot."""
-        if not self._flags.piles:
-            return
-        piles = data.PileWork()
-        slots = self.model.body_count + 1
-        with wp.ScopedDevice(self.device):
-            # the static world, in the last slot, is in no pile
-            piles.parent = wp.full(slots, value=OUTSIDE, dtype=wp.int32)
-            piles.order = wp.zeros(slots, dtype=wp.int32)
+        """Buffers for the piles of free bodies."""
+        if self._flags.piles:
+            slots = self.model.body_count + 1
             count = slots if self._sleeping else self._world_count
-            piles.end = wp.zeros(count, dtype=wp.int32)
-            piles.level = wp.zeros(slots, dtype=wp.int32)
-            piles.supports = wp.zeros(slots, dtype=wp.int32)
-            piles.mass = wp.zeros(slots, dtype=float)
-            piles.whole = wp.zeros(slots, dtype=float)
-            piles.held = wp.zeros(slots, dtype=float)
-            for block in ("ll", "al", "aa", "link_ll", "link_al", "link_aa"):
-                setattr(piles, block, wp.zeros(slots, dtype=wp.mat33))
-            piles.push = wp.zeros(slots, dtype=wp.spatial_vector)
-            piles.update = wp.zeros(slots, dtype=wp.spatial_vector)
-        self._rows.piles = piles
+            with wp.ScopedDevice(self.device):
+                self._rows.piles = buffers.pile_work(slots, count)
 
     def _allocate_trees(self, topology: Topology) -> None:
-        """Buffers for the trees of joints, by body slot."""
+        """Buffers for the trees of joints."""
         self._tree = data.TreeWork()
-        if not self._flags.joints:
-            return
-        count = self.model.body_count
-        slots = count + 1
-        parent = np.full(slots, count)
-        parent[:-1] = np.where(topology.parent < 0, count, topology.parent)
-        rotation = np.zeros((slots, 4), dtype=np.float32)
-        rotation[:, 3] = 1.0
-        with wp.ScopedDevice(self.device):
-            self._tree.joint = wp.array(np.append(topology.joint, -1), dtype=wp.int32)
-            self._tree.parent = wp.array(parent, dtype=wp.int32)
-            self._tree.axis_start = wp.array(topology.axis_start, dtype=wp.int32)
-            self._tree.axes = wp.zeros(int(topology.axis_start[-1]), dtype=data.TreeAxis)
-            self._tree.coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
-            self._tree.start_coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
-            self._tree.laws = wp.zeros(int(topology.axis_start[-1]), dtype=data.AxisLaw)
-            self._tree.fewest = wp.zeros(slots, dtype=wp.int32)
-            self._tree.patience = wp.zeros(slots, dtype=wp.int32)
-            self._tree.start_velocity = wp.zeros(self.model.joint_dof_count, dtype=float)
-            self._tree.rotation = wp.array(rotation, dtype=wp.quat)
-            self._tree.turn = wp.zeros(slots, dtype=wp.vec3)
-            self._tree.turned = wp.array(rotation, dtype=wp.quat)
-            self._tree.apart = wp.zeros(slots, dtype=wp.vec3)
-            self._tree.misfit = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._tree.is_left = wp.zeros(slots, dtype=wp.bool)
-            self._tree.rounding = wp.zeros(slots, dtype=float)
-            self._tree.span = wp.zeros(slots, dtype=wp.vec3)
-            self._tree.closing = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._tree.update = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._tree.is_touched = wp.zeros(slots, dtype=wp.bool)
-            self._tree.own_ll = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.own_al = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.own_aa = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.h_ll = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.h_al = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.h_aa = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.is_fast = wp.zeros(slots, dtype=wp.bool)
-            self._tree.n_ll = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.n_al = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.n_aa = wp.zeros(slots, dtype=wp.mat33)
-            self._tree.push = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._tree.load = wp.zeros(slots, dtype=wp.spatial_vector)
-        if self._history.joint_force is None:
-            self._allocate_joint_history()
-
-    def _allocate_joint_history(self) -> None:
-        """Buffers for what is remembered of joints, by body slot and by degree of freedom."""
-        slots, dofs = self.model.body_count + 1, self.model.joint_dof_count
-        with wp.ScopedDevice(self.device):
-            self._history.joint_force = wp.zeros(slots, dtype=wp.vec3)
-            self._history.placed = wp.zeros(slots, dtype=wp.vec3)
-            self._history.lost = wp.zeros(slots, dtype=wp.vec3)
-            self._history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
-            self._history.joint_angle = wp.clone(self._rest_angle)
-            self._history.piece = wp.zeros(dofs, dtype=wp.vec3i)
-            self._history.velocity_lag = wp.zeros(dofs, dtype=float)
-            self._history.held_at = wp.zeros(dofs, dtype=float)
-            self._history.limit_force = wp.zeros(dofs, dtype=float)
-            self._history.friction_force = wp.zeros(dofs, dtype=float)
+        if self._flags.joints:
+            with wp.ScopedDevice(self.device):
+                self._tree = buffers.tree_work(self.model, topology)
+                if self._history.joint_force is None:
+                    buffers.add_joint_history(self._history, self.model, self._rest_angle)
 
     def _allocate_loops(self, topology: Topology, groups: np.ndarray) -> None:
         """Buffers for the joints outside of trees."""
         self._loops = data.LoopWork()
-        if not self._flags.loops:
-            return
-        model = self.model
-        slots = model.body_count + 1
-        child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
-        joints = topology.loops[np.argsort(groups[child[topology.loops]], kind="stable")]
-        world_start = np.searchsorted(groups[child[joints]], np.arange(self._world_count + 1))
-        sides: list[list[int]] = [[] for _ in range(slots)]
-        for i, joint in enumerate(joints):
-            sides[child[joint]].append(2 * i)
-            if parent[joint] >= 0:
-                sides[parent[joint]].append(2 * i + 1)
-        with wp.ScopedDevice(self.device):
-            self._loops.world_start = wp.array(world_start, dtype=wp.int32)
-            self._loops.joints = wp.array(joints, dtype=wp.int32)
-            exact = np.isin(joints, [closure.joint for closure in topology.closures])
-            self._loops.is_exact = wp.array(exact, dtype=wp.bool)
-            self._loops.is_soft = wp.zeros(joints.size, dtype=wp.bool)
-            self._loops.body_start = wp.array(np.cumsum([0, *map(len, sides)]), dtype=wp.int32)
-            self._loops.items = wp.array(
-                np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
-            )
-            self._loops.apart = wp.zeros(joints.size, dtype=wp.vec3)
-            self._loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
-            self._loops.kept_force = wp.zeros(joints.size, dtype=wp.vec3)
-            self._loops.kept_torque = wp.zeros(joints.size, dtype=wp.vec3)
-            self._loops.reach = wp.zeros(joints.size, dtype=float)
-            self._loops.turn_reach = wp.zeros(joints.size, dtype=float)
-            self._loops.k_l = wp.zeros(joints.size, dtype=float)
-            self._loops.k_a = wp.zeros(joints.size, dtype=float)
-            self._loops.coordinate = wp.zeros(model.joint_dof_count, dtype=float)
-            self._loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=float)
-            self._history.loop_force = wp.zeros(joints.size, dtype=wp.vec3)
-            self._history.loop_torque = wp.zeros(joints.size, dtype=wp.vec3)
+        if self._flags.loops:
+            with wp.ScopedDevice(self.device):
+                self._loops = buffers.loop_work(self.model, topology, groups)
+                self._history.loop_force = wp.zeros(topology.loops.size, dtype=wp.vec3)
+                self._history.loop_torque = wp.zeros(topology.loops.size, dtype=wp.vec3)
 
     def _allocate_closures(self, topology: Topology) -> None:
-        """Buffers for the equations that are solved with trees, block by block."""
-        if not self._flags.closures:
-            return
-        work = self._tree.closures
-        joints = self._loops.joints.numpy().tolist() if self._flags.loops else []
-        loop_of = {joint: loop for loop, joint in enumerate(joints)}
-        body_of = {int(joint): body for body, joint in enumerate(topology.joint)}
-        slots, rank = topology.order.size + 1, topology.rank
-        block_of = np.full(topology.order.size, -1)
-        blocks: list[data.ClosureBlock] = []
-        closures: list[data.Closure] = []
-        nodes = [data.ClosureNode() for _ in range(slots)]
-        passing: list[list[int]] = [[] for _ in range(slots)]
-        top: list[int] = []
-        for item in topology.closures:
-            first = int(np.searchsorted(topology.block_end, topology.block_end[rank[item.body]]))
-            if block_of[first] < 0:
-                block_of[first] = len(blocks)
-                block = data.ClosureBlock()
-                block.first, block.ground = len(closures), len(nodes)
-                blocks.append(block)
-                nodes.append(data.ClosureNode())
-                passing.append([])
-            closure = data.Closure()
-            closure.loop = loop_of[item.joint] if item.leader < 0 else -1
-            closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
-            if item.leader >= 0:
-                closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]
-            at = block.ground if item.top < 0 else item.top
-            node = nodes[at]
-            if node.end == 0:
-                node.first, node.row = len(closures), closure.row
-            closures.append(closure)
-            top.extend([at] * item.rows)
-            block.end = node.end = len(closures)
-            node.row_end = len(top)
-            for side, way in enumerate(item.ways):
-                for body in way:
-                    passing[body].extend(range(2 * closure.row + side, 2 * len(top), 2))
-        starts = np.cumsum([0, *map(len, passing)])
-        for node, start, stop in zip(nodes, starts[:-1], starts[1:], strict=True):
-            node.start, node.stop = start, stop
-        for closure in closures:
-            if closure.loop < 0:
-                place = [
-                    starts[body] + [item // 2 for item in passing[body]].index(closure.row)
-                    for body in (closure.body, closure.leader_body)
-                ]
-                closure.place, closure.leader_place = place
-        last = [max([nodes[at].row_end - 1, *(i // 2 for i in passing[at][-1:])]) for at in top]
-        gram = np.cumsum([0, *(np.array(last, dtype=int) - np.arange(len(top)) + 1)])
-        for block in blocks:
-            end = closures[block.end - 1]
-            block.gram = gram[closures[block.first].row]
-            block.gram_end = gram[end.row + end.rows]
-        with wp.ScopedDevice(self.device):
-            work.block_of = wp.array(block_of, dtype=wp.int32)
-            work.blocks = wp.array(blocks, dtype=data.ClosureBlock)
-            work.closures = wp.array(closures, dtype=data.Closure)
-            work.nodes = wp.array(nodes, dtype=data.ClosureNode)
-            work.items = wp.array(np.concatenate(passing), dtype=wp.int32)
-            work.met = wp.zeros(int(starts[-1]), dtype=wp.spatial_vector)
-            work.way = wp.zeros(2 * len(top), dtype=wp.spatial_vector)
-            work.misfit = wp.zeros(len(top), dtype=float)
-            work.direction = wp.zeros(len(top), dtype=wp.vec3)
-            work.whole = wp.zeros(len(top), dtype=float)
-            work.least = wp.zeros(len(top), dtype=float)
-            work.price = wp.zeros(len(nodes) - len(blocks), dtype=wp.vec4)
-            work.held = wp.zeros(len(top), dtype=float)
-            work.multiplier = wp.zeros(len(top), dtype=float)
-            work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
-            work.gram = wp.zeros(int(gram[-1]), dtype=float)
+        """Buffers for the equations that are solved with trees."""
+        if self._flags.closures:
+            joints = self._loops.joints.numpy().tolist() if self._flags.loops else []
+            with wp.ScopedDevice(self.device):
+                buffers.add_closures(self._tree.closures, topology, joints)
 
     def _allocate_sleep(self) -> None:
         """Buffers for what sleeps; all bodies are awake afterwards."""
@@ -1285,77 +1018,19 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._retired.append((self._seen_worlds, self._seen_history))
         model, topology = self.model, self._topology
         assert topology is not None
-        slots, worlds = model.body_count + 1, self._world_count
-        tied = topology.tied(model)
-        sleep = data.SleepWork()
+        slots, capacity = model.body_count + 1, self._capacity
         with wp.ScopedDevice(self.device):
-            self._worlds.island = wp.array(
-                np.append(np.full(slots - 1, AWAKE), STILL), dtype=wp.int32
-            )
-            self._worlds.pace = wp.zeros(worlds, dtype=float)
-            sleep.tied = wp.array(np.append(tied, slots - 1), dtype=wp.int32)
-            for name in ("still", "quiet"):
-                setattr(sleep, name, wp.zeros(slots, dtype=float))
-            for name in ("woken", "met", "contacts", "end", "size", "place"):
-                setattr(sleep, name, wp.zeros(slots, dtype=wp.int32))
-            # the first step lists what is awake
-            sleep.stirred = wp.ones(1, dtype=wp.int32)
-            sleep.marks = wp.zeros(1, dtype=wp.int32)
-            sleep.blocks = wp.zeros(slots, dtype=wp.int32)
-            sleep.block_start = wp.zeros(worlds + 1, dtype=wp.int32)
-            self._rows.awake = wp.zeros(self._capacity, dtype=wp.int32)
+            island = np.append(np.full(slots - 1, AWAKE), STILL)
+            self._worlds.island = wp.array(island, dtype=wp.int32)
+            self._worlds.pace = wp.zeros(self._world_count, dtype=float)
+            self._rows.awake = wp.zeros(capacity, dtype=wp.int32)
             self._rows.awake_count = wp.zeros(1, dtype=wp.int32)
-            sleep.start = wp.full(slots, value=-1, dtype=wp.int32)
-            sleep.order = wp.zeros(slots - 1, dtype=wp.int32)
-            sleep.filled = wp.array([0, self._capacity, 0], dtype=wp.int32)
-            sleep.pose = wp.zeros(slots, dtype=wp.transform)
-            sleep.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
-            sleep.islands.parent = wp.zeros(slots, dtype=wp.int32)
-            sleep.islands.fixed = wp.zeros(slots, dtype=wp.int32)
-            sleep.gravity = wp.clone(model.gravity)
-            if self._flags.joints:
-                sleep.joint_f = wp.zeros(model.joint_dof_count, dtype=float)
-                sleep.target_qd = wp.zeros(model.joint_dof_count, dtype=float)
-                sleep.target_q = wp.zeros(model.joint_coord_count, dtype=float)
-            if self._flags.loops:
-                child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
-                holders = np.full(worlds, -1)
-                for joint in topology.loops:
-                    pair = [b for b in (child[joint], parent[joint]) if b >= 0]
-                    holders[topology.worlds[pair[0]]] = next(
-                        b for b in pair if model.body_inv_mass.numpy()[b] > 0.0
-                    )
-                sleep.loop_body = wp.array(holders, dtype=wp.int32)
-                sleep.loop_start = self._loops.world_start
-                sleep.seen_loop_start = wp.zeros(slots, dtype=wp.int32)
-            if self._flags.closures:
-                sleep.block_of = self._tree.closures.block_of
-                sleep.seen_block_of = wp.zeros(slots, dtype=wp.int32)
-        self._sleep = sleep
-        self._allocate_seen()
-
-    def _allocate_seen(self) -> None:
-        """What the solve sees in the place of what is by world, and of positions."""
-        slots = self.model.body_count + 1
-        self._seen_worlds = worlds = data.WorldWork()
-        self._seen_history = history = data.History()
-        with wp.ScopedDevice(self.device):
-            for name in ("body_start", "bodies", "sweeps"):
-                setattr(worlds, name, wp.zeros(slots, dtype=wp.int32))
-            # a body that is not listed makes no block
-            worlds.block_end = wp.full(slots, value=-1, dtype=wp.int32)
-            worlds.rank = wp.full(slots, value=slots - 1, dtype=wp.int32)
-            worlds.island_start = wp.zeros(self._world_count + 1, dtype=wp.int32)
-            # a thread of the CPU that finds nothing to do costs more than a body that sleeps
-            worlds.threads = self.model.body_count if self.device.is_cuda else 1
-            for name in ("update", "pace", "step"):
-                setattr(worlds, name, wp.zeros(slots, dtype=float))
-            if self._bdf2:
-                history.slope_age = wp.zeros(slots, dtype=float)
-            for name in ("parity", "age", "smooth"):
-                setattr(history, name, wp.zeros(slots, dtype=wp.int32))
-            history.filling = wp.zeros((slots, 2), dtype=wp.int32)
-            history.step = wp.zeros(slots, dtype=float)
+            self._sleep = buffers.sleep_work(
+                model, topology, self._flags, capacity, self._loops, self._tree
+            )
+            self._seen_worlds, self._seen_history = buffers.seen_work(
+                slots, self._world_count, self._bdf2
+            )
         self._forget_launches()
 
     def _forget_launches(self) -> None:
@@ -1404,8 +1079,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
             # what sleeps keeps its records beyond those of the rows
             room = 2 * capacity if self._sleeping else capacity
-            self._history.records = wp.empty((_SIDES, room), dtype=data.ContactRecord)
-            self._history.row_of_contact = wp.empty((_SIDES, capacity), dtype=wp.int32)
+            self._history.records = wp.empty((buffers.SIDES, room), dtype=data.ContactRecord)
+            self._history.row_of_contact = wp.empty((buffers.SIDES, capacity), dtype=wp.int32)
         self._allocate_large_contacts()
         self._allocate_contact_effects()
         self._allocate_sleep()
@@ -1438,7 +1113,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 if is_wanted and (old is None or old.shape[-1] < room):
                     # graphs that were captured before go on using the old array
                     self._retired.append((old,))
-                    shape = [_SIDES, room] if of_history else [room]
+                    shape = [buffers.SIDES, room] if of_history else [room]
                     setattr(owner, name, wp.zeros(shape, dtype=dtype))
             if effects.restitution and rows.struck_qd is None:
                 rows.struck_qd = wp.zeros(self.model.body_count + 1, dtype=wp.spatial_vector)
@@ -1474,27 +1149,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 count = contacts.rigid_contact_max
                 check_array(f"contacts.rigid_contact_{name}", array, count, self.device)
         self._buffer_count += 1
-        source = data.ContactInput()
-        source.buffer = self._buffer_count
-        source.capacity = contacts.rigid_contact_max
-        source.count = contacts.rigid_contact_count
-        source.shape0 = contacts.rigid_contact_shape0
-        source.shape1 = contacts.rigid_contact_shape1
-        source.point0 = contacts.rigid_contact_point0
-        source.point1 = contacts.rigid_contact_point1
-        source.normal = contacts.rigid_contact_normal
-        source.margin0 = contacts.rigid_contact_margin0
-        source.margin1 = contacts.rigid_contact_margin1
-        source.generation = contacts.contact_generation
-        if surfaces is not None:
-            source.surface_velocity = surfaces
-        if contacts.rigid_contact_friction is not None:
-            source.stiffness = contacts.rigid_contact_stiffness
-            source.damping = contacts.rigid_contact_damping
-            source.friction = contacts.rigid_contact_friction
-        if contacts.rigid_contact_match_index is not None:
-            source.match_index = contacts.rigid_contact_match_index
-            source.match_generation = contacts.rigid_contact_match_generation
+        source = views.contact_input(contacts, self._buffer_count, surfaces)
         self._inputs[contacts] = source
         return source
 

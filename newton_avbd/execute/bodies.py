@@ -20,10 +20,8 @@ from ..data import (
     BodyModel,
     BodyWork,
     ControlInput,
-    History,
     JointModel,
     RowWork,
-    TreeWork,
     WorldWork,
 )
 from ..effects import Effects
@@ -217,7 +215,10 @@ def report_freed(
 
 @functools.cache
 def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
-    """Kernel, a thread for a body or some: all that the sweeps need of one, once a step."""
+    """Kernel, a thread for a body or some: all that the sweeps need of one, once a step.
+
+    Two arrays are passed without the structs that they lie in: Warp compiles code for each struct.
+    """
     external_wrench = make_wrench(effects)
     a, read = passing.annotate, passing.read
 
@@ -233,8 +234,8 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         control: wp.ref[ControlInput],
         h: float,
         worlds: wp.ref[WorldWork],
-        history: wp.ref[History],
-        tree: wp.ref[TreeWork],
+        falling: wp.array[float],
+        tree_joint: wp.array[wp.int32],
         # Work out:
         work: wp.ref[BodyWork],
     ):
@@ -264,7 +265,7 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             dtheta = h * w
             work.momentum[body] = momentum
             if wp.static(effects.tilting):
-                is_fast = tree.joint[body] >= 0 and wp.length_sq(dtheta) > FAST * FAST
+                is_fast = tree_joint[body] >= 0 and wp.length_sq(dtheta) > FAST * FAST
                 work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
             work.inertia[body] = world_inertia(rotation, model.inertia[body])
             if wp.static(effects.contact or effects.loops or effects.reaction):
@@ -282,7 +283,7 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         # Start from the share of its free acceleration that the body had in the last step (VBD,
         # section 3.7): a resting body starts at rest, a falling one at its target.
         coasting = h * velocity
-        work.increment[body] = coasting + history.falling[body] * (target - coasting)
+        work.increment[body] = coasting + falling[body] * (target - coasting)
 
     @wp.func
     def predict_bodies(
@@ -294,8 +295,8 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         control: wp.ref[ControlInput],
         h: float,
         worlds: wp.ref[WorldWork],
-        history: wp.ref[History],
-        tree: wp.ref[TreeWork],
+        falling: wp.array[float],
+        tree_joint: wp.array[wp.int32],
         work: wp.ref[BodyWork],
     ):
         each = wp.static(passing.bodies_per_thread)
@@ -304,7 +305,17 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 if worlds.island[body] >= 0:
                     continue
             predict_body(
-                body, model, body_q, body_qd, body_f, control, h, worlds, history, tree, work
+                body,
+                model,
+                body_q,
+                body_qd,
+                body_f,
+                control,
+                h,
+                worlds,
+                falling,
+                tree_joint,
+                work,
             )
 
     @wp.kernel(**KERNEL)
@@ -319,8 +330,8 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         control: ControlInput,
         h: float,
         worlds: a(WorldWork),
-        history: a(History),
-        tree: a(TreeWork),
+        falling: wp.array[float],
+        tree_joint: wp.array[wp.int32],
         # Work out:
         work: a(BodyWork),
     ):
@@ -334,8 +345,8 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             control,
             h,
             read(worlds),
-            read(history),
-            read(tree),
+            falling,
+            tree_joint,
             read(work),
         )
         restore_denormals(mode)

@@ -27,13 +27,13 @@ def enable_joints(
     # Model:
     enabled: wp.array[wp.bool],
     # In:
-    history: History,
+    broken: wp.array[wp.bool],
     # Out:
     is_whole: wp.array[wp.bool],
 ):
     """Which joints hold in the step: enabled and not broken; one thread a joint."""
     joint = wp.tid()
-    is_whole[joint] = enabled[joint] and not history.broken[joint]
+    is_whole[joint] = enabled[joint] and not broken[joint]
 
 
 @wp.func

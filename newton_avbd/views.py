@@ -1,0 +1,102 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What the kernels see of the model and of contact buffers: their arrays, without a copy."""
+
+from typing import Any
+
+import newton
+import warp as wp
+
+from . import data
+
+
+def body_model(model: newton.Model, free_dof: wp.array) -> Any:
+    """Bodies; ``free_dof`` is the first degree of freedom of each one's FREE joint, -1 without."""
+    bodies = data.BodyModel()
+    bodies.mass = model.body_mass
+    bodies.inertia = model.body_inertia
+    bodies.inv_mass = model.body_inv_mass
+    bodies.inv_inertia = model.body_inv_inertia
+    bodies.com = model.body_com
+    bodies.flags = model.body_flags
+    bodies.world = model.body_world
+    bodies.gravity = model.gravity
+    bodies.free_dof = free_dof
+    return bodies
+
+
+def joint_model(model: newton.Model) -> Any:
+    """Joints."""
+    joints = data.JointModel()
+    if model.joint_count:
+        joints.type = model.joint_type
+        joints.parent = model.joint_parent
+        joints.child = model.joint_child
+        joints.parent_frame = model.joint_X_p
+        joints.child_frame = model.joint_X_c
+        joints.enabled = model.joint_enabled
+        joints.axis = model.joint_axis
+        joints.dof_start = model.joint_qd_start
+        joints.dof_dim = model.joint_dof_dim
+        joints.coord_start = model.joint_q_start
+        joints.target_mode = model.joint_target_mode
+        joints.target_ke = model.joint_target_ke
+        joints.target_kd = model.joint_target_kd
+        joints.limit_lower = model.joint_limit_lower
+        joints.limit_upper = model.joint_limit_upper
+        joints.limit_ke = model.joint_limit_ke
+        joints.limit_kd = model.joint_limit_kd
+        joints.rest_q = model.joint_rest_q
+        joints.mimic_coefficients = model.joint_mimic_coeffs
+        joints.damping = model.joint_damping
+        joints.stiffness = model.joint_stiffness
+        joints.armature = model.joint_armature
+        joints.friction = model.joint_friction
+        joints.effort_limit = model.joint_effort_limit
+        joints.velocity_limit = model.joint_velocity_limit
+    return joints
+
+
+def shape_model(model: newton.Model) -> Any:
+    """Shapes and their materials."""
+    shapes = data.ShapeModel()
+    shapes.body = model.shape_body
+    shapes.mu = model.shape_material_mu
+    shapes.mu_torsional = model.shape_material_mu_torsional
+    shapes.mu_rolling = model.shape_material_mu_rolling
+    shapes.restitution = model.shape_material_restitution
+    shapes.ke = model.shape_material_ke
+    shapes.kd = model.shape_material_kd
+    return shapes
+
+
+def contact_input(contacts: newton.Contacts, buffer: int, surfaces: wp.array | None) -> Any:
+    """A contact buffer.
+
+    Args:
+        contacts: The buffer.
+        buffer: A number by which to tell it from others.
+        surfaces: Velocities of the surfaces [m/s], shape (rigid_contact_max,); None for none.
+    """
+    source = data.ContactInput()
+    source.buffer = buffer
+    source.capacity = contacts.rigid_contact_max
+    source.count = contacts.rigid_contact_count
+    source.shape0 = contacts.rigid_contact_shape0
+    source.shape1 = contacts.rigid_contact_shape1
+    source.point0 = contacts.rigid_contact_point0
+    source.point1 = contacts.rigid_contact_point1
+    source.normal = contacts.rigid_contact_normal
+    source.margin0 = contacts.rigid_contact_margin0
+    source.margin1 = contacts.rigid_contact_margin1
+    source.generation = contacts.contact_generation
+    if surfaces is not None:
+        source.surface_velocity = surfaces
+    if contacts.rigid_contact_friction is not None:
+        source.stiffness = contacts.rigid_contact_stiffness
+        source.damping = contacts.rigid_contact_damping
+        source.friction = contacts.rigid_contact_friction
+    if contacts.rigid_contact_match_index is not None:
+        source.match_index = contacts.rigid_contact_match_index
+        source.match_generation = contacts.rigid_contact_match_generation
+    return source
