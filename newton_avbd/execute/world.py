@@ -371,6 +371,80 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
     return sweep
 
 
+def make_sweep_block(
+    effects: Effects, sweep_body: wp.Function, sweep_tree: wp.Function
+) -> wp.Function:
+    """Device function that moves one block: a tree, or a body that something holds."""
+
+    @wp.func
+    def sweep_block(
+        first: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> float:
+        """Returns the square of how far one of its bodies moved [m^2]."""
+        body = worlds.bodies[first]
+        if wp.static(effects.joints):
+            end = worlds.block_end[first]
+            if is_tree(first, end, body, tree):
+                return sweep_tree(
+                    first,
+                    end,
+                    has_dual,
+                    recovery,
+                    slop,
+                    h,
+                    body_q,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+        is_held = bool(False)
+        if wp.static(effects.contact):
+            is_held = has_rows(rows, body)
+        if wp.static(effects.loops):
+            is_held = is_held or has_loops(loops, body)
+        if wp.static(effects.piles):
+            is_held = is_held and not in_pile(rows, body)
+        if work.inv_mass[body] > 0.0 and is_held:
+            return sweep_body(
+                body,
+                has_dual,
+                recovery,
+                slop,
+                h,
+                model,
+                joints,
+                control,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+        return 0.0
+
+    return sweep_block
+
+
 def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
     """Device function: the block of a body, by its inertia and the curvature of its rows."""
 
@@ -574,7 +648,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
-    sweep_tree = trees.sweep_tree
+    sweep_block = make_sweep_block(effects, sweep_body, trees.sweep_tree)
     put_together = trees.put_together
     begin = make_begin(effects, trees, loop_functions, closures.begin_closures, assemble_body)
     measure_blocks = begin.measure_blocks
@@ -659,63 +733,32 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         farthest = float(0.0)
         first = int(worlds.body_start[world])
         while first < worlds.body_start[world + 1]:
-            body = worlds.bodies[first]
-            end = worlds.block_end[first]
-            if wp.static(effects.joints):
-                if is_tree(first, end, body, tree):
-                    farthest = wp.max(
-                        farthest,
-                        sweep_tree(
-                            first,
-                            end,
-                            has_dual,
-                            recovery,
-                            slop,
-                            h,
-                            body_q,
-                            model,
-                            joints,
-                            control,
-                            worlds,
-                            work,
-                            rows,
-                            tree,
-                            loops,
-                            history,
-                        ),
-                    )
-                    first = end
-                    continue
-            is_held = bool(False)
-            if wp.static(effects.contact):
-                is_held = has_rows(rows, body)
-            if wp.static(effects.loops):
-                is_held = is_held or has_loops(loops, body)
-            if wp.static(effects.piles):
-                is_held = is_held and not in_pile(rows, body)
-            if work.inv_mass[body] > 0.0 and is_held:
-                if wp.static(effects.ramp):
+            if wp.static(effects.ramp):
+                body = worlds.bodies[first]
+                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
                     sweep_body_ramped(body, h, model, work, rows)
-                else:
-                    farthest = wp.max(
-                        farthest,
-                        sweep_body(
-                            body,
-                            has_dual,
-                            recovery,
-                            slop,
-                            h,
-                            model,
-                            joints,
-                            control,
-                            work,
-                            rows,
-                            tree,
-                            loops,
-                            history,
-                        ),
-                    )
-            first = end
+            else:
+                farthest = wp.max(
+                    farthest,
+                    sweep_block(
+                        first,
+                        has_dual,
+                        recovery,
+                        slop,
+                        h,
+                        body_q,
+                        model,
+                        joints,
+                        control,
+                        worlds,
+                        work,
+                        rows,
+                        tree,
+                        loops,
+                        history,
+                    ),
+                )
+            first = worlds.block_end[first]
         if wp.static(effects.piles):
             farthest = wp.max(
                 farthest,
