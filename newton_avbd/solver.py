@@ -1066,15 +1066,17 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
         self._retired.append((self._large,))
         self._large, self._colors = None, None
-        if is_large:
-            self._large = LargeWorlds(self._worlds, self.iterations, self.device)
-            self._colors = self._large.colors
-        if self._capacity:
-            self._allocate_large_contacts()
         self._allocate_piles()
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
+        if is_large:
+            self._large = LargeWorlds(
+                self._worlds, self._loops, topology, self.iterations, self.device
+            )
+            self._colors = self._large.colors
+        if self._capacity:
+            self._allocate_large_contacts()
         self._allocate_sleep()
 
     def _allocate_piles(self) -> None:
@@ -1516,7 +1518,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""
         if contacts is None:
-            return self._flags_apart
+            # kernels of a large world are many, and find no contacts in no time
+            return self._flags_apart if self._large is None else self._flags
         # large worlds find contacts again by their anchors
         matching = contacts.rigid_contact_match_index is not None and self._large is None
         surfaces = contacts.rigid_contact_surface_velocity is not None

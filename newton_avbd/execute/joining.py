@@ -9,8 +9,7 @@ island is its first body in whatever order the threads come.
 
 import warp as wp
 
-from ..data import BodyModel, BodyWork, ColorWork, IslandSum, IslandWork, RowWork, WorldWork
-from .bodies import has_rows
+from ..data import BodyModel, BodyWork, ColorWork, IslandSum, IslandWork, WorldWork
 from .coloring import sort_part
 from .islands import keep_momentum, keep_spin
 
@@ -49,7 +48,6 @@ def join_at_once(
 def find_roots(
     # Work:
     work: BodyWork,
-    rows: RowWork,
     # Work out:
     islands: IslandWork,
     colors: ColorWork,
@@ -57,7 +55,7 @@ def find_roots(
     """Names the root of each body's island, marks it where one is fixed; one thread a body."""
     body = wp.tid()
     colors.count[body] = 0
-    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+    if work.inv_mass[body] > 0.0:
         root = root_of(islands, body)
         islands.parent[body] = root
         if islands.fixed[body] == 1:
@@ -68,14 +66,13 @@ def find_roots(
 def count_members(
     # Work:
     work: BodyWork,
-    rows: RowWork,
     islands: IslandWork,
     # Work out:
     colors: ColorWork,
 ):
     """How many bodies each island has that pushes nothing fixed; one thread a body."""
     body = wp.tid()
-    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+    if work.inv_mass[body] > 0.0:
         root = islands.parent[body]
         if islands.fixed[root] == 0:
             wp.atomic_add(colors.count, root, 1)
@@ -85,7 +82,6 @@ def count_members(
 def list_members(
     # Work:
     work: BodyWork,
-    rows: RowWork,
     islands: IslandWork,
     # Work out:
     worlds: WorldWork,
@@ -93,7 +89,7 @@ def list_members(
 ):
     """Lists the bodies of these islands, in no order; one thread a body."""
     body = wp.tid()
-    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+    if work.inv_mass[body] > 0.0:
         root = islands.parent[body]
         if islands.fixed[root] == 0:
             left = wp.atomic_add(colors.count, root, -1)
