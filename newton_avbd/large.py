@@ -276,7 +276,7 @@ class LargeWorlds:
             [joints, body_qd, worlds, work, rows, tree, loops, islands, colors, history],
         )
         if effects.pairs:
-            launch(joining.find_roots, bodies, [work, islands, colors])
+            launch(joining.find_roots, bodies, [worlds, work, islands, colors])
             launch(joining.count_members, bodies, [work, islands, colors])
             self._scan(launch, colors.count, bodies, self._islands.body_start)
             launch(joining.list_members, bodies, [work, islands, self._islands, colors])

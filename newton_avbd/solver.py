@@ -80,9 +80,9 @@ class Status:
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
     colors: int
-    """Colors of the bodies in the last step, where they are solved color by color; else 0."""
+    """Colors of the blocks in the last step, where they are solved color by color; else 0."""
     clashes: int
-    """Bodies that found no color in it, and so moved one after the other."""
+    """Blocks that found no color in it, and so moved one after the other."""
     dropped_contacts: int
     """Contacts of all steps that were left out because they made no sense: numbers that are not
     finite, shapes that do not exist, or bodies of different worlds."""
@@ -177,9 +177,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or
-                ``"bodies"``, all bodies of a color at once, for large worlds of free bodies in
-                contact; each body is then a block of its own. None, the default, takes bodies on
-                a GPU where a world has at least 256 and nothing else.
+                ``"bodies"``, all blocks of a color at once, for large worlds; a block is then a
+                free body or an articulation. None, the default, takes bodies on a GPU where a world
+                has at least 256, no restitution and no joints that break, and neither ``sleeping``
+                nor a ``scheme`` of second order is asked for.
             sleeping: Islands, what contacts and joints link, are not solved any more once all their
                 bodies have been at rest for half a second, until something touches or drives them
                 or their state, forces or gravity change; see :attr:`status`. Each is solved for
@@ -1007,8 +1008,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         found = obstacles(flags)
         if found and self._parallel == "bodies":
             raise NotImplementedError(
-                f"parallel='bodies' solves free bodies in contact; this model has "
-                f"{' and '.join(found)}. Leave parallel out."
+                f"parallel='bodies' solves bodies and joints color by color, without "
+                f"{' and '.join(found)}, which this model has. Leave parallel out."
             )
         return not found
 

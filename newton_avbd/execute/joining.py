@@ -47,18 +47,22 @@ def join_at_once(
 @wp.kernel(enable_backward=False)
 def find_roots(
     # Work:
+    worlds: WorldWork,
     work: BodyWork,
     # Work out:
     islands: IslandWork,
     colors: ColorWork,
 ):
-    """Names the root of each body's island, marks it where one is fixed; one thread a body."""
+    """Names the root of each body's island, marks it where one is fixed; one thread a body.
+
+    A world that is held has no island that is to move.
+    """
     body = wp.tid()
     colors.count[body] = 0
     if work.inv_mass[body] > 0.0:
         root = root_of(islands, body)
         islands.parent[body] = root
-        if islands.fixed[body] == 1:
+        if islands.fixed[body] == 1 or colors.is_finite[worlds.of_body[body]] == 0:
             islands.fixed[root] = 1
 
 
