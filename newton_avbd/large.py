@@ -80,7 +80,7 @@ class LargeWorlds:
         self._loop_count = 0
         if loops.joints is not None:
             self._loop_count = loops.joints.shape[0]
-            is_jointed[block[:-1][np.diff(loops.body_start.numpy()) > 0]] = 1
+            is_jointed[block[:-1][np.diff(loops.body_start.numpy())[:-1] > 0]] = 1
         # as worlds: lanes of bodies, the same in the order of the colors, and islands
         self._worlds, self._turns = _copy(worlds), _copy(worlds)
         self._islands, self._loops_by_lane = data.WorldWork(), _copy(loops)

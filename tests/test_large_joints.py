@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from contract import record, snapshot, worlds
-from helpers import Simulation, add_box, add_ground
+from helpers import Simulation, add_box, add_ground, add_mass
 from joint_scenes import WORLD, add_link, anchor_gaps, transform
 
 from newton_avbd.__main__ import main
@@ -189,7 +189,7 @@ def mechanisms() -> newton.ModelBuilder:
     builder.add_articulation(fingers)
     builder.set_joint_mimic(fingers[2], fingers[1], coeffs=(0.0, 0.5))
 
-    ball, other = (add_link(builder, xform=transform((4.0 + d, 0.0, 3.0))) for d in (0.0, 0.5))
+    ball, other = (add_mass(builder, position=(4.0 + d, 0.0, 3.0)) for d in (0.0, 0.5))
     nail = transform((4.0, 0.2, 3.2))
     builder.add_joint_distance(WORLD, ball, parent_xform=nail, max_distance=0.5)
     builder.add_joint_distance(ball, other, max_distance=0.6)

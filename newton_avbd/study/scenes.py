@@ -244,15 +244,13 @@ def add_net(builder: newton.ModelBuilder, bodies: int = 1000) -> None:
     knots = {}
     for i in range(side):
         for j in range(side):
-            place = wp.vec3(pitch * i, pitch * j, 1.0)
-            knots[i, j] = knot = builder.add_body(xform=wp.transform(place, wp.quat_identity()))
+            place = wp.transform(wp.vec3(pitch * i, pitch * j, 1.0), wp.quat_identity())
+            is_rim = i in (0, side - 1) or j in (0, side - 1)
+            knots[i, j] = knot = builder.add_body(xform=place, is_kinematic=is_rim)
             builder.add_shape_sphere(knot, radius=radius, cfg=cfg)
             for before in (knots.get((i - 1, j)), knots.get((i, j - 1))):
                 if before is not None:
                     builder.add_joint_distance(before, knot, max_distance=pitch)
-            if i in (0, side - 1) or j in (0, side - 1):
-                frame = wp.transform(place, wp.quat_identity())
-                builder.add_joint_distance(-1, knot, parent_xform=frame, max_distance=0.01)
     across = max(1, round(math.sqrt(0.1 * bodies)))
     for i in range(across):
         for j in range(across):
