@@ -827,19 +827,23 @@ class WorldScale:
 
 @wp.struct
 class ColorWork:
-    """Large worlds: bodies of a color share no contact, and move at once.
+    """Large worlds: blocks of a color share no contact and no joint, and move at once.
 
-    The bodies of color c are ``order[start[c * lanes] : start[(c + 1) * lanes]]``; the last color
-    holds those that found none, which move one after the other. A *lane* is a part of a world whose
-    bodies one thread counts or sums over.
+    The blocks of color c, each by its first body, are ``order[start[c * lanes] : start[(c + 1) *
+    lanes]]``; the last color holds those that found none, which move one after the other. A *lane*
+    is a part of a world whose bodies one thread counts or sums over.
     """
 
     lane_start: wp.array[wp.int32]
     """First body of each lane, as a place in ``WorldWork.bodies``, shape (lanes + 1,)."""
     world_lane: wp.array[wp.int32]
     """First lane of each world, shape (world_count + 1,)."""
+    block: wp.array[wp.int32]
+    """By body slot: first body of its block."""
+    is_jointed: wp.array[wp.int32]
+    """By body slot: 1 for the first body of a block that joints hold, touched or not."""
     priority: wp.array[wp.int32]
-    """By body slot: of two bodies with the same color, that of higher priority keeps it."""
+    """By body slot: of two blocks with the same color, that of higher priority keeps it."""
     count: wp.array[wp.int32]
     """By body slot: contacts of the body, then contacts that it owns, then bodies of its island."""
     incident_start: wp.array[wp.int32]
@@ -849,13 +853,13 @@ class ColorWork:
     partner: wp.array[wp.int32]
     """The other body of each, -1 where that does not move."""
     color: wp.array2d[wp.int32]
-    """Color of each body slot, before and after a pass of coloring."""
+    """Color of the block of each body slot that is a first one, before and after a pass."""
     table: wp.array[wp.int32]
-    """Bodies of a color in a lane, color by color."""
+    """Blocks of a color in a lane, color by color."""
     start: wp.array[wp.int32]
     """Where these begin in ``order``."""
     order: wp.array[wp.int32]
-    """Bodies that something touches, color by color."""
+    """First bodies of the blocks that something touches or holds, color by color."""
     sums: wp.array[wp.int32]
     """Scratch of prefix sums."""
     lane_scale: wp.array[WorldScale]
@@ -869,7 +873,17 @@ class ColorWork:
     moved: wp.array2d[float]
     """Square of how far a sweep moved a body of each world [m^2], shape (sweeps + 1, world_count);
     first an infinity, then sweep by sweep, negative where there was none."""
+    most: wp.array[wp.int32]
+    """Most sweeps of each world."""
+    recovered: wp.array2d[float]
+    """As ``moved``, for the recovery."""
+    passes: wp.array[wp.int32]
+    """Most sweeps of the recovery of each world."""
     deepest: wp.array[float]
     """Deepest penetration of each world at the start of the step [m]."""
+    is_open: wp.array[wp.int32]
+    """1 for each world with a joint that is open at the start of the step."""
     is_cold: wp.array[wp.int32]
     """1 where a world is in its first steps after a reset, which sweep more, shape (1,)."""
+    is_apart: wp.array[wp.int32]
+    """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""

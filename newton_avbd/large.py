@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Large worlds, all bodies of a color at once: their buffers, and their launches in order."""
+"""Large worlds, all blocks of a color at once: their buffers, and their launches in order."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -16,15 +16,16 @@ from .execute import coloring, joining, scan
 from .execute.colored import make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
-from .execute.world import COLD_FACTOR, COLD_STEPS, LONGER
+from .execute.world import COLD_FACTOR, COLD_STEPS, JOINT_PASSES, LONGER, LOOP_PASSES
+from .rows.contact import RECOVERY
+from .topology import Topology
 
 LARGE = 256
 """Bodies from which a world on a GPU is solved color by color. An estimate, not measured: the
 thread that would do it alone is some 30 times as slow as a core of a CPU, which takes 0.3 ms."""
 
 _UNSUPPORTED: dict[str, str] = {
-    "joints": "joints other than FREE",
-    "loops": "joints other than FREE",
+    "breaking": "joints that break (effects={'breaking': False} leaves that out)",
     "restitution": "restitution (effects={'restitution': False} leaves it out)",
     "bdf2": "scheme='bdf2' or 'generalized_alpha'",
     "ramp": "formulation='ramp'",
@@ -49,11 +50,15 @@ class LargeWorlds:
 
     Args:
         worlds: The solver's :class:`.data.WorldWork`.
+        loops: The solver's :class:`.data.LoopWork`.
+        topology: Which bodies are a block.
         iterations: Sweeps of a step.
         device: Where the bodies are.
     """
 
-    def __init__(self, worlds: Any, iterations: int, device: wp.Device) -> None:
+    def __init__(
+        self, worlds: Any, loops: Any, topology: Topology, iterations: int, device: wp.Device
+    ) -> None:
         body_start, bodies = worlds.body_start.numpy(), worlds.bodies.numpy()
         self._body_count, self._world_count = bodies.size, body_start.size - 1
         self._device = device
@@ -67,14 +72,24 @@ class LargeWorlds:
         priority = np.zeros(slots)
         for start, end in pairwise(body_start):
             priority[bodies[start:end]] = np.random.default_rng(0).permutation(end - start)
-        # lanes of bodies, with ranks that change with the colors, and islands, as worlds
-        self._worlds, self._islands = data.WorldWork(), data.WorldWork()
-        for name in worlds._cls.vars:
-            setattr(self._worlds, name, getattr(worlds, name))
+        ends = topology.block_end
+        start = np.searchsorted(ends, ends)
+        block = np.append(bodies[start][topology.rank], bodies.size)
+        is_jointed = np.zeros(slots, dtype=np.int32)
+        is_jointed[block[:-1][~topology.is_alone]] = 1
+        self._loop_count = 0
+        if loops.joints is not None:
+            self._loop_count = loops.joints.shape[0]
+            is_jointed[block[:-1][np.diff(loops.body_start.numpy())[:-1] > 0]] = 1
+        # as worlds: lanes of bodies, the same in the order of the colors, and islands
+        self._worlds, self._turns = _copy(worlds), _copy(worlds)
+        self._islands, self._loops_by_lane = data.WorldWork(), _copy(loops)
         self.colors = colors = data.ColorWork()
         with wp.ScopedDevice(device):
             colors.lane_start = wp.array(lane_start, dtype=wp.int32)
             colors.world_lane = wp.array(world_lane, dtype=wp.int32)
+            colors.block = wp.array(block, dtype=wp.int32)
+            colors.is_jointed = wp.array(is_jointed, dtype=wp.int32)
             colors.priority = wp.array(priority, dtype=wp.int32)
             colors.count = wp.zeros(slots, dtype=wp.int32)
             colors.incident_start = wp.zeros(slots, dtype=wp.int32)
@@ -88,9 +103,17 @@ class LargeWorlds:
             colors.scale = wp.zeros(self._world_count, dtype=data.WorldScale)
             colors.is_finite = wp.zeros(self._world_count, dtype=wp.int32)
             colors.deepest = wp.zeros(self._world_count, dtype=float)
+            for name in ("most", "passes", "is_open"):
+                setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
+            passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
+            colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
             colors.is_cold = wp.zeros(1, dtype=wp.int32)
+            colors.is_apart = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
-            self._worlds.rank = wp.zeros(slots, dtype=wp.int32)
+            self._turns.rank = wp.zeros(slots, dtype=wp.int32)
+            if self._loop_count:
+                starts = _share(loops.world_start.numpy(), world_lane)
+                self._loops_by_lane.world_start = wp.array(starts, dtype=wp.int32)
             self._islands.body_start = wp.zeros(slots, dtype=wp.int32)
             self._islands.bodies = wp.zeros(slots, dtype=wp.int32)
         self._allocate_sweeps(iterations)
@@ -115,7 +138,7 @@ class LargeWorlds:
         launch(coloring.forget_colors, self._body_count, [body_world, mask, self.colors])
 
     def found(self) -> tuple[int, int]:
-        """How many colors the last step took, and how many bodies found none."""
+        """How many colors the last step took, and how many blocks found none."""
         sizes = np.diff(self.colors.start.numpy()[:: self._lanes])
         return int(np.count_nonzero(sizes[:COLORS])), int(sizes[COLORS])
 
@@ -162,7 +185,7 @@ class LargeWorlds:
             body_q_out,
             body_qd_out,
         ) = arguments
-        worlds, colors = self._worlds, self.colors
+        worlds, turns, colors = self._worlds, self._turns, self.colors
         most = int(COLD_FACTOR) * iterations
         if colors.moved.shape[0] <= most:
             launch.forget()
@@ -170,34 +193,46 @@ class LargeWorlds:
         bodies, lanes, places = self._body_count, self._lanes, contacts.capacity
         kernels = make_colored(effects)
 
-        # Which bodies touch, and in what order they move.
+        # Which blocks touch, and in what order they move.
         launch(coloring.clear_counts, bodies, [colors])
         launch(coloring.count_contacts, places, [shapes, contacts, worlds, work, rows, colors])
         self._scan(launch, colors.count, bodies, colors.incident_start)
         launch(coloring.list_contacts, places, [shapes, contacts, work, rows, colors])
         launch(coloring.sort_lists, bodies, [shapes, contacts, work, colors])
         for i in range(PASSES):
-            launch(coloring.color_bodies, bodies, [i % 2, int(i == PASSES - 1), colors])
+            numbers = [i % 2, int(i == PASSES - 1)]
+            launch(coloring.color_blocks, bodies, [joints, *numbers, worlds, work, loops, colors])
         launch(coloring.count_colors, lanes, [worlds, colors])
         self._scan(launch, colors.table, (COLORS + 1) * lanes, colors.start)
-        launch(coloring.list_colors, lanes, [worlds, colors])
+        launch(coloring.list_colors, lanes, [worlds, turns.rank, colors])
 
         # Rows: linearised at state_in, warm-started from the last step.
         launch(
             kernels.measure_lanes,
             lanes,
-            [model, joints, control, h, worlds, work, tree, loops, colors],
+            [model, joints, control, h, worlds, work, tree, self._loops_by_lane, colors],
         )
-        launch(kernels.begin_step, self._world_count, [h, colors, history])
-        launch(coloring.count_owned, bodies, [worlds, rows, colors])
+        launch(kernels.begin_step, self._world_count, [h, iterations, colors, history])
+        launch(coloring.count_owned, bodies, [turns, rows, colors])
         self._scan(launch, colors.count, bodies, rows.owned_start)
         launch(
             kernels.build_rows,
             bodies,
-            [model, shapes, body_q, contacts, worlds, work, rows, colors, history],
+            [model, shapes, body_q, contacts, turns, work, rows, colors, history],
         )
-        launch(kernels.recall_rows, bodies, [shapes, worlds, work, history, rows])
+        launch(kernels.recall_rows, bodies, [shapes, turns, work, history, rows])
         launch(kernels.penalise, bodies, [shapes, contacts, worlds, work, rows, history, colors])
+
+        # Joints, and the blocks of bodies.
+        start = [model, joints, body_q, body_qd, worlds, work]
+        if effects.joints:
+            launch(kernels.measure_joints, bodies, [*start, rows, loops, tree, colors, history])
+        if effects.loops:
+            launch(kernels.measure_loops, self._loop_count, [*start, tree, loops, colors, history])
+        if effects.joints:
+            launch(
+                kernels.place_joints, bodies, [model, joints, body_q, worlds, work, tree, colors]
+            )
         launch(
             kernels.assemble,
             bodies,
@@ -205,50 +240,119 @@ class LargeWorlds:
         )
 
         threads = -(-bodies // _SHARE)
-        state = [worlds, work, rows, tree, loops, colors, history]
 
         def sweep(first: int, end: int) -> None:
+            run(first, end, 0.0, colors.most, colors.moved)
+
+        def recover(first: int, end: int) -> None:
+            run(first, end, float(RECOVERY), colors.passes, colors.recovered)
+
+        def run(first: int, end: int, recovery: float, most: wp.array, moved: wp.array) -> None:
             for sweep in range(first, end):
                 for color in range(COLORS + 1):
                     count = threads if color < COLORS else 1
-                    numbers = [sweep, color, count, iterations, tolerance]
-                    launch(kernels.sweep_color, count, [model, joints, control, *numbers, *state])
+                    numbers = [sweep, color, count, tolerance, recovery, most]
+                    state = [worlds, work, rows, tree, loops, colors, history, moved]
+                    launch(
+                        kernels.sweep_color,
+                        count,
+                        [model, joints, control, body_q, *numbers, *state],
+                    )
+                if effects.loops:
+                    numbers = [sweep, tolerance, recovery, moved, most]
+                    state = [worlds, work, tree, colors, loops, history]
+                    launch(
+                        kernels.sweep_loops,
+                        self._loop_count,
+                        [model, joints, control, *numbers, *state],
+                    )
 
         sweep(0, iterations)
-        if self._device.is_cpu or (
-            self._device.is_capturing and wp.is_conditional_graph_supported()
-        ):
-            wp.capture_if(colors.is_cold, lambda: sweep(iterations, most))
-        elif self._device.is_capturing or self._may_be_cold(h):
-            sweep(iterations, most)
-        launch(kernels.remember, bodies, [body_qd, worlds, work, rows, islands, colors, history])
-        launch(joining.find_roots, bodies, [work, rows, islands, colors])
-        launch(joining.count_members, bodies, [work, rows, islands, colors])
-        self._scan(launch, colors.count, bodies, self._islands.body_start)
-        launch(joining.list_members, bodies, [work, rows, islands, self._islands, colors])
-        launch(joining.keep_island, bodies, [model, self._islands, islands, work])
+        may_be_cold = not self._device.is_capturing and self._may_be_cold(h)
+        self._launch_if(colors.is_cold, lambda: sweep(iterations, most), otherwise=may_be_cold)
+        launch(
+            kernels.remember,
+            bodies,
+            [joints, body_qd, worlds, work, rows, tree, loops, islands, colors, history],
+        )
+        if effects.pairs:
+            launch(joining.find_roots, bodies, [worlds, work, islands, colors])
+            launch(joining.count_members, bodies, [work, islands, colors])
+            self._scan(launch, colors.count, bodies, self._islands.body_start)
+            launch(joining.list_members, bodies, [work, islands, self._islands, colors])
+            launch(joining.keep_island, bodies, [model, self._islands, islands, work])
+        end = [work, rows, tree, loops, islands, colors]
         launch(
             kernels.end_velocities,
             bodies,
-            [model, body_q, body_qd, h, worlds, work, rows, islands, colors, history, body_qd_out],
+            [model, body_q, body_qd, h, worlds, *end, history, body_qd_out],
         )
+        if effects.armature:
+            armatures = [model, joints, body_qd_out, worlds, work, tree]
+            launch(kernels.end_armatures, bodies, [*armatures, colors, history])
+            if effects.loops:
+                launch(
+                    kernels.end_loop_armatures,
+                    self._loop_count,
+                    [*armatures, loops, colors, history],
+                )
 
         # Recovery: old errors go, without entering the velocity.
-        if not effects.compliance:
-            for color in range(COLORS + 1):
-                count = threads if color < COLORS else 1
-                launch(kernels.recover_color, count, [model, joints, control, color, count, *state])
+        launch(kernels.end_sweeps, self._world_count, [colors, worlds])
+        if effects.loops:
+            launch(kernels.keep_loops, self._loop_count, [history, loops])
+        if effects.joints or not effects.compliance:
+            recover(0, 1)
+        if effects.joints:
+            passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
+            self._launch_if(colors.is_apart, lambda: recover(1, passes), otherwise=True)
+            launch(kernels.close_joints, bodies, [model, joints, worlds, colors, work, tree])
+        if effects.loops:
+            launch(kernels.give_loops_back, self._loop_count, [loops, history])
         launch(
             kernels.end_poses,
             bodies,
-            [model, body_q, work, rows, islands, colors, worlds, history, body_q_out],
+            [model, body_q, *end, worlds, history, body_q_out],
         )
-        if effects.gyroscopic:
+        if effects.gyroscopic and effects.pairs:
             launch(
                 joining.keep_island_spin,
                 bodies,
                 [model, h, body_q_out, self._islands, work, islands, body_qd_out],
             )
+
+    def _launch_if(
+        self, condition: wp.array, launches: Callable[[], None], *, otherwise: bool
+    ) -> None:
+        """Launches what a number on the device calls for.
+
+        Where the host cannot leave that to the device, ``otherwise`` says whether it may be called
+        for: kernels that are not needed return at once.
+        """
+        is_graph = self._device.is_capturing and wp.is_conditional_graph_supported()
+        if self._device.is_cpu or is_graph:
+            wp.capture_if(condition, launches)
+        elif self._device.is_capturing or otherwise:
+            launches()
+
+
+def _copy(struct: Any) -> Any:
+    """A struct of the same arrays."""
+    copy = struct._cls()
+    for name in struct._cls.vars:
+        if getattr(struct, name) is not None:
+            setattr(copy, name, getattr(struct, name))
+    return copy
+
+
+def _share(starts: np.ndarray, world_lane: np.ndarray) -> np.ndarray:
+    """Where each lane starts, where those of a world share what the world has from its start on."""
+    shares = [
+        start + np.arange(lanes) * (end - start) // lanes
+        for (start, end), lanes in zip(pairwise(starts), np.diff(world_lane), strict=True)
+        if lanes
+    ]
+    return np.append(np.concatenate(shares), starts[-1])
 
 
 def _lanes(body_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -75,9 +75,9 @@ class Status:
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
     colors: int
-    """Colors of the bodies in the last step, where they are solved color by color; else 0."""
+    """Colors of the blocks in the last step, where they are solved color by color; else 0."""
     clashes: int
-    """Bodies that found no color in it, and so moved one after the other."""
+    """Blocks that found no color in it, and so moved one after the other."""
     dropped_contacts: int
     """Contacts of all steps that were left out because they made no sense: numbers that are not
     finite, shapes that do not exist, or bodies of different worlds."""

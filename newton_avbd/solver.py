@@ -145,9 +145,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or
-                ``"bodies"``, all bodies of a color at once, for large worlds of free bodies in
-                contact; each body is then a block of its own. None, the default, takes bodies on
-                a GPU where a world has at least 256 and nothing else.
+                ``"bodies"``, all blocks of a color at once, for large worlds; a block is then a
+                free body or an articulation. None, the default, takes bodies on a GPU where a world
+                has at least 256, no restitution and no joints that break, and neither ``sleeping``
+                nor a ``scheme`` of second order is asked for.
             sleeping: Islands, what contacts and joints link, are not solved any more once all their
                 bodies have been at rest for half a second, until something touches or drives them
                 or their state, forces or gravity change; see :attr:`status`. Each is solved for
@@ -905,8 +906,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         found = obstacles(flags)
         if found and self._parallel == "bodies":
             raise NotImplementedError(
-                f"parallel='bodies' solves free bodies in contact; this model has "
-                f"{' and '.join(found)}. Leave parallel out."
+                f"parallel='bodies' solves bodies and joints color by color, without "
+                f"{' and '.join(found)}, which this model has. Leave parallel out."
             )
         return not found
 
@@ -964,15 +965,17 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
         self._retired.append((self._large,))
         self._large, self._colors = None, None
-        if is_large:
-            self._large = LargeWorlds(self._worlds, self.iterations, self.device)
-            self._colors = self._large.colors
-        if self._capacity:
-            self._allocate_large_contacts()
         self._allocate_piles()
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
+        if is_large:
+            self._large = LargeWorlds(
+                self._worlds, self._loops, topology, self.iterations, self.device
+            )
+            self._colors = self._large.colors
+        if self._capacity:
+            self._allocate_large_contacts()
         self._allocate_sleep()
 
     def _allocate_piles(self) -> None:
@@ -1172,7 +1175,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
     def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""
         if contacts is None:
-            return self._flags_apart
+            # kernels of a large world are many, and find no contacts in no time
+            return self._flags_apart if self._large is None else self._flags
         # large worlds find contacts again by their anchors
         matching = contacts.rigid_contact_match_index is not None and self._large is None
         surfaces = contacts.rigid_contact_surface_velocity is not None

@@ -71,8 +71,14 @@ VARIANTS = {
 
 LARGE_VARIANTS = {
     "bodies": BODIES,
+    "hinges": dataclasses.replace(HINGED, contact=True, pairs=True),
     "all contacts": with_all(
         BODIES, "compliance angular_friction moving_surfaces contact_materials"
+    ),
+    "articulations": with_all(
+        JOINTED,
+        "pairs flipped light_roots reaction mimics springs armature joint_friction effort_limits "
+        "velocity_limits",
     ),
 }
 """Effects of one large world."""
@@ -145,7 +151,14 @@ def test_the_variants_hold_all_effects() -> None:
 
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
-@pytest.mark.parametrize("variant", ["bodies", pytest.param("all contacts", marks=LONG)])
+@pytest.mark.parametrize(
+    "variant",
+    [
+        "bodies",
+        "hinges",
+        *(pytest.param(name, marks=LONG) for name in ("all contacts", "articulations")),
+    ],
+)
 def test_a_large_world_compiles_for_gpus(variant: str, arch: int, tmp_path: Path) -> None:
     compiles(make_colored(LARGE_VARIANTS[variant]).sweep_color, tmp_path, arch)
 

@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""The step of large worlds of free bodies: the kernels that :class:`.large.LargeWorlds` launches.
+"""The step of large worlds: the kernels that :class:`.large.LargeWorlds` launches.
 
 What ``world.solve`` does in one thread, one kernel does here for one stage and all bodies: the
-mathematics is the same functions. A sweep takes a launch for each color, and as bodies of a color
-share no contact, that is what a sweep of one thread in the order of the colors computes. Where
-nothing moves any more, the launches that are left return at once.
+mathematics is the same functions. A tree of joints is one thread's work, as in ``world.solve``. A
+sweep takes a launch for each color, and as blocks of a color share no contact and no joint, that is
+what a sweep of one thread in the order of the colors computes. Where nothing moves any more, the
+launches that are left return at once.
 """
 
 import functools
@@ -14,8 +15,6 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..algebra.block import factor_block
-from ..blocks.body import carried_roll, origin_shift, rolled, spin_of, turned
 from ..data import (
     BodyModel,
     BodyWork,
@@ -34,16 +33,22 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
-from .bodies import has_rows, pose_sum, report_held, vector_sum
-from .coloring import is_owner, sort_part
+from .beginning import make_begin
+from .bodies import report_held, vector_sum
+from .closures import make_closures
+from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
-from .islands import begin_island, is_alone
+from .ending import make_end
 from .joining import join_at_once
 from .launch import KERNEL
 from .loops import make_loops
+from .trees import is_linked, make_trees
 from .world import (
+    COLD_FACTOR,
     COLD_STEPS,
+    JOINT_PASSES,
     LONGER,
+    LOOP_PASSES,
     SETTLED,
     make_assemble,
     make_gather,
@@ -51,6 +56,7 @@ from .world import (
     make_measure_world,
     make_remember,
     make_sweep,
+    make_sweep_block,
 )
 
 
@@ -62,11 +68,20 @@ class Colored(NamedTuple):
     build_rows: wp.Kernel
     recall_rows: wp.Kernel
     penalise: wp.Kernel
+    measure_joints: wp.Kernel
+    measure_loops: wp.Kernel
+    place_joints: wp.Kernel
     assemble: wp.Kernel
     sweep_color: wp.Kernel
+    sweep_loops: wp.Kernel
     remember: wp.Kernel
     end_velocities: wp.Kernel
-    recover_color: wp.Kernel
+    end_armatures: wp.Kernel
+    end_loop_armatures: wp.Kernel
+    end_sweeps: wp.Kernel
+    keep_loops: wp.Kernel
+    close_joints: wp.Kernel
+    give_loops_back: wp.Kernel
     end_poses: wp.Kernel
 
 
@@ -75,6 +90,47 @@ def is_settled(moved: float, tolerance: float, scale: WorldScale) -> bool:
     """Whether a sweep that moved a body by no more than the root of ``moved`` [m^2] is the last."""
     enough = wp.max(tolerance, SETTLED * scale.gravity * scale.h * scale.h)
     return moved <= enough * enough
+
+
+@wp.func
+def goes_on(
+    sweep: int,
+    world: int,
+    tolerance: float,
+    moved: wp.array2d[float],
+    most: wp.array[wp.int32],
+    colors: wp.ref[ColorWork],
+) -> bool:
+    """Whether a world takes this sweep."""
+    if sweep >= most[world]:
+        return False
+    return not is_settled(moved[sweep, world], tolerance, colors.scale[world])
+
+
+@wp.func
+def count_sweeps(world: int, moved: wp.array2d[float]) -> int:
+    """How many sweeps moved something, or could have."""
+    sweeps = int(0)
+    last = moved.shape[0] - 1
+    while sweeps < last and moved[wp.min(sweeps + 1, last), world] >= 0.0:
+        sweeps += 1
+    return sweeps
+
+
+@wp.func
+def loop_world(
+    i: int,
+    joints: wp.ref[JointModel],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    loops: wp.ref[LoopWork],
+) -> int:
+    """World of a joint outside of the trees: that of its body that moves."""
+    joint = loops.joints[i]
+    child = joints.child[joint]
+    if work.inv_mass[child] > 0.0 or joints.parent[joint] < 0:
+        return worlds.of_body[child]
+    return worlds.of_body[joints.parent[joint]]
 
 
 @wp.func
@@ -122,10 +178,20 @@ def make_colored(effects: Effects) -> Colored:
     loop_functions = make_loops(effects)
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
-    gather = make_gather(effects, contact_force, sweep_gap, loop_functions.loop_wrench)
-    sweep_body = make_sweep(effects, gather)
+    loop_wrench = loop_functions.loop_wrench
+    gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
+    closures = make_closures(effects)
+    trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
+    put_together = trees.put_together
+    sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_at_once)
+    measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
+        effects, trees, loop_functions, closures.begin_closures, assemble_body
+    )
+    end_velocity, end_armature, end_loop_armature, end_pose = make_end(
+        effects, trees.measure_velocity
+    )
 
     @wp.kernel(enable_backward=False, module=module)
     def measure_lanes(
@@ -149,11 +215,13 @@ def make_colored(effects: Effects) -> Colored:
         colors.lane_finite[lane] = int(is_finite)
         if lane == 0:
             colors.is_cold[0] = 0
+            colors.is_apart[0] = 0
 
     @wp.kernel(enable_backward=False, module=module)
     def begin_step(
         # In:
         h: float,
+        iterations: int,
         # Work out:
         colors: ColorWork,
         history: History,
@@ -173,12 +241,17 @@ def make_colored(effects: Effects) -> Colored:
         colors.scale[world] = scale
         colors.is_finite[world] = is_finite
         colors.deepest[world] = 0.0
+        colors.is_open[world] = 0
         for i in range(colors.moved.shape[0]):
             colors.moved[i, world] = wp.where(i == 0, wp.inf, -1.0)
+        for i in range(colors.recovered.shape[0]):
+            colors.recovered[i, world] = wp.where(i == 0, wp.inf, -1.0)
         if h > LONGER * history.step[world]:
             history.age[world] = 0
         history.step[world] = h
+        colors.most[world] = is_finite * iterations
         if history.age[world] < COLD_STEPS:
+            colors.most[world] = is_finite * COLD_FACTOR * iterations
             colors.is_cold[0] = 1
 
     @wp.kernel(enable_backward=False, module=module)
@@ -261,6 +334,103 @@ def make_colored(effects: Effects) -> Colored:
             wp.atomic_max(colors.deepest, world, depth)
 
     @wp.kernel(enable_backward=False, module=module)
+    def measure_joints(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        loops: LoopWork,
+        # Work out:
+        tree: TreeWork,
+        colors: ColorWork,
+        history: History,
+    ):
+        """Measures the joints of a block's tree; one thread a body, for a first one."""
+        block = wp.tid()
+        world = worlds.of_body[block]
+        if colors.block[block] == block and colors.is_finite[world] == 1:
+            first = worlds.rank[block]
+            if measure_blocks(
+                first,
+                worlds.block_end[first],
+                colors.scale[world],
+                body_q,
+                body_qd,
+                model,
+                joints,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            ):
+                colors.is_open[world] = 1
+
+    @wp.kernel(enable_backward=False, module=module)
+    def measure_loops(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        # Work out:
+        loops: LoopWork,
+        colors: ColorWork,
+        history: History,
+    ):
+        """Measures a joint outside of the trees; one thread a joint."""
+        i = wp.tid()
+        world = loop_world(i, joints, worlds, work, loops)
+        if colors.is_finite[world] == 1:
+            scale = colors.scale[world]
+            if measure_loop(i, scale, body_q, body_qd, model, joints, work, tree, loops, history):
+                colors.is_open[world] = 1
+
+    @wp.kernel(enable_backward=False, module=module)
+    def place_joints(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        # Work out:
+        tree: TreeWork,
+        colors: ColorWork,
+    ):
+        """Puts a block to the guess of its increments; one thread a body, for a first one."""
+        block = wp.tid()
+        world = worlds.of_body[block]
+        if colors.block[block] == block and colors.is_finite[world] == 1:
+            first = worlds.rank[block]
+            if place_blocks(
+                first,
+                worlds.block_end[first],
+                colors.scale[world].static_slot,
+                body_q,
+                model,
+                joints,
+                worlds,
+                work,
+                tree,
+            ):
+                colors.is_open[world] = 1
+
+    @wp.kernel(enable_backward=False, module=module)
     def assemble(
         # Model:
         model: BodyModel,
@@ -277,17 +447,23 @@ def make_colored(effects: Effects) -> Colored:
         work: BodyWork,
         islands: IslandWork,
     ):
-        """Factors the block of a body, or puts it to its target; one thread a body."""
+        """Sums the block of a body, or puts it to its target; one thread a body."""
         body = wp.tid()
         if work.inv_mass[body] > 0.0:
-            begin_island(islands, body)
-            if has_rows(rows, body):
-                h_ll, h_al, h_aa = assemble_body(
-                    body, h, model, joints, control, worlds, work, rows, tree, loops, history
-                )
-                work.factor[body] = factor_block(h_ll, h_al, h_aa)
-            else:
-                work.increment[body] = work.target[body]
+            begin_body(
+                worlds.rank[body],
+                h,
+                model,
+                joints,
+                control,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                islands,
+                history,
+            )
 
     @wp.kernel(enable_backward=False, module=module)
     def sweep_color(
@@ -295,12 +471,15 @@ def make_colored(effects: Effects) -> Colored:
         model: BodyModel,
         joints: JointModel,
         control: ControlInput,
+        # State in:
+        body_q: wp.array[wp.transform],
         # In:
         sweep: int,
         color: int,
         threads: int,
-        iterations: int,
         tolerance: float,
+        recovery: float,
+        most: wp.array[wp.int32],
         # Work:
         worlds: WorldWork,
         work: BodyWork,
@@ -309,26 +488,31 @@ def make_colored(effects: Effects) -> Colored:
         loops: LoopWork,
         colors: ColorWork,
         history: History,
+        # Work out:
+        moved: wp.array2d[float],
     ):
-        """Moves all bodies of a color once; the last color is for one thread alone."""
+        """Moves all blocks of a color once; the last color is for one thread alone.
+
+        With a ``recovery`` above zero what was wrong at the start of the step goes, too.
+        """
         lanes = colors.lane_start.shape[0] - 1
         first = colors.start[color * lanes] + wp.tid()
         for i in range(first, colors.start[(color + 1) * lanes], threads):
             body = colors.order[i]
             world = worlds.of_body[body]
-            scale = colors.scale[world]
-            goes_on = not is_settled(colors.moved[sweep, world], tolerance, scale)
-            goes_on = goes_on and (sweep < iterations or history.age[world] < COLD_STEPS)
-            if goes_on and has_rows(rows, body):
-                moved = sweep_body(
-                    body,
-                    sweep > 0,
-                    0.0,
+            if goes_on(sweep, world, tolerance, moved, most, colors):
+                scale = colors.scale[world]
+                far = sweep_block(
+                    worlds.rank[body],
+                    sweep > 0 and recovery == 0.0,
+                    recovery,
                     scale.slop,
                     scale.h,
+                    body_q,
                     model,
                     joints,
                     control,
+                    worlds,
                     work,
                     rows,
                     tree,
@@ -336,17 +520,49 @@ def make_colored(effects: Effects) -> Colored:
                     history,
                 )
                 # looks first, since few of many threads have to
-                if moved > colors.moved[sweep + 1, world]:
-                    wp.atomic_max(colors.moved, sweep + 1, world, moved)
+                if far > moved[sweep + 1, world]:
+                    wp.atomic_max(moved, sweep + 1, world, far)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def sweep_loops(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        # In:
+        sweep: int,
+        tolerance: float,
+        recovery: float,
+        moved: wp.array2d[float],
+        most: wp.array[wp.int32],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        colors: ColorWork,
+        # Work out:
+        loops: LoopWork,
+        history: History,
+    ):
+        """The dual update of a joint outside of the trees; one thread a joint."""
+        i = wp.tid()
+        world = loop_world(i, joints, worlds, work, loops)
+        if goes_on(sweep, world, tolerance, moved, most, colors):
+            h = colors.scale[world].h
+            loop_wrench(i, recovery, h, model, joints, control, work, tree, loops, history, True)
 
     @wp.kernel(enable_backward=False, module=module)
     def remember(
+        # Model:
+        joints: JointModel,
         # State in:
         body_qd: wp.array[wp.spatial_vector],
         # Work:
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
         islands: IslandWork,
         # Work out:
         colors: ColorWork,
@@ -358,6 +574,15 @@ def make_colored(effects: Effects) -> Colored:
         side = 1 - history.parity[world]
         scale = colors.scale[world]
         remember_rows(body, side, scale, body_qd, worlds, work, rows, islands, history)
+        if wp.static(effects.joints and effects.pairs):
+            if work.inv_mass[body] > 0.0:
+                if tree.joint[body] >= 0:
+                    join_at_once(islands, worlds, work, body, tree.parent[body])
+                if wp.static(effects.loops):
+                    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                        other = other_end(body, loops.items[k], joints, loops)
+                        slot = wp.where(other < 0, scale.static_slot, other)
+                        join_at_once(islands, worlds, work, body, slot)
         if not wp.isfinite(vector_sum(work.increment[body])):
             colors.is_finite[world] = 0
 
@@ -373,6 +598,8 @@ def make_colored(effects: Effects) -> Colored:
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
         islands: IslandWork,
         colors: ColorWork,
         # Work out:
@@ -380,71 +607,151 @@ def make_colored(effects: Effects) -> Colored:
         # State out:
         body_qd_out: wp.array[wp.spatial_vector],
     ):
-        """Velocities, from the increments themselves; one thread a body."""
+        """Velocities; one thread a body."""
         body = wp.tid()
         velocity = body_qd[body]
         if colors.is_finite[worlds.of_body[body]] == 0:
             history.falling[body] = 0.0
         elif work.inv_mass[body] > 0.0:
-            increment = work.increment[body]
-            coasting = h * velocity
-            free = wp.spatial_top(work.target[body] - coasting)
-            got = wp.spatial_top(increment - coasting)
-            history.falling[body] = wp.clamp(
-                wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
+            velocity = end_velocity(
+                worlds.rank[body],
+                h,
+                body_q,
+                body_qd,
+                model,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                islands,
+                history,
             )
-            velocity = increment / h
-            if wp.static(effects.gyroscopic):
-                spin = wp.spatial_bottom(velocity)
-                if has_rows(rows, body) and not is_alone(islands, body):
-                    spin += carried_roll(h * spin, work.inv_inertia[body]) / h
-                else:
-                    end = turned(body_q[body], increment)
-                    spin = spin_of(model.inv_inertia[body], end, work.momentum[body])
-                velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
         body_qd_out[body] = velocity
 
     @wp.kernel(enable_backward=False, module=module)
-    def recover_color(
+    def end_armatures(
         # Model:
         model: BodyModel,
         joints: JointModel,
-        control: ControlInput,
-        # In:
-        color: int,
-        threads: int,
+        # State out:
+        body_qd_out: wp.array[wp.spatial_vector],
         # Work:
         worlds: WorldWork,
         work: BodyWork,
-        rows: RowWork,
+        tree: TreeWork,
+        colors: ColorWork,
+        # Work out:
+        history: History,
+    ):
+        """What armature has of a tree's joint; one thread a body."""
+        body = wp.tid()
+        world = worlds.of_body[body]
+        if colors.is_finite[world] == 1 and work.inv_mass[body] > 0.0:
+            if is_linked(joints, tree, body):
+                scale = colors.scale[world]
+                end_armature(body, scale, body_qd_out, model, joints, work, tree, history)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def end_loop_armatures(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        # State out:
+        body_qd_out: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
         tree: TreeWork,
         loops: LoopWork,
         colors: ColorWork,
+        # Work out:
         history: History,
     ):
-        """As ``sweep_color``, takes out old penetration without entering the velocity."""
-        lanes = colors.lane_start.shape[0] - 1
-        first = colors.start[color * lanes] + wp.tid()
-        for i in range(first, colors.start[(color + 1) * lanes], threads):
-            body = colors.order[i]
-            world = worlds.of_body[body]
+        """What armature has of a joint outside of the trees; one thread a joint."""
+        i = wp.tid()
+        world = loop_world(i, joints, worlds, work, loops)
+        if colors.is_finite[world] == 1:
             scale = colors.scale[world]
-            if colors.deepest[world] > scale.slop and has_rows(rows, body):
-                sweep_body(
-                    body,
-                    False,
-                    contact_rows.RECOVERY,
-                    scale.slop,
-                    scale.h,
-                    model,
-                    joints,
-                    control,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                )
+            end_loop_armature(i, scale, body_qd_out, model, joints, work, tree, loops, history)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def end_sweeps(
+        # Work out:
+        colors: ColorWork,
+        worlds: WorldWork,
+    ):
+        """What sweeps left, and how many the recovery takes; one thread a world."""
+        world = wp.tid()
+        scale = colors.scale[world]
+        sweeps = count_sweeps(world, colors.moved)
+        update = float(0.0)
+        if sweeps > 0:
+            update = colors.moved[sweeps, world]
+        worlds.sweeps[world] = sweeps
+        worlds.update[world] = wp.sqrt(update)
+        passes = int(0)
+        if wp.static(not effects.compliance):
+            if sweeps > 0 and colors.deepest[world] > scale.slop:
+                passes = 1
+        if wp.static(effects.joints):
+            # joints close even where impacts keep the sweeps from settling
+            if colors.is_open[world] == 1 or update > scale.slop * scale.slop:
+                passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
+        if colors.is_finite[world] == 0:
+            passes = 0
+        colors.passes[world] = passes
+        if passes > 1:
+            colors.is_apart[0] = 1
+
+    @wp.kernel(enable_backward=False, module=module)
+    def keep_loops(
+        # In:
+        history: History,
+        # Work out:
+        loops: LoopWork,
+    ):
+        """What closes loops in the recovery is no force of the motion; one thread a joint."""
+        i = wp.tid()
+        loops.kept_force[i] = history.loop_force[i]
+        loops.kept_torque[i] = history.loop_torque[i]
+
+    @wp.kernel(enable_backward=False, module=module)
+    def close_joints(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        colors: ColorWork,
+        # Work out:
+        work: BodyWork,
+        tree: TreeWork,
+    ):
+        """Closes joints that the recovery did not; one thread a body, for the first of a block."""
+        block = wp.tid()
+        world = worlds.of_body[block]
+        if colors.block[block] == block and colors.passes[world] > 0:
+            scale = colors.scale[world]
+            last = colors.recovered[count_sweeps(world, colors.recovered), world]
+            if last > scale.slop * scale.slop:
+                first = worlds.rank[block]
+                for i in range(first, worlds.block_end[first]):
+                    body = worlds.bodies[i]
+                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                        put_together(body, scale.static_slot, model, joints, work, tree)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def give_loops_back(
+        # Work:
+        loops: LoopWork,
+        # Out:
+        history: History,
+    ):
+        """Ends what :func:`keep_loops` began; one thread a joint."""
+        i = wp.tid()
+        history.loop_force[i] = loops.kept_force[i]
+        history.loop_torque[i] = loops.kept_torque[i]
 
     @wp.kernel(enable_backward=False, module=module)
     def end_poses(
@@ -455,6 +762,8 @@ def make_colored(effects: Effects) -> Colored:
         # Work:
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
         islands: IslandWork,
         colors: ColorWork,
         # Work out:
@@ -474,17 +783,9 @@ def make_colored(effects: Effects) -> Colored:
                 history.start[side, body] = 0
                 history.end[side, body] = 0
         elif work.inv_mass[body] > 0.0:
-            increment = work.increment[body]
-            rotation = turned(pose, increment)
-            if wp.static(effects.gyroscopic):
-                if has_rows(rows, body) and not is_alone(islands, body):
-                    rotation = rolled(pose, increment, work.inv_inertia[body])
-            shift = origin_shift(pose, model.com[body], increment, rotation)
-            moved = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
-            if wp.isfinite(pose_sum(moved)):
-                pose = moved
-            else:
-                report_held(worlds, world)
+            pose = end_pose(
+                worlds.rank[body], body_q, model, worlds, work, rows, tree, loops, islands, history
+            )
         body_q_out[body] = pose
         if body == worlds.bodies[colors.lane_start[colors.world_lane[world]]]:
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
@@ -492,14 +793,6 @@ def make_colored(effects: Effects) -> Colored:
                 report_held(worlds, world)
                 history.age[world] = 0
             history.parity[world] = 1 - history.parity[world]
-            sweeps = int(0)
-            last = colors.moved.shape[0] - 1
-            while sweeps < last and colors.moved[sweeps + 1, world] >= 0.0:
-                sweeps += 1
-            worlds.sweeps[world] = sweeps
-            worlds.update[world] = 0.0
-            if sweeps > 0:
-                worlds.update[world] = wp.sqrt(colors.moved[sweeps, world])
 
     return Colored(
         measure_lanes,
@@ -507,10 +800,19 @@ def make_colored(effects: Effects) -> Colored:
         build_rows,
         recall_rows,
         penalise,
+        measure_joints,
+        measure_loops,
+        place_joints,
         assemble,
         sweep_color,
+        sweep_loops,
         remember,
         end_velocities,
-        recover_color,
+        end_armatures,
+        end_loop_armatures,
+        end_sweeps,
+        keep_loops,
+        close_joints,
+        give_loops_back,
         end_poses,
     )

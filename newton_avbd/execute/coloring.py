@@ -1,23 +1,33 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Colors of the bodies of large worlds: bodies in contact with each other differ in color.
+"""Colors of the blocks of large worlds: those that contacts or joints link differ in color.
 
-Each step starts from the last one's colors. In a pass, a body takes the lowest color that none of
-its neighbors has, if one of higher priority has the same (speculative coloring: Gebremedhin, Manne,
+A block is a free body, or a tree of joints; it goes by its first body. Each step starts from the
+last one's colors. In a pass, a block takes the lowest color that none of its neighbors has, if one
+of higher priority has the same (speculative coloring: Gebremedhin, Manne,
 2000; priorities are random and fixed, as in Jones, Plassmann, 1993). Neighbors that change at once
 may meet again, and try again; one that has no clash left never changes, since all others avoid its
-color. Who clashes after the last pass goes to a last group, whose bodies move one
-after the other. So no two bodies in contact ever move at once, and the colors follow from the
-contacts and the colors before alone.
+color. Who clashes after the last pass goes to a last group, whose blocks move one
+after the other. So no two blocks in contact ever move at once, and the colors follow from the
+contacts, the joints and the colors before alone.
 """
 
 import warp as wp
 
-from ..data import BodyWork, ColorWork, ContactInput, RowWork, ShapeModel, WorldWork
+from ..data import (
+    BodyWork,
+    ColorWork,
+    ContactInput,
+    JointModel,
+    LoopWork,
+    RowWork,
+    ShapeModel,
+    WorldWork,
+)
 from .contacts import body_slot, is_across, is_selected, report_dropped
 
 COLORS = 12
-"""Colors. Walls and piles take six or seven; a body whose neighbors have them all goes to the last
+"""Colors. Walls and piles take six or seven; a block whose neighbors have them all goes to the last
 group."""
 PASSES = 8
 """Passes of coloring in a step; even, so that colors end on the side on which they began."""
@@ -149,37 +159,83 @@ def sort_lists(
         colors.partner[i] = wp.where(work.inv_mass[partner] > 0.0, partner, -1)
 
 
+@wp.func
+def other_end(body: int, item: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork]) -> int:
+    """The other body of a joint outside of trees, -1 for the world; ``item`` says which joint."""
+    joint = loops.joints[item / 2]
+    return wp.where(item % 2 == 0, joints.parent[joint], joints.child[joint])
+
+
+@wp.func
+def look_at(
+    block: int,
+    partner: int,
+    side: int,
+    used: wp.uint32,
+    is_clashing: bool,
+    colors: wp.ref[ColorWork],
+):
+    """Colors that neighbors use, and whether one comes before the block, with one more seen."""
+    neighbor = colors.block[partner]
+    theirs = colors.color[side, neighbor]
+    if neighbor == block or theirs == COLORS:
+        return used, is_clashing
+    is_before = colors.priority[neighbor] > colors.priority[block]
+    is_same = theirs == colors.color[side, block]
+    return used | (wp.uint32(1) << wp.uint32(theirs)), is_clashing or (is_same and is_before)
+
+
 @wp.kernel(enable_backward=False)
-def color_bodies(
+def color_blocks(
+    # Model:
+    joints: JointModel,
     # In:
     side: int,
     is_last: int,
+    # Work:
+    worlds: WorldWork,
+    work: BodyWork,
+    loops: LoopWork,
     # Work out:
     colors: ColorWork,
 ):
-    """A pass of coloring, from ``side`` to the other one; one thread a body."""
-    body = wp.tid()
-    mine = colors.color[side, body]
+    """A pass of coloring, from ``side`` to the other one; one thread a body, for a first one."""
+    block = wp.tid()
+    if colors.block[block] != block:
+        return
+    mine = colors.color[side, block]
     used = wp.uint32(0)
     is_clashing = bool(mine == COLORS)
-    partner = int(-1)
-    for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
-        if colors.partner[i] != partner:
-            partner = colors.partner[i]
-            if partner >= 0:
-                theirs = colors.color[side, partner]
-                if theirs < COLORS:
-                    used = used | (wp.uint32(1) << wp.uint32(theirs))
-                    is_clashing = is_clashing or (
-                        theirs == mine and colors.priority[partner] > colors.priority[body]
-                    )
+    first = worlds.rank[block]
+    for rank in range(first, worlds.block_end[first]):
+        body = worlds.bodies[rank]
+        partner = int(-1)
+        for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
+            if colors.partner[i] != partner:
+                partner = colors.partner[i]
+                if partner >= 0:
+                    used, is_clashing = look_at(block, partner, side, used, is_clashing, colors)
+        if loops.joints.shape[0] > 0:
+            for i in range(loops.body_start[body], loops.body_start[body + 1]):
+                partner = other_end(body, loops.items[i], joints, loops)
+                if partner >= 0 and work.inv_mass[wp.max(partner, 0)] > 0.0:
+                    used, is_clashing = look_at(block, partner, side, used, is_clashing, colors)
     if is_clashing:
         mine = COLORS
         if is_last == 0:
             mine = int(0)
             while mine < COLORS and (used & (wp.uint32(1) << wp.uint32(mine))) != wp.uint32(0):
                 mine += 1
-    colors.color[1 - side, body] = mine
+    colors.color[1 - side, block] = mine
+
+
+@wp.func
+def is_listed(body: int, colors: wp.ref[ColorWork]) -> bool:
+    """Whether a body is the first of a block that something touches or holds."""
+    if colors.block[body] != body:
+        return False
+    is_touched = colors.incident_start[body] < colors.incident_start[body + 1]
+    return is_touched or colors.is_jointed[body] == 1
 
 
 @wp.kernel(enable_backward=False)
@@ -189,37 +245,40 @@ def count_colors(
     # Work out:
     colors: ColorWork,
 ):
-    """How many bodies of each color a lane has; one thread a lane."""
+    """How many blocks of each color begin in a lane; one thread a lane."""
     lane = wp.tid()
     lanes = colors.lane_start.shape[0] - 1
     for color in range(COLORS + 1):
         colors.table[color * lanes + lane] = 0
     for i in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
         body = worlds.bodies[i]
-        if colors.incident_start[body] < colors.incident_start[body + 1]:
+        if is_listed(body, colors):
             place = colors.color[0, body] * lanes + lane
             colors.table[place] = colors.table[place] + 1
 
 
 @wp.kernel(enable_backward=False)
 def list_colors(
-    # Work out:
+    # Work:
     worlds: WorldWork,
+    # Work out:
+    turns: wp.array[wp.int32],
     colors: ColorWork,
 ):
-    """Lists the bodies color by color, and ranks them in this order; one thread a lane."""
+    """Lists blocks color by color, and says in which order bodies take turns; a thread a lane."""
     lane = wp.tid()
     lanes = colors.lane_start.shape[0] - 1
     for color in range(COLORS + 1):
         colors.table[color * lanes + lane] = 0
     for i in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
         body = worlds.bodies[i]
-        if colors.incident_start[body] < colors.incident_start[body + 1]:
-            place = colors.color[0, body] * lanes + lane
-            position = colors.start[place] + colors.table[place]
+        if is_listed(body, colors):
+            color = colors.color[0, body]
+            place = color * lanes + lane
+            colors.order[colors.start[place] + colors.table[place]] = body
             colors.table[place] = colors.table[place] + 1
-            colors.order[position] = body
-            worlds.rank[body] = position
+            for k in range(i, worlds.block_end[i]):
+                turns[worlds.bodies[k]] = color * worlds.bodies.shape[0] + k
 
 
 @wp.kernel(enable_backward=False)

@@ -9,8 +9,7 @@ island is its first body in whatever order the threads come.
 
 import warp as wp
 
-from ..data import BodyModel, BodyWork, ColorWork, IslandSum, IslandWork, RowWork, WorldWork
-from .bodies import has_rows
+from ..data import BodyModel, BodyWork, ColorWork, IslandSum, IslandWork, WorldWork
 from .coloring import sort_part
 from .islands import keep_momentum, keep_spin
 
@@ -48,19 +47,22 @@ def join_at_once(
 @wp.kernel(enable_backward=False)
 def find_roots(
     # Work:
+    worlds: WorldWork,
     work: BodyWork,
-    rows: RowWork,
     # Work out:
     islands: IslandWork,
     colors: ColorWork,
 ):
-    """Names the root of each body's island, marks it where one is fixed; one thread a body."""
+    """Names the root of each body's island, marks it where one is fixed; one thread a body.
+
+    A world that is held has no island that is to move.
+    """
     body = wp.tid()
     colors.count[body] = 0
-    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+    if work.inv_mass[body] > 0.0:
         root = root_of(islands, body)
         islands.parent[body] = root
-        if islands.fixed[body] == 1:
+        if islands.fixed[body] == 1 or colors.is_finite[worlds.of_body[body]] == 0:
             islands.fixed[root] = 1
 
 
@@ -68,14 +70,13 @@ def find_roots(
 def count_members(
     # Work:
     work: BodyWork,
-    rows: RowWork,
     islands: IslandWork,
     # Work out:
     colors: ColorWork,
 ):
     """How many bodies each island has that pushes nothing fixed; one thread a body."""
     body = wp.tid()
-    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+    if work.inv_mass[body] > 0.0:
         root = islands.parent[body]
         if islands.fixed[root] == 0:
             wp.atomic_add(colors.count, root, 1)
@@ -85,7 +86,6 @@ def count_members(
 def list_members(
     # Work:
     work: BodyWork,
-    rows: RowWork,
     islands: IslandWork,
     # Work out:
     worlds: WorldWork,
@@ -93,7 +93,7 @@ def list_members(
 ):
     """Lists the bodies of these islands, in no order; one thread a body."""
     body = wp.tid()
-    if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+    if work.inv_mass[body] > 0.0:
         root = islands.parent[body]
         if islands.fixed[root] == 0:
             left = wp.atomic_add(colors.count, root, -1)

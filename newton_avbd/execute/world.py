@@ -7,8 +7,6 @@ import functools
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..algebra.so3 import exp_quat
-from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, spin_of, turned
 from ..data import (
     BodyModel,
     BodyWork,
@@ -30,18 +28,19 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bdf2 import make_bdf2
-from .bodies import has_rows, moved_by, pose_sum, report_held, vector_sum
+from .beginning import is_tree, make_begin, make_coasting
+from .bodies import has_rows, moved_by, report_held, vector_sum
 from .breaking import make_break_joints
 from .closures import make_closures
 from .contacts import make_rows
 from .denormals import flush_denormals, restore_denormals
+from .ending import make_end
 from .impacts import free_share, make_impacts
-from .islands import begin_island, is_alone, join_islands, keep_momentum, keep_spin
+from .islands import join_islands, keep_momentum, keep_spin
 from .launch import BY_VALUE, KERNEL, Passing
-from .loops import has_loops, has_outer_loops, make_loops, parent_slot
+from .loops import has_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
-from .slopes import begin_axis, end_axis
-from .trees import ROUNDING, begin_turn, is_linked, make_trees, place_body
+from .trees import is_linked, make_trees, place_body
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
@@ -57,12 +56,6 @@ COLD_FACTOR = wp.constant(4)
 """How many times more those steps sweep: a stack of 20 boxes then starts without a wave."""
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
-
-
-@wp.func
-def is_tree(first: int, end: int, body: int, tree: wp.ref[TreeWork]) -> bool:
-    """Whether a body belongs to a block with joints, which holds it from ``first`` to ``end``."""
-    return end > first + 1 or tree.joint[body] >= 0
 
 
 @wp.func
@@ -163,23 +156,6 @@ def hold_world(
     history.filling[world, 0] = 0
     # all worlds stay on the same side: their records lie in one array
     history.parity[world] = 1 - history.parity[world]
-
-
-def make_coasting(effects: Effects) -> wp.Function:
-    """Device function: where a body goes that nothing accelerates."""
-
-    @wp.func
-    def coasting_increment(
-        work: wp.ref[BodyWork], body_qd: wp.array[wp.spatial_vector], slot: int, h: float
-    ) -> wp.spatial_vector:
-        """Pose increment of a body that keeps its velocity."""
-        if wp.static(effects.bdf2):
-            return work.coasting[slot]
-        if work.inv_mass[slot] == 0.0:
-            return work.increment[slot]
-        return h * body_qd[slot]
-
-    return coasting_increment
 
 
 def make_measure_world(effects: Effects) -> wp.Function:
@@ -395,6 +371,80 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
     return sweep
 
 
+def make_sweep_block(
+    effects: Effects, sweep_body: wp.Function, sweep_tree: wp.Function
+) -> wp.Function:
+    """Device function that moves one block: a tree, or a body that something holds."""
+
+    @wp.func
+    def sweep_block(
+        first: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> float:
+        """Returns the square of how far one of its bodies moved [m^2]."""
+        body = worlds.bodies[first]
+        if wp.static(effects.joints):
+            end = worlds.block_end[first]
+            if is_tree(first, end, body, tree):
+                return sweep_tree(
+                    first,
+                    end,
+                    has_dual,
+                    recovery,
+                    slop,
+                    h,
+                    body_q,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+        is_held = bool(False)
+        if wp.static(effects.contact):
+            is_held = has_rows(rows, body)
+        if wp.static(effects.loops):
+            is_held = is_held or has_loops(loops, body)
+        if wp.static(effects.piles):
+            is_held = is_held and not in_pile(rows, body)
+        if work.inv_mass[body] > 0.0 and is_held:
+            return sweep_body(
+                body,
+                has_dual,
+                recovery,
+                slop,
+                h,
+                model,
+                joints,
+                control,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+        return 0.0
+
+    return sweep_block
+
+
 def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
     """Device function: the block of a body, by its inertia and the curvature of its rows."""
 
@@ -574,7 +624,6 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     is_world_finite = make_is_world_finite(effects)
     find_rows, penalise_rows = make_rows(effects)
     impacts = make_impacts(effects)
-    coasting_increment = make_coasting(effects)
     bdf2 = make_bdf2(effects)
     begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
     remember_loops, remember_state = bdf2.remember_loops, bdf2.remember_state
@@ -583,37 +632,10 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     release_impacts = impacts.release_impacts
     restore_impacts = impacts.restore_impacts
     loop_functions = make_loops(effects)
-    begin_loop = loop_functions.begin_loop
     loop_wrench = loop_functions.loop_wrench
     loop_curvature = loop_functions.loop_curvature
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
-
-    @wp.func
-    def has_no_joints(
-        rank: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork], loops: wp.ref[LoopWork]
-    ) -> bool:
-        """Whether no joint holds the body of this rank."""
-        result = bool(True)
-        if wp.static(effects.joints):
-            result = not is_tree(rank, worlds.block_end[rank], worlds.bodies[rank], tree)
-        if wp.static(effects.loops):
-            result = result and not has_loops(loops, worlds.bodies[rank])
-        return result
-
-    @wp.func
-    def is_touched_by(body: int, rows: wp.ref[RowWork], islands: wp.ref[IslandWork]) -> bool:
-        """Whether contacts have pushed a body."""
-        if wp.static(not effects.contact):
-            return False
-        if wp.static(effects.ramp):
-            return has_rows(rows, body)
-        if wp.static(effects.pairs):
-            return has_rows(rows, body) and not is_alone(islands, body)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            if wp.length_sq(rows.rows[i].force) > 0.0:
-                return True
-        return False
 
     assemble_body = make_assemble(effects, loop_curvature)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
@@ -625,14 +647,18 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     sweep_piles = piles.sweep_piles
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
-    begin_closures, pay_recovery = closures.begin_closures, closures.pay_recovery
+    pay_recovery = closures.pay_recovery
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
-    measure_misfit = trees.measure_misfit
-    measure_start = trees.measure_start
-    measure_velocity = trees.measure_velocity
-    measure_moved = trees.measure_moved
-    sweep_tree = trees.sweep_tree
+    sweep_block = make_sweep_block(effects, sweep_body, trees.sweep_tree)
     put_together = trees.put_together
+    begin = make_begin(effects, trees, loop_functions, closures.begin_closures, assemble_body)
+    measure_blocks = begin.measure_blocks
+    measure_loop = begin.measure_loop
+    place_blocks = begin.place_blocks
+    begin_body = begin.begin_body
+    end_velocity, end_armature, end_loop_armature, end_pose = make_end(
+        effects, trees.measure_velocity
+    )
 
     @wp.func
     def sweep_body_ramped(
@@ -708,63 +734,32 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         farthest = float(0.0)
         first = int(worlds.body_start[world])
         while first < worlds.body_start[world + 1]:
-            body = worlds.bodies[first]
-            end = worlds.block_end[first]
-            if wp.static(effects.joints):
-                if is_tree(first, end, body, tree):
-                    farthest = wp.max(
-                        farthest,
-                        sweep_tree(
-                            first,
-                            end,
-                            has_dual,
-                            recovery,
-                            slop,
-                            h,
-                            body_q,
-                            model,
-                            joints,
-                            control,
-                            worlds,
-                            work,
-                            rows,
-                            tree,
-                            loops,
-                            history,
-                        ),
-                    )
-                    first = end
-                    continue
-            is_held = bool(False)
-            if wp.static(effects.contact):
-                is_held = has_rows(rows, body)
-            if wp.static(effects.loops):
-                is_held = is_held or has_loops(loops, body)
-            if wp.static(effects.piles):
-                is_held = is_held and not in_pile(rows, body)
-            if work.inv_mass[body] > 0.0 and is_held:
-                if wp.static(effects.ramp):
+            if wp.static(effects.ramp):
+                body = worlds.bodies[first]
+                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
                     sweep_body_ramped(body, h, model, work, rows)
-                else:
-                    farthest = wp.max(
-                        farthest,
-                        sweep_body(
-                            body,
-                            has_dual,
-                            recovery,
-                            slop,
-                            h,
-                            model,
-                            joints,
-                            control,
-                            work,
-                            rows,
-                            tree,
-                            loops,
-                            history,
-                        ),
-                    )
-            first = end
+            else:
+                farthest = wp.max(
+                    farthest,
+                    sweep_block(
+                        first,
+                        has_dual,
+                        recovery,
+                        slop,
+                        h,
+                        body_q,
+                        model,
+                        joints,
+                        control,
+                        worlds,
+                        work,
+                        rows,
+                        tree,
+                        loops,
+                        history,
+                    ),
+                )
+            first = worlds.block_end[first]
         if wp.static(effects.piles):
             farthest = wp.max(
                 farthest,
@@ -794,205 +789,6 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 sweep_duals_ramped(worlds.bodies[i], work, rows)
         return farthest
-
-    @wp.func
-    def begin_armature(
-        joint: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ):
-        """Velocities of a joint's coordinates at the start of the step.
-
-        Their momenta are those at the end of the last step, when the axes stood otherwise.
-        """
-        measure_velocity(
-            joint, scale.static_slot, body_qd, model, joints, work, tree, tree.start_velocity
-        )
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            rate = tree.start_velocity[dof] + history.velocity_lag[dof]
-            tree.start_velocity[dof] = rate
-            if wp.static(effects.bdf2):
-                tree.start_velocity[dof] = begin_axis(dof, rate, scale, history.rate)
-
-    @wp.func
-    def end_armatures(
-        world: int,
-        scale: WorldScale,
-        body_qd_out: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
-        """By how much coordinates changed faster than the velocities of their bodies say."""
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                measure_velocity(
-                    joint,
-                    scale.static_slot,
-                    body_qd_out,
-                    model,
-                    joints,
-                    work,
-                    tree,
-                    history.velocity_lag,
-                )
-                k = tree.axis_start[body]
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    rate = (tree.coordinate[k] - tree.start_coordinate[k]) / scale.step
-                    history.velocity_lag[dof] = rate - history.velocity_lag[dof]
-                    if wp.static(effects.bdf2):
-                        end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
-                    k += 1
-        if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                joint = loops.joints[i]
-                measure_velocity(
-                    joint,
-                    scale.static_slot,
-                    body_qd_out,
-                    model,
-                    joints,
-                    work,
-                    tree,
-                    history.velocity_lag,
-                )
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    rate = (loops.coordinate[dof] - loops.start_coordinate[dof]) / scale.step
-                    history.velocity_lag[dof] = rate - history.velocity_lag[dof]
-                    if wp.static(effects.bdf2):
-                        end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
-
-    @wp.func
-    def begin_trees(
-        world: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ) -> bool:
-        """Measures the joints at the start of the step; returns whether one is open."""
-        h = scale.step
-        static_slot = scale.static_slot
-        is_open = bool(False)
-        block_end = int(-1)
-        is_free = bool(False)
-        is_closed = bool(False)
-        is_fast = bool(False)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
-            tree.rotation[body] = wp.transform_get_rotation(body_q[body])
-            # a pose that the user has changed has lost nothing
-            moved = wp.transform_get_translation(body_q[body]) - history.placed[body]
-            tree.is_left[body] = wp.length_sq(moved) == 0.0
-            if not tree.is_left[body]:
-                history.lost[body] = wp.vec3(0.0)
-            # the guess is put aside: joints are measured at the start first
-            tree.update[body] = work.increment[body]
-            work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-            tree.turn[body] = wp.vec3(0.0)
-            if block_end != worlds.block_end[i]:
-                block_end = worlds.block_end[i]
-                is_free = is_tree(i, block_end, body, tree)
-                if wp.static(effects.closures):
-                    is_closed = tree.closures.block_of[i] >= 0
-                is_fast = bool(False)
-                for k in range(i, block_end):
-                    if wp.static(effects.tilting):
-                        spin = work.spin_momentum[worlds.bodies[k]]
-                        is_fast = is_fast or wp.length_sq(spin) > 0.0
-                    if wp.static(effects.contact):
-                        is_free = is_free and not has_rows(rows, worlds.bodies[k])
-                    if wp.static(effects.loops):
-                        is_free = is_free and not has_outer_loops(worlds.bodies[k], loops)
-            if work.inv_mass[body] > 0.0:
-                coasting = coasting_increment(work, body_qd, body, h)
-                if is_free:
-                    # keeps joints closed to the third order of h
-                    tree.update[body] = coasting + (h * h) * history.acceleration[body]
-                elif is_closed:
-                    # keeps a mechanism in its plane, where some of its rows say nothing
-                    tree.update[body] = coasting
-                if wp.static(effects.tilting):
-                    tree.is_fast[body] = is_fast
-                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                        shift = wp.spatial_top(tree.update[body])
-                        turn = wp.spatial_bottom(work.target[body])
-                        tree.update[body] = wp.spatial_vector(shift, turn)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
-            radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
-            tree.rounding[body] = ROUNDING * radius
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                if measure_misfit(body, static_slot, body_q, model, joints, work, tree, history):
-                    is_open = True
-                if wp.static(effects.coordinates):
-                    if measure_start(body, scale, model, joints, work, tree, history):
-                        is_open = True
-                if wp.static(effects.armature):
-                    begin_armature(
-                        tree.joint[body],
-                        scale,
-                        body_qd,
-                        model,
-                        joints,
-                        work,
-                        tree,
-                        history,
-                    )
-        if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if wp.static(effects.armature):
-                    begin_armature(
-                        loops.joints[i],
-                        scale,
-                        body_qd,
-                        model,
-                        joints,
-                        work,
-                        tree,
-                        history,
-                    )
-                if begin_loop(i, scale, body_q, model, joints, work, tree, loops, history):
-                    is_open = True
-        if wp.static(effects.mimics):
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                if begin_closures(i, joints, tree):
-                    is_open = True
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
-            work.increment[body] = tree.update[body]
-            if work.inv_mass[body] > 0.0:
-                turn = wp.vec3(0.0)
-                if wp.static(effects.tilting):
-                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                        turn = wp.spatial_bottom(work.increment[body])
-                begin_turn(body, turn, body_q, work, tree)
-            else:
-                tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        if wp.static(effects.coordinates):
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = worlds.bodies[i]
-                if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                    measure_moved(body, static_slot, model, joints, work, tree)
-        return is_open
 
     @wp.func
     def solve_world(
@@ -1104,8 +900,9 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         step = scale.step
         is_open = bool(False)
         if wp.static(effects.joints):
-            is_open = begin_trees(
-                world,
+            is_open = measure_blocks(
+                body_start,
+                body_end,
                 scale,
                 body_q,
                 body_qd,
@@ -1118,59 +915,40 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 loops,
                 history,
             )
+            if wp.static(effects.loops):
+                for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                    if measure_loop(
+                        i, scale, body_q, body_qd, model, joints, work, tree, loops, history
+                    ):
+                        is_open = True
+            if place_blocks(
+                body_start, body_end, scale.static_slot, body_q, model, joints, worlds, work, tree
+            ):
+                is_open = True
 
         # Sweeps: a body that nothing touches is at its target at once.
         sweeps = int(0)
         for i in range(body_start, body_end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                is_touched = bool(False)
-                is_jointed = bool(False)
-                if wp.static(effects.pairs):
-                    begin_island(islands, body)
-                if wp.static(effects.contact):
-                    is_touched = has_rows(rows, body)
-                if wp.static(effects.loops):
-                    is_touched = is_touched or has_loops(loops, body)
-                if wp.static(effects.joints):
-                    tree.is_touched[body] = is_touched
-                    is_jointed = is_tree(i, worlds.block_end[i], body, tree)
-                if is_touched and wp.static(not effects.ramp):
-                    h_ll, h_al, h_aa = assemble_body(
-                        body,
-                        step,
-                        model,
-                        joints,
-                        control,
-                        worlds,
-                        work,
-                        rows,
-                        tree,
-                        loops,
-                        history,
-                    )
-                    if is_jointed:
-                        if wp.static(effects.joints):
-                            tree.own_ll[body] = h_ll
-                            tree.own_al[body] = h_al
-                            tree.own_aa[body] = h_aa
-                    else:
-                        is_alone = bool(True)
-                        if wp.static(effects.piles):
-                            if in_pile(rows, body):
-                                is_alone = False
-                                rows.piles.ll[body] = h_ll
-                                rows.piles.al[body] = h_al
-                                rows.piles.aa[body] = h_aa
-                        if is_alone:
-                            work.factor[body] = factor_block(h_ll, h_al, h_aa)
+                if begin_body(
+                    i,
+                    step,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    islands,
+                    history,
+                ):
+                    sweeps = iterations
                 if wp.static(effects.joints and effects.pairs):
                     if tree.joint[body] >= 0:
                         join_islands(islands, worlds, work, body, tree.parent[body])
-                if not is_touched and not is_jointed:
-                    work.increment[body] = work.target[body]
-                else:
-                    sweeps = iterations
         if wp.static(effects.piles):
             factor_piles(world, worlds, work, rows)
         if wp.static(not effects.ramp):
@@ -1249,32 +1027,20 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 body = worlds.bodies[i]
                 velocity = body_qd[body]
                 if work.inv_mass[body] > 0.0:
-                    increment = work.increment[body]
-                    coasting = coasting_increment(work, body_qd, body, step)
-                    free = wp.spatial_top(work.target[body] - coasting)
-                    got = wp.spatial_top(increment - coasting)
-                    if wp.static(effects.joints):
-                        history.acceleration[body] = (increment - coasting) / (step * step)
-                    history.falling[body] = wp.clamp(
-                        wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
+                    velocity = end_velocity(
+                        i,
+                        step,
+                        body_q,
+                        body_qd,
+                        model,
+                        worlds,
+                        work,
+                        rows,
+                        tree,
+                        loops,
+                        islands,
+                        history,
                     )
-                    velocity = increment / step
-                    if wp.static(effects.bdf2):
-                        velocity = (increment - work.lead[body]) / step
-                    if wp.static(effects.gyroscopic):
-                        turn = wp.spatial_bottom(increment)
-                        spin = wp.spatial_bottom(velocity)
-                        if has_no_joints(i, worlds, tree, loops):
-                            if is_touched_by(body, rows, islands):
-                                spin += carried_roll(turn, work.inv_inertia[body]) / step
-                            else:
-                                end = turned(body_q[body], increment)
-                                spin = spin_of(model.inv_inertia[body], end, work.momentum[body])
-                        if wp.static(effects.tilting):
-                            if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                                free = wp.spatial_bottom(work.target[body])
-                                spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
-                        velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
                     if wp.static(effects.bdf2):
                         remember_motion(
                             body, body_qd[body], scale, joints, work, rows, tree, history
@@ -1293,18 +1059,15 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                         if rows.struck_at[body] >= 0.0:
                             history.falling[body] = free_share(body, scale, work)
             if wp.static(effects.armature):
-                end_armatures(
-                    world,
-                    scale,
-                    body_qd_out,
-                    model,
-                    joints,
-                    worlds,
-                    work,
-                    tree,
-                    loops,
-                    history,
-                )
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                        end_armature(body, scale, body_qd_out, model, joints, work, tree, history)
+                if wp.static(effects.loops):
+                    for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                        end_loop_armature(
+                            i, scale, body_qd_out, model, joints, work, tree, loops, history
+                        )
 
             # Recovery: old errors go, without entering the velocity.
             if wp.static(not effects.ramp):
@@ -1353,32 +1116,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             body = worlds.bodies[i]
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
-                increment = work.increment[body]
-                rotation = wp.quat_identity()
-                is_turned = bool(False)
-                if wp.static(effects.joints):
-                    is_turned = is_tree(i, worlds.block_end[i], body, tree)
-                    if wp.static(effects.loops):
-                        is_turned = is_turned or has_loops(loops, body)
-                    rotation = renormalised(tree.rotation[body])
-                if not is_turned:
-                    rotation = turned(pose, increment)
-                    if wp.static(effects.gyroscopic):
-                        if is_touched_by(body, rows, islands):
-                            rotation = rolled(pose, increment, work.inv_inertia[body])
-                shift = origin_shift(pose, model.com[body], increment, rotation)
-                if wp.static(effects.joints):
-                    shift += history.lost[body]
-                before = wp.transform_get_translation(pose)
-                after = before + shift
-                moved = wp.transform(after, rotation)
-                if wp.isfinite(pose_sum(moved)):
-                    pose = moved
-                    if wp.static(effects.joints):
-                        history.placed[body] = after
-                        history.lost[body] = shift - (after - before)
-                else:
-                    report_held(worlds, worlds.of_body[body])
+                pose = end_pose(i, body_q, model, worlds, work, rows, tree, loops, islands, history)
             body_q_out[body] = pose
         if wp.static(effects.gyroscopic and effects.contact):
             if has_islands:

@@ -15,7 +15,13 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.memory import bytes_by_effect
-from newton_avbd.study.scenes import add_brick_ring, add_pyramid, add_sphere_heap
+from newton_avbd.study.scenes import (
+    add_brick_ring,
+    add_net,
+    add_pyramid,
+    add_ragdoll_heap,
+    add_sphere_heap,
+)
 
 DT = 1.0 / 240.0
 CONTACTS_A_BODY = 24
@@ -27,10 +33,16 @@ def _add_pyramid(builder: newton.ModelBuilder, bodies: int) -> None:
     add_pyramid(builder, rows=max(1, round(math.sqrt(2.0 * bodies))))
 
 
+def _add_ragdolls(builder: newton.ModelBuilder, bodies: int) -> None:
+    add_ragdoll_heap(builder, ragdolls=max(1, round(bodies / 5)))
+
+
 LARGE_SCENES: dict[str, tuple[str, Callable[[newton.ModelBuilder, int], None]]] = {
     "ring": ("a round wall of bricks", add_brick_ring),
     "spheres": ("spheres fall into a heap", add_sphere_heap),
     "pyramid": ("a pyramid of boxes", _add_pyramid),
+    "ragdolls": ("ragdolls of five bodies fall into a heap", _add_ragdolls),
+    "net": ("spheres fall into a net of strings", add_net),
 }
 """What they are and how they are built, with about so many bodies."""
 
@@ -43,8 +55,8 @@ class LargeResult:
         scene: Name of the scene.
         bodies: Bodies.
         contacts: Contacts in the last step.
-        colors: Colors of the bodies in it; 0 where one thread takes the world.
-        clashes: Bodies that found none.
+        colors: Colors of the blocks in it; 0 where one thread takes the world.
+        clashes: Blocks that found none.
         step: Time of a step without detection, replayed [ms].
         detection: Time of a detection, replayed [ms].
         memory: Memory of the solver's arrays [MB].

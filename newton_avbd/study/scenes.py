@@ -176,6 +176,89 @@ def add_sphere_heap(builder: newton.ModelBuilder, spheres: int = 1000, seed: int
         builder.add_shape_sphere(body, radius=rng.uniform(0.08, 0.12), cfg=cfg)
 
 
+def add_ragdoll(
+    builder: newton.ModelBuilder,
+    place: Iterable[float],
+    rotation: wp.quat | None = None,
+    stiffness: float = 20.0,
+) -> list[int]:
+    """Add a torso with two arms and two legs on hinges that drives hold straight.
+
+    Args:
+        builder: Builder to add to.
+        place: Center of the torso [m].
+        rotation: Orientation of the torso.
+        stiffness: Of the drives [N m/rad].
+
+    Returns:
+        The torso and its four limbs.
+    """
+    cfg = _shape(builder, density=1000.0, mu=0.5, gap=0.01)
+    rotation = wp.quat_identity() if rotation is None else rotation
+    root = wp.transform(wp.vec3(*place), rotation)
+    torso = builder.add_link(xform=root)
+    builder.add_shape_box(torso, hx=0.1, hy=0.15, hz=0.25, cfg=cfg)
+    bodies, joints = [torso], [builder.add_joint_free(torso)]
+    first = builder.joint_q_start[joints[0]]
+    builder.joint_q[first : first + 7] = list(root)
+    for y, z in ((0.23, 0.22), (-0.23, 0.22), (0.09, -0.28), (-0.09, -0.28)):
+        at = wp.transform(wp.vec3(0.0, y, z), wp.quat_identity())
+        top = wp.transform(wp.vec3(0.0, 0.0, 0.2), wp.quat_identity())
+        limb = builder.add_link(xform=root * at * wp.transform_inverse(top))
+        builder.add_shape_capsule(limb, radius=0.06, half_height=0.14, cfg=cfg)
+        joints.append(
+            builder.add_joint_revolute(
+                torso,
+                limb,
+                parent_xform=at,
+                child_xform=top,
+                axis=(0.0, 1.0, 0.0),
+                target_ke=stiffness,
+                target_kd=0.1 * stiffness,
+                limit_lower=-1.5,
+                limit_upper=1.5,
+            )
+        )
+        bodies.append(limb)
+    builder.add_articulation(joints)
+    return bodies
+
+
+def add_ragdoll_heap(builder: newton.ModelBuilder, ragdolls: int = 200, seed: int = 11) -> None:
+    """Add ragdolls of five bodies in a loose cube of layers that falls into a heap."""
+    add_ground(builder, mu=0.5, gap=0.01)
+    rng = np.random.default_rng(seed)
+    side = max(1, round(ragdolls ** (1.0 / 3.0)))
+    for i in range(ragdolls):
+        cell = np.array([i % side, i // side % side, i // side**2 + 0.6])
+        turn = rng.normal(size=4)
+        rotation = wp.quat(*(turn / np.linalg.norm(turn)).tolist())
+        add_ragdoll(builder, 1.2 * cell + rng.uniform(-0.05, 0.05, 3), rotation)
+
+
+def add_net(builder: newton.ModelBuilder, bodies: int = 1000) -> None:
+    """Add a net of small spheres on strings, held at its rim, and spheres that fall into it."""
+    cfg = _shape(builder, density=1000.0, mu=0.5, gap=0.01)
+    side = max(3, round(math.sqrt(0.9 * bodies)))
+    pitch, radius = 0.12, 0.03
+    knots = {}
+    for i in range(side):
+        for j in range(side):
+            place = wp.transform(wp.vec3(pitch * i, pitch * j, 1.0), wp.quat_identity())
+            is_rim = i in (0, side - 1) or j in (0, side - 1)
+            knots[i, j] = knot = builder.add_body(xform=place, is_kinematic=is_rim)
+            builder.add_shape_sphere(knot, radius=radius, cfg=cfg)
+            for before in (knots.get((i - 1, j)), knots.get((i, j - 1))):
+                if before is not None:
+                    builder.add_joint_distance(before, knot, max_distance=pitch)
+    across = max(1, round(math.sqrt(0.1 * bodies)))
+    for i in range(across):
+        for j in range(across):
+            place = (0.5 * pitch * (side - 1)) + 0.3 * np.array([i, j]) - 0.15 * (across - 1)
+            body = builder.add_body(xform=wp.transform(wp.vec3(*place, 1.3), wp.quat_identity()))
+            builder.add_shape_sphere(body, radius=0.1, cfg=cfg)
+
+
 def add_card_house(
     builder: newton.ModelBuilder, levels: int = 3, lean: float = math.radians(20.0)
 ) -> None:

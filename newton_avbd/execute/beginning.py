@@ -1,0 +1,328 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a step does with bodies and joints before its sweeps, block by block."""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from ..algebra.block import factor_block
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    IslandWork,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from .bodies import has_rows
+from .islands import begin_island
+from .loops import LoopFunctions, has_loops, has_outer_loops
+from .piles import in_pile
+from .slopes import begin_axis
+from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked
+
+
+@wp.func
+def is_tree(first: int, end: int, body: int, tree: wp.ref[TreeWork]) -> bool:
+    """Whether a body belongs to a block with joints, which holds it from ``first`` to ``end``."""
+    return end > first + 1 or tree.joint[body] >= 0
+
+
+def make_coasting(effects: Effects) -> wp.Function:
+    """Device function: where a body goes that nothing accelerates."""
+
+    @wp.func
+    def coasting_increment(
+        work: wp.ref[BodyWork], body_qd: wp.array[wp.spatial_vector], slot: int, h: float
+    ) -> wp.spatial_vector:
+        """Pose increment of a body that keeps its velocity."""
+        if wp.static(effects.bdf2):
+            return work.coasting[slot]
+        if work.inv_mass[slot] == 0.0:
+            return work.increment[slot]
+        return h * body_qd[slot]
+
+    return coasting_increment
+
+
+class BeginFunctions(NamedTuple):
+    """Device functions in the order of the step, compiled for the effects of a scene."""
+
+    measure_blocks: wp.Function
+    measure_loop: wp.Function
+    place_blocks: wp.Function
+    begin_body: wp.Function
+
+
+def make_begin(
+    effects: Effects,
+    trees: TreeFunctions,
+    loop_functions: LoopFunctions,
+    begin_closures: wp.Function,
+    assemble_body: wp.Function,
+) -> BeginFunctions:
+    """Device functions that measure joints at the start of a step and start its bodies.
+
+    Args:
+        effects: What the kernel is compiled with.
+        trees: Those of joints in trees.
+        loop_functions: Those of joints outside of trees.
+        begin_closures: Device function that measures the mimics of a block.
+        assemble_body: Device function that sums the block of a body.
+    """
+    coasting_increment = make_coasting(effects)
+    measure_misfit, measure_start = trees.measure_misfit, trees.measure_start
+    measure_velocity, measure_moved = trees.measure_velocity, trees.measure_moved
+    begin_loop = loop_functions.begin_loop
+
+    @wp.func
+    def begin_armature(
+        joint: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ):
+        """Velocities of a joint's coordinates at the start of the step.
+
+        Their momenta are those at the end of the last step, when the axes stood otherwise.
+        """
+        measure_velocity(
+            joint, scale.static_slot, body_qd, model, joints, work, tree, tree.start_velocity
+        )
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            rate = tree.start_velocity[dof] + history.velocity_lag[dof]
+            tree.start_velocity[dof] = rate
+            if wp.static(effects.bdf2):
+                tree.start_velocity[dof] = begin_axis(dof, rate, scale, history.rate)
+
+    @wp.func
+    def measure_blocks(
+        first: int,
+        end: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Measures the joints of the trees of blocks at the start of the step.
+
+        The blocks are those of the bodies from ``first`` to ``end``, whose increments are put aside
+        until :func:`place_blocks`. Returns whether a joint is open.
+        """
+        h = scale.step
+        static_slot = scale.static_slot
+        is_open = bool(False)
+        block_end = int(-1)
+        is_free = bool(False)
+        is_closed = bool(False)
+        is_fast = bool(False)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            tree.rotation[body] = wp.transform_get_rotation(body_q[body])
+            # a pose that the user has changed has lost nothing
+            moved = wp.transform_get_translation(body_q[body]) - history.placed[body]
+            tree.is_left[body] = wp.length_sq(moved) == 0.0
+            if not tree.is_left[body]:
+                history.lost[body] = wp.vec3(0.0)
+            # the guess is put aside: joints are measured at the start first
+            tree.update[body] = work.increment[body]
+            work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            tree.turn[body] = wp.vec3(0.0)
+            if block_end != worlds.block_end[i]:
+                block_end = worlds.block_end[i]
+                is_free = is_tree(i, block_end, body, tree)
+                if wp.static(effects.closures):
+                    is_closed = tree.closures.block_of[i] >= 0
+                is_fast = bool(False)
+                for k in range(i, block_end):
+                    if wp.static(effects.tilting):
+                        spin = work.spin_momentum[worlds.bodies[k]]
+                        is_fast = is_fast or wp.length_sq(spin) > 0.0
+                    if wp.static(effects.contact):
+                        is_free = is_free and not has_rows(rows, worlds.bodies[k])
+                    if wp.static(effects.loops):
+                        is_free = is_free and not has_outer_loops(worlds.bodies[k], loops)
+            if work.inv_mass[body] > 0.0:
+                coasting = coasting_increment(work, body_qd, body, h)
+                if is_free:
+                    # keeps joints closed to the third order of h
+                    tree.update[body] = coasting + (h * h) * history.acceleration[body]
+                elif is_closed:
+                    # keeps a mechanism in its plane, where some of its rows say nothing
+                    tree.update[body] = coasting
+                if wp.static(effects.tilting):
+                    tree.is_fast[body] = is_fast
+                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                        shift = wp.spatial_top(tree.update[body])
+                        turn = wp.spatial_bottom(work.target[body])
+                        tree.update[body] = wp.spatial_vector(shift, turn)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
+            tree.rounding[body] = ROUNDING * radius
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                if measure_misfit(body, static_slot, body_q, model, joints, work, tree, history):
+                    is_open = True
+                if wp.static(effects.coordinates):
+                    if measure_start(body, scale, model, joints, work, tree, history):
+                        is_open = True
+                if wp.static(effects.armature):
+                    begin_armature(
+                        tree.joint[body],
+                        scale,
+                        body_qd,
+                        model,
+                        joints,
+                        work,
+                        tree,
+                        history,
+                    )
+        return is_open
+
+    @wp.func
+    def measure_loop(
+        i: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Measures a joint outside of the trees, once the blocks are; whether it is open."""
+        if wp.static(effects.armature):
+            begin_armature(
+                loops.joints[i],
+                scale,
+                body_qd,
+                model,
+                joints,
+                work,
+                tree,
+                history,
+            )
+        return begin_loop(i, scale, body_q, model, joints, work, tree, loops, history)
+
+    @wp.func
+    def place_blocks(
+        first: int,
+        end: int,
+        static_slot: int,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ) -> bool:
+        """Puts blocks to the guess of their increments; returns whether a mimic joint is open."""
+        is_open = bool(False)
+        if wp.static(effects.mimics):
+            for i in range(first, end):
+                if begin_closures(i, joints, tree):
+                    is_open = True
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            work.increment[body] = tree.update[body]
+            if work.inv_mass[body] > 0.0:
+                turn = wp.vec3(0.0)
+                if wp.static(effects.tilting):
+                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                        turn = wp.spatial_bottom(work.increment[body])
+                begin_turn(body, turn, body_q, work, tree)
+            else:
+                tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if wp.static(effects.coordinates):
+            for i in range(first, end):
+                body = worlds.bodies[i]
+                if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                    measure_moved(body, static_slot, model, joints, work, tree)
+        return is_open
+
+    @wp.func
+    def begin_body(
+        rank: int,
+        step: float,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Sums the block of the body of this rank, or puts the body to its target.
+
+        Returns whether sweeps are to move it.
+        """
+        body = worlds.bodies[rank]
+        is_touched = bool(False)
+        is_jointed = bool(False)
+        if wp.static(effects.pairs):
+            begin_island(islands, body)
+        if wp.static(effects.contact):
+            is_touched = has_rows(rows, body)
+        if wp.static(effects.loops):
+            is_touched = is_touched or has_loops(loops, body)
+        if wp.static(effects.joints):
+            tree.is_touched[body] = is_touched
+            is_jointed = is_tree(rank, worlds.block_end[rank], body, tree)
+        if is_touched and wp.static(not effects.ramp):
+            h_ll, h_al, h_aa = assemble_body(
+                body,
+                step,
+                model,
+                joints,
+                control,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+            if is_jointed:
+                if wp.static(effects.joints):
+                    tree.own_ll[body] = h_ll
+                    tree.own_al[body] = h_al
+                    tree.own_aa[body] = h_aa
+            else:
+                is_alone = bool(True)
+                if wp.static(effects.piles):
+                    if in_pile(rows, body):
+                        is_alone = False
+                        rows.piles.ll[body] = h_ll
+                        rows.piles.al[body] = h_al
+                        rows.piles.aa[body] = h_aa
+                if is_alone:
+                    work.factor[body] = factor_block(h_ll, h_al, h_aa)
+        if not is_touched and not is_jointed:
+            work.increment[body] = work.target[body]
+            return False
+        return True
+
+    return BeginFunctions(measure_blocks, measure_loop, place_blocks, begin_body)

@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a step does with bodies and joints after its sweeps: velocities, then poses."""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from ..algebra.so3 import exp_quat
+from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, spin_of, turned
+from ..data import (
+    BodyModel,
+    BodyWork,
+    History,
+    IslandWork,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from .beginning import is_tree, make_coasting
+from .bodies import has_rows, pose_sum, report_held
+from .islands import is_alone
+from .loops import has_loops
+from .slopes import end_axis
+
+
+class EndFunctions(NamedTuple):
+    """Device functions in the order of the step, compiled for the effects of a scene."""
+
+    end_velocity: wp.Function
+    end_armature: wp.Function
+    end_loop_armature: wp.Function
+    end_pose: wp.Function
+
+
+def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
+    """Device functions that read velocities and poses off increments.
+
+    Args:
+        effects: What the kernel is compiled with.
+        measure_velocity: Device function: velocities of a joint's coordinates.
+    """
+    coasting_increment = make_coasting(effects)
+
+    @wp.func
+    def has_no_joints(
+        rank: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork], loops: wp.ref[LoopWork]
+    ) -> bool:
+        """Whether no joint holds the body of this rank."""
+        result = bool(True)
+        if wp.static(effects.joints):
+            result = not is_tree(rank, worlds.block_end[rank], worlds.bodies[rank], tree)
+        if wp.static(effects.loops):
+            result = result and not has_loops(loops, worlds.bodies[rank])
+        return result
+
+    @wp.func
+    def is_touched_by(body: int, rows: wp.ref[RowWork], islands: wp.ref[IslandWork]) -> bool:
+        """Whether contacts have pushed a body."""
+        if wp.static(not effects.contact):
+            return False
+        if wp.static(effects.ramp):
+            return has_rows(rows, body)
+        if wp.static(effects.pairs):
+            return has_rows(rows, body) and not is_alone(islands, body)
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            if wp.length_sq(rows.rows[i].force) > 0.0:
+                return True
+        return False
+
+    @wp.func
+    def end_velocity(
+        rank: int,
+        step: float,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+    ) -> wp.spatial_vector:
+        """Velocity of the body of this rank, which moves, from its increment itself."""
+        body = worlds.bodies[rank]
+        increment = work.increment[body]
+        coasting = coasting_increment(work, body_qd, body, step)
+        free = wp.spatial_top(work.target[body] - coasting)
+        got = wp.spatial_top(increment - coasting)
+        if wp.static(effects.joints):
+            history.acceleration[body] = (increment - coasting) / (step * step)
+        history.falling[body] = wp.clamp(
+            wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
+        )
+        velocity = increment / step
+        if wp.static(effects.bdf2):
+            velocity = (increment - work.lead[body]) / step
+        if wp.static(effects.gyroscopic):
+            turn = wp.spatial_bottom(increment)
+            spin = wp.spatial_bottom(velocity)
+            if has_no_joints(rank, worlds, tree, loops):
+                if is_touched_by(body, rows, islands):
+                    spin += carried_roll(turn, work.inv_inertia[body]) / step
+                else:
+                    end = turned(body_q[body], increment)
+                    spin = spin_of(model.inv_inertia[body], end, work.momentum[body])
+            if wp.static(effects.tilting):
+                if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                    free = wp.spatial_bottom(work.target[body])
+                    spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
+            velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
+        return velocity
+
+    @wp.func
+    def end_armature(
+        body: int,
+        scale: WorldScale,
+        body_qd_out: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ):
+        """By how much the coordinates of a body's joint changed faster than its velocity says."""
+        joint = tree.joint[body]
+        measure_velocity(
+            joint,
+            scale.static_slot,
+            body_qd_out,
+            model,
+            joints,
+            work,
+            tree,
+            history.velocity_lag,
+        )
+        k = tree.axis_start[body]
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            rate = (tree.coordinate[k] - tree.start_coordinate[k]) / scale.step
+            history.velocity_lag[dof] = rate - history.velocity_lag[dof]
+            if wp.static(effects.bdf2):
+                end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
+            k += 1
+
+    @wp.func
+    def end_loop_armature(
+        i: int,
+        scale: WorldScale,
+        body_qd_out: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """Likewise for a joint outside of the trees."""
+        joint = loops.joints[i]
+        measure_velocity(
+            joint,
+            scale.static_slot,
+            body_qd_out,
+            model,
+            joints,
+            work,
+            tree,
+            history.velocity_lag,
+        )
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            rate = (loops.coordinate[dof] - loops.start_coordinate[dof]) / scale.step
+            history.velocity_lag[dof] = rate - history.velocity_lag[dof]
+            if wp.static(effects.bdf2):
+                end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
+
+    @wp.func
+    def end_pose(
+        rank: int,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+    ) -> wp.transform:
+        """Pose of the body of this rank, which moves; where it was if that is not finite."""
+        body = worlds.bodies[rank]
+        pose = body_q[body]
+        increment = work.increment[body]
+        rotation = wp.quat_identity()
+        is_turned = bool(False)
+        if wp.static(effects.joints):
+            is_turned = is_tree(rank, worlds.block_end[rank], body, tree)
+            if wp.static(effects.loops):
+                is_turned = is_turned or has_loops(loops, body)
+            rotation = renormalised(tree.rotation[body])
+        if not is_turned:
+            rotation = turned(pose, increment)
+            if wp.static(effects.gyroscopic):
+                if is_touched_by(body, rows, islands):
+                    rotation = rolled(pose, increment, work.inv_inertia[body])
+        shift = origin_shift(pose, model.com[body], increment, rotation)
+        if wp.static(effects.joints):
+            shift += history.lost[body]
+        before = wp.transform_get_translation(pose)
+        after = before + shift
+        moved = wp.transform(after, rotation)
+        if wp.isfinite(pose_sum(moved)):
+            pose = moved
+            if wp.static(effects.joints):
+                history.placed[body] = after
+                history.lost[body] = shift - (after - before)
+        else:
+            report_held(worlds, worlds.of_body[body])
+        return pose
+
+    return EndFunctions(end_velocity, end_armature, end_loop_armature, end_pose)
