@@ -119,7 +119,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         is_open = True
         return is_open
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def loop_rows(
         closure: Closure,
         recovery: float,
@@ -198,7 +198,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 left -= closures.misfit[closure.row + dof]
             closures.multiplier[closure.row + dof] = left
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def begin_rows(
         first: int,
         end: int,

@@ -23,7 +23,7 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.commands.output import table
-from newton_avbd.execute.launch import BY_VALUE, Launcher
+from newton_avbd.execute.launch import Launcher
 from newton_avbd.execute.workers import Workers
 
 from .effects_full import SETTINGS, add_everything
@@ -66,7 +66,6 @@ def usage(kernel: wp.Kernel) -> Usage:
 def launched(model: newton.Model, **settings: Any) -> dict[str, wp.Kernel]:
     """Kernels that a step launches on a GPU, by name; none is compiled."""
     solver = SolverAVBD(model, **settings)
-    solver._passing = BY_VALUE
     recorder = _Recorder(solver.device)
     solver._launch = recorder
     contacts = newton.CollisionPipeline(model).contacts() if model.shape_count else None
