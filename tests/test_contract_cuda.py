@@ -53,6 +53,9 @@ VARIANTS = {
     "bare contact": BARE,
     "hinges": HINGED,
     "driven hinges": with_all(HINGED, "drives limits armature springs bdf2"),
+    "a robot": with_all(
+        dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs"
+    ),
     "contacts": with_all(
         BODIES,
         "pairs piles restitution angular_friction matching moving_surfaces contact_materials",

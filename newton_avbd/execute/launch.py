@@ -10,6 +10,7 @@ spends most of its time on where it inlines, and which a function that is not in
 """
 
 import ctypes
+import functools
 from typing import Any
 
 import warp as wp
@@ -27,9 +28,15 @@ KERNEL: dict[str, Any] = {
 """How all kernels are made: Warp compiles its headers once for each set of flags (1.5 s)."""
 
 
-@wp.kernel(**KERNEL)
-def _put(struct: Any, place: wp.array[Any]):
-    place[0] = struct
+@functools.cache
+def putting(struct: type) -> wp.Kernel:
+    """Kernel, one thread: puts a struct into an array of one."""
+
+    @wp.kernel(**KERNEL)
+    def put(value: struct, place: wp.array[struct]):
+        place[0] = value
+
+    return put
 
 
 class Launcher:
@@ -85,7 +92,7 @@ class Launcher:
                 # at once, also while a graph is captured
                 ctypes.memmove(place.ptr, content, len(content))
             else:
-                wp.launch(_put, dim=1, inputs=[argument, place], device=self._device)
+                wp.launch(putting(struct), dim=1, inputs=[argument, place], device=self._device)
             # graphs that were captured before go on using the old place, and the arrays named there
             self._places.append(place)
             known = argument, content, place
