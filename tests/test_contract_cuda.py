@@ -114,7 +114,8 @@ def compiles(kernel: wp.Kernel, folder: Path, arch: int = HOPPER) -> None:
 
 
 LONG = pytest.mark.skipif(
-    "COMPILE_ALL" not in os.environ, reason="takes a minute or more; set COMPILE_ALL=1 to compile it"
+    "COMPILE_ALL" not in os.environ,
+    reason="takes a minute or more; set COMPILE_ALL=1 to compile it",
 )
 
 
