@@ -285,6 +285,14 @@ class Effects:
         return bool(self.kinds.angular) or self.reaction
 
     @property
+    def inline(self) -> bool | None:
+        """Whether the large device functions are inlined; None leaves that to the compiler.
+
+        On a GPU it inlines whatever it can: the solve of all effects takes it more than 40 minutes.
+        """
+        return False if self.joints else None
+
+    @property
     def tilting(self) -> bool:
         """Whether the spin of a linked body may have to be tilted. (Closures take the matrix of
         their tree to be symmetric, which that would not leave it.)"""

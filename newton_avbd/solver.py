@@ -20,10 +20,16 @@ from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
 from .checks import check_array, check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Callers, Effects, SceneEffects, left_out, pushing_joints
-from .execute.bodies import make_integrate, make_predict, push_parents, report_freed
+from .execute.bodies import (
+    BODIES_PER_THREAD,
+    make_integrate,
+    make_predict,
+    push_parents,
+    report_freed,
+)
 from .execute.breaking import enable_joints
 from .execute.contacts import make_sort_contacts, reset_bodies
-from .execute.launch import Compiler, Launcher, passing_on
+from .execute.launch import Compiler, Launcher
 from .execute.observables import (
     count_turns,
     export_acceleration,
@@ -205,7 +211,6 @@ class SolverAVBD(SolverBase, RigidCoupling):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
-        self._passing = passing_on(self.device)
         self._predictors, self._workers = Workers(workers), Workers(workers)
         self.settings = settings
         """What the arguments and the scene say, as arguments of a solver that does the same."""
@@ -366,9 +371,10 @@ class SolverAVBD(SolverBase, RigidCoupling):
         seen = self._see_worlds()
         if effects.sleeping:
             self._form_islands(seen, effects, state_in, state_out, control, source, dt)
+        each = BODIES_PER_THREAD if self.device.is_cpu else 1
         self._launch(
-            make_predict(self._flags, self._passing),
-            -(-self.model.body_count // self._passing.bodies_per_thread),
+            make_predict(self._flags, each),
+            -(-self.model.body_count // each),
             [
                 0,
                 self._bodies,
@@ -416,13 +422,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
             return
         if contacts is not None:
             self._launch(
-                make_sort_contacts(effects.sleeping, self._passing),
+                make_sort_contacts(effects.sleeping),
                 1,
                 [self._shapes, source, seen.worlds, self._work, self._rows],
             )
         threads = seen.worlds.threads if effects.sleeping else self._world_count
         workers = None if effects.sleeping else self._workers
-        self._launch(make_solve(effects, self._passing), threads, [0, *arguments], workers)
+        self._launch(make_solve(effects), threads, [0, *arguments], workers)
         if effects.sleeping:
             self._launch(
                 make_end_islands(effects),

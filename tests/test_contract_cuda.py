@@ -53,6 +53,9 @@ VARIANTS = {
     "bare contact": BARE,
     "hinges": HINGED,
     "driven hinges": with_all(HINGED, "drives limits armature springs bdf2"),
+    "a robot": with_all(
+        dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs"
+    ),
     "contacts": with_all(
         BODIES,
         "pairs piles restitution angular_friction matching moving_surfaces contact_materials",
@@ -117,7 +120,8 @@ def compiles(kernel: wp.Kernel, folder: Path, arch: int = HOPPER) -> None:
 
 
 LONG = pytest.mark.skipif(
-    "COMPILE_ALL" not in os.environ, reason="takes minutes; set COMPILE_ALL=1 to compile it"
+    "COMPILE_ALL" not in os.environ,
+    reason="takes a minute or more; set COMPILE_ALL=1 to compile it",
 )
 
 

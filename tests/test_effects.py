@@ -17,7 +17,6 @@ import newton_avbd
 from newton_avbd import Effects, SolverAVBD
 from newton_avbd.__main__ import main
 from newton_avbd.effects import CAUSES
-from newton_avbd.execute.launch import RESIDENT
 from newton_avbd.execute.world import make_solve
 from newton_avbd.rows.joint import JointKinds
 from newton_avbd.study.effects_full import SETTINGS, add_everything
@@ -242,7 +241,7 @@ def test_precompiling_loads_what_a_step_launches_and_moves_nothing() -> None:
     model = boxes(1, restitution=0.25, mu=0.0)
     contacts = newton.CollisionPipeline(model).contacts()
     effects = SolverAVBD.precompile(model, contacts=contacts)
-    solve = make_solve(effects.flags, RESIDENT).module
+    solve = make_solve(effects.flags).module
     assert solve.execs
     solver = SolverAVBD(model)
     state_in, state_out = model.state(), model.state()

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Structs that lie in memory on a CPU: launches see what they hold, graphs what they held."""
+"""Structs that lie in memory: launches see what they hold, graphs what they held."""
 
 import warp as wp
 
-from newton_avbd.execute.launch import Launcher
+from newton_avbd.execute.launch import Launcher, putting
 
 
 @wp.struct
@@ -19,7 +19,7 @@ def count_up(counters: wp.array[Counter]):
 
 
 def test_a_graph_goes_on_with_the_arrays_that_it_was_captured_with() -> None:
-    """As it does where structs are passed by value: their number of worlds may be another now."""
+    """Their number of worlds may be another now."""
     first, second = wp.zeros(1, dtype=float, device="cpu"), wp.zeros(1, dtype=float, device="cpu")
     counter = Counter()
     counter.count = first
@@ -34,3 +34,13 @@ def test_a_graph_goes_on_with_the_arrays_that_it_was_captured_with() -> None:
     wp.capture_launch(capture.graph)
     assert first.numpy()[0] == before + 1.0
     assert second.numpy()[0] == 1.0
+
+
+def test_a_kernel_puts_a_struct_where_it_lies() -> None:
+    """As on a GPU; what copies it on a CPU is not seen by graphs."""
+    counter = Counter()
+    counter.count = wp.array([2.0], dtype=float, device="cpu")
+    place = wp.empty(1, dtype=Counter, device="cpu")
+    wp.launch(putting(Counter), dim=1, inputs=[counter, place], device="cpu")
+    wp.launch(count_up, dim=1, inputs=[place], device="cpu")
+    assert counter.count.numpy()[0] == 3.0

@@ -106,7 +106,7 @@ def make_begin(
             if wp.static(effects.bdf2):
                 tree.start_velocity[dof] = begin_axis(dof, rate, scale, history.rate)
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def measure_blocks(
         first: int,
         end: int,
@@ -224,7 +224,7 @@ def make_begin(
             )
         return begin_loop(i, scale, body_q, model, joints, work, tree, loops, history)
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def place_blocks(
         first: int,
         end: int,

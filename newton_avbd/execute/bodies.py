@@ -26,8 +26,10 @@ from ..data import (
 )
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
-from .launch import BY_VALUE, KERNEL, Passing
+from .launch import KERNEL
 
+BODIES_PER_THREAD = 64
+"""Of those that a thread predicts on a CPU; a thread of a GPU predicts one."""
 FAST = wp.constant(0.25)
 """Turn of a step [rad] from which the spin of a linked body resists tilting within the step."""
 NOT_UNIT = wp.constant(1.0e-4)
@@ -214,13 +216,12 @@ def report_freed(
 
 
 @functools.cache
-def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
+def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
     """Kernel, a thread for a body or some: all that the sweeps need of one, once a step.
 
     Two arrays are passed without the structs that they lie in: Warp compiles code for each struct.
     """
     external_wrench = make_wrench(effects)
-    a, read = passing.annotate, passing.read
 
     @wp.func
     def predict_body(
@@ -299,7 +300,7 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         tree_joint: wp.array[wp.int32],
         work: wp.ref[BodyWork],
     ):
-        each = wp.static(passing.bodies_per_thread)
+        each = wp.static(bodies_per_thread)
         for body in range(thread * each, wp.min((thread + 1) * each, body_q.shape[0])):
             if wp.static(effects.sleeping):
                 if worlds.island[body] >= 0:
@@ -322,32 +323,32 @@ def make_predict(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     def predict(
         first: int,
         # Model:
-        model: a(BodyModel),
+        model: wp.array[BodyModel],
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
         control: ControlInput,
         h: float,
-        worlds: a(WorldWork),
+        worlds: wp.array[WorldWork],
         falling: wp.array[float],
         tree_joint: wp.array[wp.int32],
         # Work out:
-        work: a(BodyWork),
+        work: wp.array[BodyWork],
     ):
         mode = flush_denormals()
         predict_bodies(
             first + wp.tid(),
-            read(model),
+            model[0],
             body_q,
             body_qd,
             body_f,
             control,
             h,
-            read(worlds),
+            worlds[0],
             falling,
             tree_joint,
-            read(work),
+            work[0],
         )
         restore_denormals(mode)
 

@@ -89,7 +89,7 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
             angular_lock(joints, joint, q_p, q_c) * torque,
         )
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def break_joints(
         world: int,
         h: float,

@@ -136,7 +136,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         is_open = True
         return is_open
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def loop_rows(
         closure: Closure,
         recovery: float,
@@ -215,7 +215,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 left -= closures.misfit[closure.row + dof]
             closures.multiplier[closure.row + dof] = left
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def begin_rows(
         first: int,
         end: int,
@@ -310,7 +310,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             return island_of(islands, worlds.bodies[i])
         return worlds.bodies[first]
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def pay_recovery(
         world: int,
         h: float,

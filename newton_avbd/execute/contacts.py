@@ -29,7 +29,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .islands import disturb
-from .launch import BY_VALUE, KERNEL, Passing
+from .launch import KERNEL
 from .piles import mass_to_hold
 
 NOT_UNIT = wp.constant(0.1)
@@ -84,9 +84,8 @@ def is_sound(row: ContactRow) -> bool:
 
 
 @functools.cache
-def make_sort_contacts(sleeping: bool = False, passing: Passing = BY_VALUE) -> wp.Kernel:
+def make_sort_contacts(sleeping: bool = False) -> wp.Kernel:
     """Kernel, one thread: makes room for the rows of each body."""
-    a, read = passing.annotate, passing.read
 
     @wp.func
     def sort_by_owner(
@@ -163,16 +162,16 @@ def make_sort_contacts(sleeping: bool = False, passing: Passing = BY_VALUE) -> w
     @wp.kernel(**KERNEL)
     def sort_contacts(
         # Model:
-        shapes: a(ShapeModel),
+        shapes: wp.array[ShapeModel],
         # Contacts in:
         contacts: ContactInput,
         # Work:
-        worlds: a(WorldWork),
-        work: a(BodyWork),
+        worlds: wp.array[WorldWork],
+        work: wp.array[BodyWork],
         # Work out:
-        rows: a(RowWork),
+        rows: wp.array[RowWork],
     ):
-        sort_by_owner(read(shapes), contacts, read(worlds), read(work), read(rows))
+        sort_by_owner(shapes[0], contacts, worlds[0], work[0], rows[0])
 
     return sort_contacts
 

@@ -117,7 +117,7 @@ def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
             velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
         return velocity
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def end_armature(
         body: int,
         scale: WorldScale,

@@ -294,7 +294,7 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             result = result or has_loops(loops, slot)
         return result
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def find_impacts(
         world: int,
         side: int,

@@ -3,13 +3,14 @@
 """Launches that remember their arguments: packing them costs more than a small scene's step.
 
 A struct of arrays is an argument of many pointers. A graph that is replayed on a CPU looks up each
-of them, which took half the time of a pendulum's step. So structs that stay the same are *resident*
-there: they lie in an array of one, which is what kernels are given.
+of them, which took half the time of a pendulum's step. So structs that stay the same are
+*resident*: they lie in an array of one, which is what kernels are given. Device functions take them
+by reference (``wp.ref``): by value each call copies a thousand pointers, which a compiler for GPUs
+spends most of its time on where it inlines, and which a function that is not inlined would do.
 """
 
 import ctypes
-from collections.abc import Callable
-from dataclasses import dataclass
+import functools
 from typing import Any
 
 import warp as wp
@@ -27,41 +28,15 @@ KERNEL: dict[str, Any] = {
 """How all kernels are made: Warp compiles its headers once for each set of flags (1.5 s)."""
 
 
-@wp.func
-def _itself(struct: Any):
-    return struct
+@functools.cache
+def putting(struct: type) -> wp.Kernel:
+    """Kernel, one thread: puts a struct into an array of one."""
 
+    @wp.kernel(**KERNEL)
+    def put(value: struct, place: wp.array[struct]):
+        place[0] = value
 
-@wp.func
-def _first(structs: wp.array[Any]):
-    return structs[0]
-
-
-@dataclass(frozen=True)
-class Passing:
-    """How kernels are given the structs that stay the same.
-
-    Attributes:
-        annotate: Type of a kernel's argument, by the type of the struct.
-        read: Device function: the struct, from the argument.
-        bodies_per_thread: Bodies that a thread predicts, since it has to read the structs once.
-    """
-
-    annotate: Callable[[type], Any]
-    read: wp.Function
-    bodies_per_thread: int
-
-
-BY_VALUE = Passing(lambda struct: struct, _itself, 1)
-"""What a GPU likes: constants, of which a kernel loads those that it needs, when it does."""
-
-RESIDENT = Passing(lambda struct: wp.array[struct], _first, 64)
-"""What a CPU likes, see above."""
-
-
-def passing_on(device: wp.Device) -> Passing:
-    """How kernels of a device are given structs."""
-    return RESIDENT if device.is_cpu else BY_VALUE
+    return put
 
 
 class Launcher:
@@ -113,8 +88,11 @@ class Launcher:
         known = self._resident.get(id(argument))
         if known is None or known[1] != content:
             place = wp.empty(1, dtype=struct, device=self._device)
-            # at once, also while a graph is captured
-            ctypes.memmove(place.ptr, content, len(content))
+            if self._device.is_cpu:
+                # at once, also while a graph is captured
+                ctypes.memmove(place.ptr, content, len(content))
+            else:
+                wp.launch(putting(struct), dim=1, inputs=[argument, place], device=self._device)
             # graphs that were captured before go on using the old place, and the arrays named there
             self._places.append(place)
             known = argument, content, place

@@ -143,7 +143,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     axes = axis_rows.make_axis(effects)
     linear_force, stops = axes.linear_force, axes.stops
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def coordinate_of(
         i: int,
         dof: int,
@@ -165,7 +165,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 return turn[dof]
         return coordinate(joints, joint, dof, q_p, q_c, offset, known)
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def begin_loop(
         i: int,
         scale: WorldScale,
@@ -315,7 +315,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                     stiffness += penalty
         return force, stiffness, friction, stop
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def loop_wrench(
         i: int,
         recovery: float,
@@ -389,7 +389,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 torque += joint_rows.rod_torque(q_p, q_c, response)
         return force, torque, arm_c, arm_p
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def loop_curvature(
         item: int,
         doubled: bool,

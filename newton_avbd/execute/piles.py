@@ -178,7 +178,7 @@ class PileFunctions:
 def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
     """Device functions that solve piles; ``gather`` sums what pulls a body."""
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def link_piles(
         world: int,
         slop: float,
@@ -258,7 +258,7 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
                     aa += spin_rows.curvature(rows.spin[k], row.normal)
         return ll, al, aa
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def factor_piles(
         world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], rows: wp.ref[RowWork]
     ):
@@ -309,7 +309,7 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
         piles = rows.piles
         return times_block(piles.link_ll[body], piles.link_al[body], piles.link_aa[body], motion)
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def sweep_piles(
         world: int,
         has_dual: bool,

@@ -322,7 +322,7 @@ def make_trees(
         misfit = linear_misfit(joints, joint, q_p, offset)
         work.increment[body] = work.increment[body] - wp.spatial_vector(misfit, wp.vec3(0.0))
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def joint_coordinate(
         body: int,
         dof: int,
@@ -355,7 +355,7 @@ def make_trees(
             offset = sign * anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
         return coordinate(joints, joint, dof, q_p, q_c, offset, known)
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def measure_start(
         body: int,
         scale: WorldScale,
@@ -400,7 +400,7 @@ def make_trees(
             tree.start_coordinate[tree.axis_start[body] + dof] = q
         return is_beyond
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def measure_velocity(
         joint: int,
         static_slot: int,
@@ -430,7 +430,7 @@ def make_trees(
                 joints, joint, dof, q_p, q_c, relative
             )
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def measure_moved(
         body: int,
         static_slot: int,
@@ -447,7 +447,7 @@ def make_trees(
                 body, dof, tree.start_coordinate[k], static_slot, model, joints, work, tree
             )
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def eliminate(
         body: int,
         has_dual: bool,
@@ -739,7 +739,7 @@ def make_trees(
             tree.load[parent] = tree.load[parent] + algebra.handed_down(span, load)
         return mismatch
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def substitute(
         body: int,
         model: wp.ref[BodyModel],

@@ -37,7 +37,7 @@ from .denormals import flush_denormals, restore_denormals
 from .ending import make_end
 from .impacts import free_share, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
-from .launch import BY_VALUE, KERNEL, Passing
+from .launch import KERNEL
 from .loops import has_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
 from .trees import is_linked, make_trees, place_body
@@ -215,7 +215,7 @@ def make_gather(
     beyond ``slop`` that is to go.
     """
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def gather(
         body: int,
         has_dual: bool,
@@ -466,7 +466,7 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
                 return 2.0
         return 1.0
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def assemble_body(
         body: int,
         h: float,
@@ -617,9 +617,8 @@ def make_remember(
 
 
 @functools.cache
-def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
+def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
-    a, read = passing.annotate, passing.read
     measure_world = make_measure_world(effects)
     is_world_finite = make_is_world_finite(effects)
     find_rows, penalise_rows = make_rows(effects)
@@ -708,7 +707,7 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
                 row.k_n, ramp_rows.penetration(row, u), rows.stiffness[i]
             )
 
-    @wp.func
+    @wp.func(inline=effects.inline)
     def sweep_world(
         world: int,
         has_dual: bool,
@@ -1193,9 +1192,9 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
     def solve(
         first: int,
         # Model:
-        model: a(BodyModel),
-        shapes: a(ShapeModel),
-        joints: a(JointModel),
+        model: wp.array[BodyModel],
+        shapes: wp.array[ShapeModel],
+        joints: wp.array[JointModel],
         control: ControlInput,
         # State in:
         body_q: wp.array[wp.transform],
@@ -1205,13 +1204,13 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         iterations: int,
         tolerance: float,
         # Work:
-        worlds: a(WorldWork),
-        work: a(BodyWork),
-        rows: a(RowWork),
-        tree: a(TreeWork),
-        loops: a(LoopWork),
-        islands: a(IslandWork),
-        history: a(History),
+        worlds: wp.array[WorldWork],
+        work: wp.array[BodyWork],
+        rows: wp.array[RowWork],
+        tree: wp.array[TreeWork],
+        loops: wp.array[LoopWork],
+        islands: wp.array[IslandWork],
+        history: wp.array[History],
         # State out:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
@@ -1220,9 +1219,9 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
         mode = flush_denormals()
         solve_worlds(
             first + wp.tid(),
-            read(model),
-            read(shapes),
-            read(joints),
+            model[0],
+            shapes[0],
+            joints[0],
             control,
             body_q,
             body_qd,
@@ -1230,13 +1229,13 @@ def make_solve(effects: Effects, passing: Passing = BY_VALUE) -> wp.Kernel:
             h,
             iterations,
             tolerance,
-            read(worlds),
-            read(work),
-            read(rows),
-            read(tree),
-            read(loops),
-            read(islands),
-            read(history),
+            worlds[0],
+            work[0],
+            rows[0],
+            tree[0],
+            loops[0],
+            islands[0],
+            history[0],
             body_q_out,
             body_qd_out,
         )

@@ -292,7 +292,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
             return a0, wp.cross(a0, a1), a1
         return a0, a1, joints.axis[first + 2]
 
-    @wp.func
+    @wp.func(inline=False)
     def euler_middle(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat):
         """Middle Euler angle [rad] of a joint with two or three angular axes, and its axis."""
         a0, a1, a2 = euler_axes(joints, joint)

@@ -23,10 +23,11 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.commands.output import table
-from newton_avbd.execute.launch import BY_VALUE, Launcher
+from newton_avbd.execute.launch import Launcher
 from newton_avbd.execute.workers import Workers
 
 from .effects_full import SETTINGS, add_everything
+from .robots import add_quadruped
 
 HOPPER = 90
 """Compute capability of the GPU."""
@@ -57,16 +58,17 @@ def usage(kernel: wp.Kernel) -> Usage:
         Path(file).write_text(text)
         command = [_assembler(), "-v", f"-arch=sm_{HOPPER}", file, "-o", f"{folder}/kernel.cubin"]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-    found = re.search(r"(\d+) bytes stack frame, (\d+) bytes spill stores", said)
-    used = re.search(r"Used (\d+) registers", said)
-    assert found and used
-    return Usage(int(used[1]), int(found[1]), int(found[2]), seconds)
+    # of functions that are not inlined, too
+    frames = re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores", said)
+    used = re.search(r"Used (\d+) registers(?:.*?(\d+) bytes cumulative stack size)?", said)
+    assert frames and used
+    spilled = sum(int(stores) for _, stores in frames)
+    return Usage(int(used[1]), int(used[2] or 0), spilled, seconds)
 
 
 def launched(model: newton.Model, **settings: Any) -> dict[str, wp.Kernel]:
     """Kernels that a step launches on a GPU, by name; none is compiled."""
     solver = SolverAVBD(model, **settings)
-    solver._passing = BY_VALUE
     recorder = _Recorder(solver.device)
     solver._launch = recorder
     contacts = newton.CollisionPipeline(model).contacts() if model.shape_count else None
@@ -112,6 +114,7 @@ SCENES: dict[str, Callable[[newton.ModelBuilder], None]] = {
     "a body that falls": add_falling,
     "a box on the ground": lambda builder: add_boxes(builder, 1),
     "two boxes": lambda builder: add_boxes(builder, 2),
+    "a quadruped": add_quadruped,
     "all effects": add_everything,
 }
 """From the least to the most that a scene can call for."""
