@@ -256,7 +256,6 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     work.direction = wp.zeros(len(top), dtype=wp.vec3)
     work.whole = wp.zeros(len(top), dtype=float)
     work.least = wp.zeros(len(top), dtype=float)
-    work.price = wp.zeros(len(nodes) - len(blocks), dtype=wp.vec4)
     work.held = wp.zeros(len(top), dtype=float)
     work.multiplier = wp.zeros(len(top), dtype=float)
     work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
@@ -334,7 +333,7 @@ def seen_work(slots: int, world_count: int, bdf2: bool) -> tuple[Any, Any]:
     worlds.island_start = wp.zeros(world_count + 1, dtype=wp.int32)
     # a thread of the CPU that finds nothing to do costs more than a body that sleeps
     worlds.threads = slots - 1 if wp.get_device().is_cuda else 1
-    for name in ("update", "pace", "step"):
+    for name in ("update", "settled", "pace", "step"):
         setattr(worlds, name, wp.zeros(slots, dtype=float))
     if bdf2:
         history.slope_age = wp.zeros(slots, dtype=float)

@@ -283,6 +283,8 @@ class WorldWork:
     """Steps in which a world was held still because its state was not finite."""
     sweeps: wp.array[wp.int32]
     """Sweeps of the last step."""
+    settled: wp.array[float]
+    """Update at which sweeps of the last step ended by themselves [m]."""
     update: wp.array[float]
     """How far the last sweep of the last step still moved a body [m], a turn by its radius of
     gyration."""
@@ -438,9 +440,6 @@ class ClosureWork:
     gram: wp.array[float]
     """How far a row is moved by the multipliers of those that are eliminated after it, up to the
     last that it meets; on the diagonal, after elimination, the inverse of the pivot."""
-    price: wp.array[wp.vec4]
-    """By body slot, at the first body of an island: what recovery costs, in the terms of
-    :func:`.execute.closures.make_closures`, and whether the motion is to pay for it."""
 
 
 @wp.struct

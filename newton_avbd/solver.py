@@ -47,7 +47,7 @@ from .execute.sleeping import (
 )
 from .execute.slopes import SCHEMES
 from .execute.workers import Workers
-from .execute.world import SETTLED, make_solve
+from .execute.world import make_solve
 from .large import LARGE, LargeWorlds, obstacles
 from .memory import bytes_by_effect, members
 from .report import Report, Status
@@ -605,11 +605,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         h, order = self._history.step.numpy(), np.ones_like(sweeps)
         if self._bdf2:
             order += self._worlds.step.numpy() < h
-        of_body = self._worlds.of_body.numpy()[:-1]
-        gravity = np.zeros(self._world_count)
-        pulls = np.linalg.norm(self.model.gravity.numpy(), axis=1)
-        np.maximum.at(gravity, of_body, pulls[self.model.body_world.numpy()])
-        allowed = np.maximum(self.tolerance, float(SETTLED) * gravity * h * h)
+        allowed = np.maximum(self.tolerance, self._worlds.settled.numpy())
         return Report(sweeps.copy(), update.copy(), allowed, order)
 
     def reset(
@@ -953,6 +949,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._worlds.held = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.sweeps = wp.zeros(self._world_count, dtype=wp.int32)
             self._worlds.update = wp.zeros(self._world_count, dtype=float)
+            self._worlds.settled = wp.zeros(self._world_count, dtype=float)
             self._worlds.overflow = wp.zeros(1, dtype=wp.int32)
             self._worlds.dropped = wp.zeros(1, dtype=wp.int32)
             self._worlds.repaired = wp.zeros(self._world_count, dtype=wp.int32)

@@ -119,7 +119,8 @@ def test_friction_stops_a_hinge_where_it_belongs(scheme: str) -> None:
         return builder
 
     belongs = speed - 0.5 * brake
-    assert_second_order(lambda dt: abs(angle(scene(), 1.0, dt, scheme) - belongs))
+    # longer steps than elsewhere: rounding leaves 2e-5
+    assert_second_order(lambda dt: abs(angle(scene(), 1.0, 4.0 * dt, scheme) - belongs), least=3.0)
     for dt in STEPS:
         sim = simulate(scene(), dt=dt, scheme=scheme)
         sim.run(2.0)
@@ -142,7 +143,7 @@ def test_a_limit_gives_no_energy_back(scheme: str) -> None:
             sim.step()
             energies.append(sim.energy)
         assert np.diff(energies).max() < 1.0e-5 * energies[0]
-        assert coordinates(sim)[0][0] == pytest.approx(0.7, abs=1.0e-4)
+        assert coordinates(sim)[0][0] == pytest.approx(0.7, abs=5.0e-4)
         assert np.abs(sim.velocity).max() < 1.0e-3
 
 

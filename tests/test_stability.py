@@ -31,7 +31,6 @@ QUICK = {
     "alternating_steps": 1.0,
     "pendulum_50_50000": 1.0,
     "zero_distance": 0.5,
-    "rope_bridge": 1.0,
     "joint_grid_8": 0.5,
     "breakable_wall": 0.3,
     "crushed_stack": 1.5,

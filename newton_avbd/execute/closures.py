@@ -3,16 +3,6 @@
 """Equations between the bodies of a tree, solved with it: joints that close loops, and mimics.
 
 What they are is here, how they are eliminated in :mod:`..blocks.closure`.
-
-*What closing costs.* A taut net that is open by a hundredth of a millimeter hangs a millimeter too
-low. Recovery closes it and leaves velocities alone, which lifts it, and all that lies on it, for
-nothing. So the motion pays. Where the recovery of an island moves it by d and that lifts it by the
-work U, its velocity becomes v + b d/h with the smallest b for which the kinetic energy falls by U,
-
-    U + b v.M d/h + b^2 d.M d/(2 h^2) = 0,
-
-which keeps momentum as the recovery does. That exists up to U = (v.M d)^2 / (2 d.M d), where d runs
-against v. Beyond, only that share of d is taken, or ``UNPAID``.
 """
 
 from dataclasses import dataclass
@@ -24,7 +14,6 @@ from ..data import (
     BodyWork,
     Closure,
     History,
-    IslandWork,
     JointModel,
     LoopWork,
     TreeWork,
@@ -33,12 +22,8 @@ from ..data import (
 from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
-from .islands import island_of
 from .loops import loop_geometry, parent_slot
-from .trees import ROUNDING, is_linked, place_body
-
-UNPAID = wp.constant(0.01)
-"""Share of the recovery of a loop that is taken in a step whatever it costs."""
+from .trees import ROUNDING, is_linked
 
 
 @wp.func
@@ -99,8 +84,6 @@ class ClosureFunctions:
     begin_closures: wp.Function
     begin_rows: wp.Function
     keep_forces: wp.Function
-    pay_recovery: wp.Function
-    """Takes from the motion of a world what the recovery of its loops puts in."""
 
 
 def make_closures(effects: Effects) -> ClosureFunctions:
@@ -287,93 +270,4 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 history.loop_force[i] = history.loop_force[i] - force
                 history.loop_torque[i] = history.loop_torque[i] - torque
 
-    @wp.func
-    def recovered(
-        body: int, h: float, work: wp.ref[BodyWork], body_qd: wp.array[wp.spatial_vector]
-    ) -> wp.spatial_vector:
-        """How far recovery has moved a body, which has its velocity from its way before."""
-        way = h * body_qd[body]
-        if wp.static(effects.bdf2):
-            way += work.lead[body]
-        return work.increment[body] - way
-
-    @wp.func
-    def island_from(
-        first: int,
-        i: int,
-        worlds: wp.ref[WorldWork],
-        tree: wp.ref[TreeWork],
-        islands: wp.ref[IslandWork],
-    ):
-        """First body of the island of the i-th body, of a block that starts at ``first``."""
-        if wp.static(effects.pairs):
-            return island_of(islands, worlds.bodies[i])
-        return worlds.bodies[first]
-
-    @wp.func(inline=effects.inline)
-    def pay_recovery(
-        world: int,
-        h: float,
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        islands: wp.ref[IslandWork],
-        body_qd: wp.array[wp.spatial_vector],
-    ):
-        price = tree.closures.price
-        start = worlds.body_start[world]
-        last = worlds.body_start[world + 1]
-        for i in range(start, last):
-            price[worlds.bodies[i]] = wp.vec4(0.0)
-        first = int(start)
-        for i in range(start, last):
-            if i == worlds.block_end[first]:
-                first = i
-            body = worlds.bodies[i]
-            # what the user has opened closes at once
-            if tree.closures.block_of[first] >= 0 and work.inv_mass[body] > 0.0:
-                root = island_from(first, i, worlds, tree, islands)
-                is_left = wp.where(tree.is_left[body], 1.0, -1.0)
-                if price[root][3] < 0.0:
-                    is_left = -1.0
-                price[root] = wp.vec4(0.0, 0.0, 0.0, is_left)
-        first = int(start)
-        for i in range(start, last):
-            if i == worlds.block_end[first]:
-                first = i
-            body = worlds.bodies[i]
-            if work.inv_mass[body] > 0.0:
-                root = island_from(first, i, worlds, tree, islands)
-                if price[root][3] > 0.0:
-                    d = recovered(body, h, work, body_qd)
-                    shift = wp.spatial_top(d)
-                    turn = work.inertia[body] * wp.spatial_bottom(d)
-                    momentum = wp.spatial_vector(model.mass[body] * shift, turn)
-                    lift = -wp.dot(wp.spatial_top(momentum), model.gravity[model.world[body]])
-                    price[root] = price[root] + wp.vec4(
-                        lift, wp.dot(momentum, body_qd[body]) / h, wp.dot(momentum, d), 0.0
-                    )
-        first = int(start)
-        for i in range(start, last):
-            if i == worlds.block_end[first]:
-                first = i
-            body = worlds.bodies[i]
-            if work.inv_mass[body] > 0.0:
-                cost = price[island_from(first, i, worlds, tree, islands)]
-                if cost[3] > 0.0 and cost[0] > 0.0:
-                    lift = cost[0]
-                    along = cost[1]
-                    size = cost[2] / (h * h)
-                    share = float(UNPAID)
-                    pace = float(0.0)
-                    if along < 0.0:
-                        share = wp.clamp(along * along / (2.0 * size * lift), UNPAID, 1.0)
-                        left = wp.sqrt(wp.max(along * along - 2.0 * size * lift, 0.0))
-                        pace = -(along + left) / size
-                    d = recovered(body, h, work, body_qd)
-                    work.increment[body] = work.increment[body] - (1.0 - share) * d
-                    place_body(body, work, tree)
-                    body_qd[body] = body_qd[body] + (pace / h) * d
-
-    return ClosureFunctions(begin_closures, begin_rows, keep_forces, pay_recovery)
+    return ClosureFunctions(begin_closures, begin_rows, keep_forces)

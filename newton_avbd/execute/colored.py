@@ -49,7 +49,6 @@ from .world import (
     JOINT_PASSES,
     LONGER,
     LOOP_PASSES,
-    SETTLED,
     make_assemble,
     make_gather,
     make_is_world_finite,
@@ -57,6 +56,7 @@ from .world import (
     make_remember,
     make_sweep,
     make_sweep_block,
+    settled_update,
 )
 
 
@@ -88,7 +88,7 @@ class Colored(NamedTuple):
 @wp.func
 def is_settled(moved: float, tolerance: float, scale: WorldScale) -> bool:
     """Whether a sweep that moved a body by no more than the root of ``moved`` [m^2] is the last."""
-    enough = wp.max(tolerance, SETTLED * scale.gravity * scale.h * scale.h)
+    enough = wp.max(tolerance, settled_update(scale))
     return moved <= enough * enough
 
 
@@ -690,13 +690,19 @@ def make_colored(effects: Effects) -> Colored:
             update = colors.moved[sweeps, world]
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
+        settled = settled_update(scale)
+        worlds.settled[world] = settled
         passes = int(0)
         if wp.static(not effects.compliance):
             if sweeps > 0 and colors.deepest[world] > scale.slop:
                 passes = 1
         if wp.static(effects.joints):
             # joints close even where impacts keep the sweeps from settling
-            if colors.is_open[world] == 1 or update > scale.slop * scale.slop:
+            unsettled = wp.max(scale.slop, settled)
+            is_unsettled = update > unsettled * unsettled
+            if is_unsettled:
+                passes = 1
+            if colors.is_open[world] == 1 or (is_unsettled and wp.static(effects.loops)):
                 passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
         if colors.is_finite[world] == 0:
             passes = 0
@@ -734,7 +740,8 @@ def make_colored(effects: Effects) -> Colored:
         if colors.block[block] == block and colors.passes[world] > 0:
             scale = colors.scale[world]
             last = colors.recovered[count_sweeps(world, colors.recovered), world]
-            if last > scale.slop * scale.slop:
+            unsettled = wp.max(scale.slop, settled_update(scale))
+            if last > unsettled * unsettled:
                 first = worlds.rank[block]
                 for i in range(first, worlds.block_end[first]):
                     body = worlds.bodies[i]

@@ -615,9 +615,11 @@ def make_end_islands(effects: Effects) -> wp.Kernel:
         worlds.pace[world] = 0.0
         worlds.sweeps[world] = 0
         worlds.update[world] = 0.0
+        worlds.settled[world] = 0.0
         for island in range(first, end):
             worlds.sweeps[world] = wp.max(worlds.sweeps[world], seen.sweeps[island])
             worlds.update[world] = wp.max(worlds.update[world], seen.update[island])
+            worlds.settled[world] = wp.max(worlds.settled[world], seen.settled[island])
             history.step[world] = seen_history.step[island]
             history.age[world] = wp.min(
                 wp.where(island == first, seen_history.age[first], history.age[world]),

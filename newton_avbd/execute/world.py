@@ -46,6 +46,8 @@ SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
 SETTLED = wp.constant(5.0e-6)
 """Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
+ROUNDED = wp.constant(1.0e-7)
+"""Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
 JOINT_PASSES = wp.constant(8)
 """Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
 LOOP_PASSES = wp.constant(24)
@@ -158,6 +160,14 @@ def hold_world(
     history.parity[world] = 1 - history.parity[world]
 
 
+@wp.func
+def settled_update(scale: WorldScale) -> float:
+    """Update [m] from which a sweep is the last one."""
+    if scale.gravity == 0.0:
+        return 0.5 * ROUNDED * scale.reach
+    return SETTLED * scale.gravity * scale.h * scale.h
+
+
 def make_measure_world(effects: Effects) -> wp.Function:
     """Device function: how far things may go in this step, and how much could rest on a contact."""
 
@@ -180,10 +190,11 @@ def make_measure_world(effects: Effects) -> wp.Function:
             farthest = worlds.pace[world]
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
+            gravity = float(0.0)
             if work.inv_mass[body] > 0.0:
                 gravity = wp.length_sq(model.gravity[model.world[body]])
                 scale.gravity = wp.max(scale.gravity, gravity)
-            if wp.static(effects.contact):
+            if wp.static(effects.contact) or gravity == 0.0:
                 target = work.target[body]
                 move = wp.length(wp.spatial_top(target))
                 if work.inv_mass[body] > 0.0:
@@ -646,7 +657,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
     sweep_piles = piles.sweep_piles
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
-    pay_recovery = closures.pay_recovery
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     sweep_block = make_sweep_block(effects, sweep_body, trees.sweep_tree)
     put_together = trees.put_together
@@ -953,15 +963,15 @@ def make_solve(effects: Effects) -> wp.Kernel:
         if wp.static(not effects.ramp):
             if history.age[world] < COLD_STEPS:
                 sweeps = COLD_FACTOR * sweeps
-        enough = wp.max(tolerance, SETTLED * scale.gravity * h * h)
+        settled = settled_update(scale)
+        enough = wp.max(tolerance, settled)
         update = float(0.0)
         # joints close even where impacts keep the sweeps from settling
         unsettled = float(wp.inf)
         if wp.static(effects.joints):
-            unsettled = scale.slop
+            unsettled = wp.max(scale.slop, settled)
         recovery = float(0.0)
         sweep = int(0)
-        is_closing = bool(False)
         has_islands = bool(False)
         rounds = int(wp.static(1 if effects.ramp else 2))
         # Two rounds of sweeps, the motion and the recovery, by one call: it is most of the code.
@@ -997,6 +1007,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 remember_loops(world, scale, joints, loops, history)
             worlds.sweeps[world] = sweeps
             worlds.update[world] = wp.sqrt(update)
+            worlds.settled[world] = settled
             side = 1 - history.parity[world]
             if wp.static(effects.contact):
                 for i in range(body_start, body_end):
@@ -1079,7 +1090,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     # what that leaves open in trees is put together below
                     passes = 1
                 if is_open or (is_unsettled and wp.static(effects.loops)):
-                    is_closing = True
                     passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
                 recovery = contact_rows.RECOVERY
                 sweep = 0
@@ -1097,9 +1107,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
                     body = worlds.bodies[i]
                     if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                         put_together(body, scale.static_slot, model, joints, work, tree)
-        if wp.static(effects.closures):
-            if is_closing and history.age[world] == COLD_STEPS:
-                pay_recovery(world, step, model, worlds, work, tree, islands, body_qd_out)
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 history.loop_force[i] = loops.kept_force[i]
