@@ -22,7 +22,7 @@ HOPPER = 90
 
 ALL_KINDS = JointKinds(linear=(0, 1, 2, 3), angular=(0, 1, 2, 3), euler=True, balls=True, rods=True)
 
-BARE = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False)
+BARE = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False, on_gpu=True)
 
 BODIES = dataclasses.replace(BARE, friction=True, gyroscopic=True, joint_force=True)
 
@@ -32,6 +32,7 @@ HINGED = Effects(
     gyroscopic=False,
     joint_force=False,
     kinds=JointKinds(linear=(0,), angular=(1,)),
+    on_gpu=True,
 )
 
 JOINTED = dataclasses.replace(

@@ -8,6 +8,7 @@ Run as ``python -m newton_avbd.study.registers [SCENE ...]``. Warp's compiler ma
 """
 
 import argparse
+import dataclasses
 import re
 import shutil
 import subprocess
@@ -69,6 +70,8 @@ def usage(kernel: wp.Kernel) -> Usage:
 def launched(model: newton.Model, **settings: Any) -> dict[str, wp.Kernel]:
     """Kernels that a step launches on a GPU, by name; none is compiled."""
     solver = SolverAVBD(model, **settings)
+    solver._flags = dataclasses.replace(solver._flags, on_gpu=True)
+    solver._flags_apart = solver._flags.without_contact()
     recorder = _Recorder(solver.device)
     solver._launch = recorder
     contacts = newton.CollisionPipeline(model).contacts() if model.shape_count else None
