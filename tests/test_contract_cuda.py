@@ -122,9 +122,12 @@ def compiles(kernel: wp.Kernel, folder: Path, arch: int = HOPPER) -> None:
 
 LONG = pytest.mark.skipif(
     "COMPILE_ALL" not in os.environ,
-    reason="takes a minute or more; set COMPILE_ALL=1 to compile it",
+    reason="takes long, or differs little from others; set COMPILE_ALL=1 to compile it",
 )
 
+
+ON_REQUEST = ("hinges", "compliance", "sleeping", "ramp")
+"""What differs little from the others."""
 
 ARCHITECTURES = [HOPPER, *(pytest.param(arch, marks=LONG) for arch in (80, 120))]
 """Those that are compiled for where many would take too long: Ampere and Blackwell, on request."""
@@ -132,7 +135,10 @@ ARCHITECTURES = [HOPPER, *(pytest.param(arch, marks=LONG) for arch in (80, 120))
 
 @pytest.mark.parametrize(
     "variant",
-    [pytest.param(name, marks=LONG if effects.loops else ()) for name, effects in VARIANTS.items()],
+    [
+        pytest.param(name, marks=LONG if effects.loops or name in ON_REQUEST else ())
+        for name, effects in VARIANTS.items()
+    ],
 )
 def test_the_solve_compiles_for_a_gpu(variant: str, tmp_path: Path) -> None:
     compiles(MAKERS["make_solve"](VARIANTS[variant]), tmp_path)
@@ -160,8 +166,7 @@ def test_the_variants_hold_all_effects() -> None:
     "variant",
     [
         "bodies",
-        "hinges",
-        *(pytest.param(name, marks=LONG) for name in ("all contacts", "articulations")),
+        *(pytest.param(name, marks=LONG) for name in ("hinges", "all contacts", "articulations")),
     ],
 )
 def test_a_large_world_compiles_for_gpus(variant: str, arch: int, tmp_path: Path) -> None:

