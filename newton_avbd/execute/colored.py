@@ -46,10 +46,9 @@ from .trees import is_linked, make_trees
 from .world import (
     COLD_FACTOR,
     COLD_STEPS,
-    JOINT_PASSES,
     LONGER,
-    LOOP_PASSES,
     make_assemble,
+    make_count_passes,
     make_gather,
     make_is_world_finite,
     make_measure_world,
@@ -57,6 +56,7 @@ from .world import (
     make_sweep,
     make_sweep_block,
     settled_update,
+    unsettled_update,
 )
 
 
@@ -189,9 +189,8 @@ def make_colored(effects: Effects) -> Colored:
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
-    end_velocity, end_armature, end_loop_armature, end_pose = make_end(
-        effects, trees.measure_velocity
-    )
+    end_velocity, end_armature, end_pose = make_end(effects, trees.measure_velocity)
+    count_passes = make_count_passes(effects)
 
     @wp.kernel(enable_backward=False, module=module)
     def measure_lanes(
@@ -649,8 +648,19 @@ def make_colored(effects: Effects) -> Colored:
         world = worlds.of_body[body]
         if colors.is_finite[world] == 1 and work.inv_mass[body] > 0.0:
             if is_linked(joints, tree, body):
-                scale = colors.scale[world]
-                end_armature(body, scale, body_qd_out, model, joints, work, tree, history)
+                end_armature(
+                    tree.joint[body],
+                    tree.axis_start[body],
+                    tree.coordinate,
+                    tree.start_coordinate,
+                    colors.scale[world],
+                    body_qd_out,
+                    model,
+                    joints,
+                    work,
+                    tree,
+                    history,
+                )
 
     @wp.kernel(enable_backward=False, module=module)
     def end_loop_armatures(
@@ -672,8 +682,20 @@ def make_colored(effects: Effects) -> Colored:
         i = wp.tid()
         world = loop_world(i, joints, worlds, work, loops)
         if colors.is_finite[world] == 1:
-            scale = colors.scale[world]
-            end_loop_armature(i, scale, body_qd_out, model, joints, work, tree, loops, history)
+            joint = loops.joints[i]
+            end_armature(
+                joint,
+                joints.dof_start[joint],
+                loops.coordinate,
+                loops.start_coordinate,
+                colors.scale[world],
+                body_qd_out,
+                model,
+                joints,
+                work,
+                tree,
+                history,
+            )
 
     @wp.kernel(enable_backward=False, module=module)
     def end_sweeps(
@@ -690,20 +712,9 @@ def make_colored(effects: Effects) -> Colored:
             update = colors.moved[sweeps, world]
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
-        settled = settled_update(scale)
-        worlds.settled[world] = settled
-        passes = int(0)
-        if wp.static(not effects.compliance):
-            if sweeps > 0 and colors.deepest[world] > scale.slop:
-                passes = 1
-        if wp.static(effects.joints):
-            # joints close even where impacts keep the sweeps from settling
-            unsettled = wp.max(scale.slop, settled)
-            is_unsettled = update > unsettled * unsettled
-            if is_unsettled:
-                passes = 1
-            if colors.is_open[world] == 1 or (is_unsettled and wp.static(effects.loops)):
-                passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
+        worlds.settled[world] = settled_update(scale)
+        is_open = colors.is_open[world] == 1
+        passes = count_passes(sweeps, update, colors.deepest[world], is_open, scale)
         if colors.is_finite[world] == 0:
             passes = 0
         colors.passes[world] = passes
@@ -740,7 +751,7 @@ def make_colored(effects: Effects) -> Colored:
         if colors.block[block] == block and colors.passes[world] > 0:
             scale = colors.scale[world]
             last = colors.recovered[count_sweeps(world, colors.recovered), world]
-            unsettled = wp.max(scale.slop, settled_update(scale))
+            unsettled = unsettled_update(scale)
             if last > unsettled * unsettled:
                 first = worlds.rank[block]
                 for i in range(first, worlds.block_end[first]):

@@ -469,14 +469,14 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     )
                     rows.share[i] = share
                 else:
+                    row = contact_rows.penalise(row, mass, load, held, u, scale)
                     # backward Euler's guess says too little of how things slide
-                    expected = wp.vec3(0.0)
                     if wp.static(effects.bdf2 and effects.friction):
                         expected = contact_rows.slip(
                             row, work.increment[body], work.increment[row.b], span
                         )
                         expected += rows.drift[i]
-                    row = contact_rows.penalise(row, mass, load, held, u, expected, scale)
+                        row = contact_rows.slide_on(row, expected, scale)
                 if wp.static(effects.angular_friction):
                     spin = rows.spin[i]
                     spin.mu_twist = mixed_friction(

@@ -33,7 +33,6 @@ class EndFunctions(NamedTuple):
 
     end_velocity: wp.Function
     end_armature: wp.Function
-    end_loop_armature: wp.Function
     end_pose: wp.Function
 
 
@@ -119,7 +118,10 @@ def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
 
     @wp.func(inline=effects.inline)
     def end_armature(
-        body: int,
+        joint: int,
+        first: int,
+        coordinate: wp.array[float],
+        start_coordinate: wp.array[float],
         scale: WorldScale,
         body_qd_out: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
@@ -128,8 +130,8 @@ def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ):
-        """By how much the coordinates of a body's joint changed faster than its velocity says."""
-        joint = tree.joint[body]
+        """By how much the coordinates of a joint, the ``first`` and those after it, changed faster
+        than the velocities of its bodies say."""
         measure_velocity(
             joint,
             scale.static_slot,
@@ -140,43 +142,13 @@ def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
             tree,
             history.velocity_lag,
         )
-        k = tree.axis_start[body]
+        k = int(first)
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            rate = (tree.coordinate[k] - tree.start_coordinate[k]) / scale.step
+            rate = (coordinate[k] - start_coordinate[k]) / scale.step
             history.velocity_lag[dof] = rate - history.velocity_lag[dof]
             if wp.static(effects.bdf2):
                 end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
             k += 1
-
-    @wp.func
-    def end_loop_armature(
-        i: int,
-        scale: WorldScale,
-        body_qd_out: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
-        """Likewise for a joint outside of the trees."""
-        joint = loops.joints[i]
-        measure_velocity(
-            joint,
-            scale.static_slot,
-            body_qd_out,
-            model,
-            joints,
-            work,
-            tree,
-            history.velocity_lag,
-        )
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            rate = (loops.coordinate[dof] - loops.start_coordinate[dof]) / scale.step
-            history.velocity_lag[dof] = rate - history.velocity_lag[dof]
-            if wp.static(effects.bdf2):
-                end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
 
     @wp.func
     def end_pose(
@@ -222,4 +194,4 @@ def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
             report_held(worlds, worlds.of_body[body])
         return pose
 
-    return EndFunctions(end_velocity, end_armature, end_loop_armature, end_pose)
+    return EndFunctions(end_velocity, end_armature, end_pose)

@@ -168,6 +168,39 @@ def settled_update(scale: WorldScale) -> float:
     return SETTLED * scale.gravity * scale.h * scale.h
 
 
+@wp.func
+def unsettled_update(scale: WorldScale) -> float:
+    """Update [m] of a last sweep beyond which joints are closed again."""
+    return wp.max(scale.slop, settled_update(scale))
+
+
+def make_count_passes(effects: Effects) -> wp.Function:
+    """Device function: how many sweeps the recovery of a world takes at most."""
+
+    @wp.func
+    def count_passes(
+        sweeps: int, update: float, deepest: float, is_open: bool, scale: WorldScale
+    ) -> int:
+        """Takes the sweeps of the motion, the square of their last update [m^2], the deepest
+        penetration [m], and whether joints were open at the start of the step."""
+        passes = int(0)
+        if wp.static(not effects.compliance):
+            if sweeps > 0 and deepest > scale.slop:
+                passes = 1
+        if wp.static(effects.joints):
+            # joints close even where impacts keep the sweeps from settling
+            unsettled = unsettled_update(scale)
+            is_unsettled = update > unsettled * unsettled
+            if is_unsettled:
+                # what that leaves open in trees is put together after it
+                passes = 1
+            if is_open or (is_unsettled and wp.static(effects.loops)):
+                passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
+        return passes
+
+    return count_passes
+
+
 def make_measure_world(effects: Effects) -> wp.Function:
     """Device function: how far things may go in this step, and how much could rest on a contact."""
 
@@ -665,9 +698,8 @@ def make_solve(effects: Effects) -> wp.Kernel:
     measure_loop = begin.measure_loop
     place_blocks = begin.place_blocks
     begin_body = begin.begin_body
-    end_velocity, end_armature, end_loop_armature, end_pose = make_end(
-        effects, trees.measure_velocity
-    )
+    end_velocity, end_armature, end_pose = make_end(effects, trees.measure_velocity)
+    count_passes = make_count_passes(effects)
 
     @wp.func
     def sweep_body_ramped(
@@ -966,10 +998,6 @@ def make_solve(effects: Effects) -> wp.Kernel:
         settled = settled_update(scale)
         enough = wp.max(tolerance, settled)
         update = float(0.0)
-        # joints close even where impacts keep the sweeps from settling
-        unsettled = float(wp.inf)
-        if wp.static(effects.joints):
-            unsettled = wp.max(scale.slop, settled)
         recovery = float(0.0)
         sweep = int(0)
         has_islands = bool(False)
@@ -1072,28 +1100,41 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
                     if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                        end_armature(body, scale, body_qd_out, model, joints, work, tree, history)
+                        end_armature(
+                            tree.joint[body],
+                            tree.axis_start[body],
+                            tree.coordinate,
+                            tree.start_coordinate,
+                            scale,
+                            body_qd_out,
+                            model,
+                            joints,
+                            work,
+                            tree,
+                            history,
+                        )
                 if wp.static(effects.loops):
                     for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                        end_loop_armature(
-                            i, scale, body_qd_out, model, joints, work, tree, loops, history
+                        joint = loops.joints[i]
+                        end_armature(
+                            joint,
+                            joints.dof_start[joint],
+                            loops.coordinate,
+                            loops.start_coordinate,
+                            scale,
+                            body_qd_out,
+                            model,
+                            joints,
+                            work,
+                            tree,
+                            history,
                         )
 
             # Recovery: old errors go, without entering the velocity.
             if wp.static(not effects.ramp):
-                passes = int(0)
-                if wp.static(not effects.compliance):
-                    if sweeps > 0 and deepest > scale.slop:
-                        passes = 1
-                is_unsettled = update > unsettled * unsettled
-                if is_unsettled:
-                    # what that leaves open in trees is put together below
-                    passes = 1
-                if is_open or (is_unsettled and wp.static(effects.loops)):
-                    passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
+                sweeps = count_passes(sweeps, update, deepest, is_open, scale)
                 recovery = contact_rows.RECOVERY
                 sweep = 0
-                sweeps = passes
                 if wp.static(effects.loops):
                     # what closes them now is no force of the motion
                     for i in range(loops.world_start[world], loops.world_start[world + 1]):
@@ -1101,6 +1142,7 @@ def make_solve(effects: Effects) -> wp.Kernel:
                         loops.kept_torque[i] = history.loop_torque[i]
 
         if wp.static(effects.joints):
+            unsettled = unsettled_update(scale)
             if update > unsettled * unsettled:
                 # after impacts that no iteration settles joints are closed all the same
                 for i in range(body_start, body_end):

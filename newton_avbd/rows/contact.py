@@ -173,32 +173,27 @@ def slides(row: ContactRow, k_t: float, u: wp.vec3, f_n: float) -> bool:
 
 
 @wp.func
-def slides_on(row: ContactRow, k_t: float, u: wp.vec3, scale: WorldScale) -> bool:
-    """Whether the slip u [m] to expect is no impact, and more than takes the row from one side of
-    its cone at the load that it carries to the other."""
+def slide_on(row: ContactRow, u: wp.vec3, scale: WorldScale) -> ContactRow:
+    """The row, released as in :func:`penalise` where it goes on to slide: where the slip u [m] that
+    the first guess of the motion has is no impact, and more than takes the row from one side of its
+    cone at the load that it carries to the other."""
+    out = row
     n = row.normal
+    k_t = tangent_penalty(row, row.k_n)
     f_n = wp.dot(n, row.force)
     u_n = wp.dot(n, u)
-    if f_n <= 0.0 or u_n + wp.max(row.gap, 0.0) < -STRUCK * scale.gravity * scale.h * scale.h:
-        return False
-    return k_t * wp.length(u - n * u_n) > 2.0 * row.mu * f_n
+    struck = u_n + wp.max(row.gap, 0.0) < -STRUCK * scale.gravity * scale.h * scale.h
+    if f_n > 0.0 and not struck and k_t * wp.length(u - n * u_n) > 2.0 * row.mu * f_n:
+        out.k_t = RELEASE_RATIO * k_t
+    return out
 
 
 @wp.func
-def penalise(
-    row: ContactRow,
-    mass: float,
-    load: float,
-    held: float,
-    u: wp.vec3,
-    expected: wp.vec3,
-    scale: WorldScale,
-):
+def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3, scale: WorldScale):
     """The row with its penalties for this step.
 
     The row is classified once a step, by the motion that the bodies would have without it: the
-    curvature of rows that are about to open, or to slide, would only hold the bodies back. One that
-    slides already, under its load, is told by the motion to expect.
+    curvature of rows that are about to open, or to slide, would only hold the bodies back.
 
     Args:
         row: The row, with its multiplier warm-started.
@@ -206,7 +201,6 @@ def penalise(
         load: Mass that the row carried in the last step [kg].
         held: Mass that the row has to hold at once [kg], as the link of a pile.
         u: Slip that the bodies would have without constraints [m].
-        expected: Slip by the first guess of their motion [m].
         scale: The world's scale.
     """
     out = row
@@ -221,7 +215,7 @@ def penalise(
         k = wp.max(RELEASE_RATIO * least, LINK_RELEASE_RATIO * k)
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
-    if f_n > 0.0 and (slides(row, out.k_t, u, f_n) or slides_on(row, out.k_t, expected, scale)):
+    if f_n > 0.0 and slides(row, out.k_t, u, f_n):
         out.k_t = RELEASE_RATIO * out.k_t
     return out
 
