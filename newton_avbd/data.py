@@ -17,6 +17,8 @@ Who owns what, and what always holds:
   any number of steps.
 """
 
+from typing import Any
+
 import warp as wp
 
 from .algebra.block import BlockFactor
@@ -886,3 +888,13 @@ class ColorWork:
     """1 where a world is in its first steps after a reset, which sweep more, shape (1,)."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
+
+
+def merged(*structs: Any) -> Any:
+    """A struct with the arrays of others of its kind, of the last that has them."""
+    result = structs[0]._cls()
+    for struct in structs:
+        for name in struct._cls.vars:
+            if getattr(struct, name) is not None:
+                setattr(result, name, getattr(struct, name))
+    return result

@@ -82,8 +82,8 @@ class LargeWorlds:
             self._loop_count = loops.joints.shape[0]
             is_jointed[block[:-1][np.diff(loops.body_start.numpy())[:-1] > 0]] = 1
         # as worlds: lanes of bodies, the same in the order of the colors, and islands
-        self._worlds, self._turns = _copy(worlds), _copy(worlds)
-        self._islands, self._loops_by_lane = data.WorldWork(), _copy(loops)
+        self._worlds, self._turns = data.merged(worlds), data.merged(worlds)
+        self._islands, self._loops_by_lane = data.WorldWork(), data.merged(loops)
         self.colors = colors = data.ColorWork()
         with wp.ScopedDevice(device):
             colors.lane_start = wp.array(lane_start, dtype=wp.int32)
@@ -334,15 +334,6 @@ class LargeWorlds:
             wp.capture_if(condition, launches)
         elif self._device.is_capturing or otherwise:
             launches()
-
-
-def _copy(struct: Any) -> Any:
-    """A struct of the same arrays."""
-    copy = struct._cls()
-    for name in struct._cls.vars:
-        if getattr(struct, name) is not None:
-            setattr(copy, name, getattr(struct, name))
-    return copy
 
 
 def _share(starts: np.ndarray, world_lane: np.ndarray) -> np.ndarray:

@@ -1049,13 +1049,13 @@ class SolverAVBD(SolverBase, RigidCoupling):
         if self._seen is None:
             seen = _Seen(self._worlds, self._history, self._tree, self._loops)
             if self._flags.sleeping:
-                seen.worlds = _merged(seen.worlds, self._seen_worlds)
-                seen.history = _merged(seen.history, self._seen_history)
+                seen.worlds = data.merged(seen.worlds, self._seen_worlds)
+                seen.history = data.merged(seen.history, self._seen_history)
             if self._flags.sleeping and self._flags.loops:
-                seen.loops = _merged(seen.loops)
+                seen.loops = data.merged(seen.loops)
                 seen.loops.world_start = self._sleep.seen_loop_start
             if self._flags.sleeping and self._flags.closures:
-                seen.tree = _merged(seen.tree)
+                seen.tree = data.merged(seen.tree)
                 seen.tree.closures.block_of = self._sleep.seen_block_of
             self._seen = seen
         return self._seen
@@ -1303,16 +1303,6 @@ class _Seen:
     history: data.History
     tree: data.TreeWork
     loops: data.LoopWork
-
-
-def _merged(*structs: Any) -> Any:
-    """A struct with the arrays of others of its kind, of the last that has them."""
-    merged = structs[0]._cls()
-    for struct in structs:
-        for name in struct._cls.vars:
-            if getattr(struct, name) is not None:
-                setattr(merged, name, getattr(struct, name))
-    return merged
 
 
 class _AllJoints:

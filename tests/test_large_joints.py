@@ -6,7 +6,6 @@ import newton
 import numpy as np
 import pytest
 import warp as wp
-from contract import record, snapshot, worlds
 from helpers import Simulation, add_box, add_ground, add_mass
 from joint_scenes import WORLD, add_link, anchor_gaps, transform
 
@@ -102,43 +101,6 @@ def test_what_rests_rests_in_the_same_place() -> None:
         assert joint_gap(simulation) < 2e-6
     np.testing.assert_allclose(colored.pose, serial.pose, atol=2e-3)
     assert abs(colored.penetration - serial.penetration) < 1e-5
-
-
-def test_runs_resets_and_graphs_give_the_same_bits() -> None:
-    """Steps of which the first are cold; captured before any ran."""
-    eager = Simulation(ragdolls(), parallel="bodies")
-    expected = record(eager, 12)
-    eager.solver.reset(eager.state)
-    np.testing.assert_array_equal(record(eager, 12), expected)
-    replayed = Simulation(ragdolls(), parallel="bodies")
-    state = replayed.state
-    with wp.ScopedCapture(device="cpu") as capture:
-        replayed.step(2)
-    for _ in range(6):
-        wp.capture_launch(capture.graph)
-    np.testing.assert_array_equal(snapshot(state), expected[-1])
-
-
-def test_worlds_do_not_see_each_other() -> None:
-    """Three of the same heap give the bits of one; one that is not finite is held, or put back."""
-    expected = record(Simulation(ragdolls(), parallel="bodies"), 12)
-    simulation = Simulation(worlds(ragdolls(), 3), parallel="bodies")
-    count = expected.shape[1]
-    first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
-    simulation.step(4)
-    for world in (first, second, third):
-        np.testing.assert_array_equal(snapshot(simulation.state)[world], expected[3])
-    simulation.push(count + 1, force=(np.nan, 0.0, 0.0))
-    simulation.step(2)
-    np.testing.assert_array_equal(snapshot(simulation.state)[second], expected[3])
-    np.testing.assert_array_equal(simulation.solver.status.held_steps, [0, 2, 0])
-    simulation.push(count + 1)
-    mask = wp.array([False, True, False, False], dtype=wp.bool, device="cpu")
-    simulation.solver.reset(simulation.state, mask)
-    simulation.step(6)
-    np.testing.assert_array_equal(snapshot(simulation.state)[second], expected[5])
-    for world in (first, third):
-        np.testing.assert_array_equal(snapshot(simulation.state)[world], expected[11])
 
 
 def mechanisms() -> newton.ModelBuilder:

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """One large world, color by color, beside the kernel that solves a world in one thread."""
 
+from collections.abc import Callable
+
 import newton
 import numpy as np
 import pytest
 import warp as wp
 from contract import pile, record, snapshot, worlds
 from helpers import NO_GRAVITY, Simulation, add_box, add_ground, add_sphere
+from test_large_joints import ragdolls
 
 from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
@@ -119,13 +122,17 @@ def test_bodies_without_a_color_move_one_after_the_other() -> None:
     assert np.abs(simulation.velocity).max() < 1e-3  # old overlap is none of the motion
 
 
-def test_runs_resets_and_graphs_give_the_same_bits() -> None:
+heaps = pytest.mark.parametrize("heap", [pile, ragdolls])
+
+
+@heaps
+def test_runs_resets_and_graphs_give_the_same_bits(heap: Callable[[], newton.ModelBuilder]) -> None:
     """Steps of which the first are cold; captured before any ran."""
-    eager = Simulation(pile(), parallel="bodies")
+    eager = Simulation(heap(), parallel="bodies")
     expected = record(eager, 16)
     eager.solver.reset(eager.state)
     np.testing.assert_array_equal(record(eager, 16), expected)
-    replayed = Simulation(pile(), parallel="bodies")
+    replayed = Simulation(heap(), parallel="bodies")
     state = replayed.state
     with wp.ScopedCapture(device="cpu") as capture:
         replayed.step(2)
@@ -134,10 +141,11 @@ def test_runs_resets_and_graphs_give_the_same_bits() -> None:
     np.testing.assert_array_equal(snapshot(state), expected[-1])
 
 
-def test_worlds_do_not_see_each_other() -> None:
-    """Three of the same pile give the bits of one; one that is not finite is held, or put back."""
-    expected = record(Simulation(pile(), parallel="bodies"), 16)
-    simulation = Simulation(worlds(pile(), 3), parallel="bodies")
+@heaps
+def test_worlds_do_not_see_each_other(heap: Callable[[], newton.ModelBuilder]) -> None:
+    """Three of the same heap give the bits of one; one that is not finite is held, or put back."""
+    expected = record(Simulation(heap(), parallel="bodies"), 16)
+    simulation = Simulation(worlds(heap(), 3), parallel="bodies")
     count = expected.shape[1]
     first, second, third = (slice(i * count, (i + 1) * count) for i in range(3))
     simulation.step(4)
