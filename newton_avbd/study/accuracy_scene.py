@@ -110,6 +110,11 @@ class AccuracyScene:
         """Frames to simulate."""
         return round(self.seconds / FRAME)
 
+    @property
+    def interrupted(self) -> bool:
+        """Whether there is something to do between frames: to detect contacts or set a force."""
+        return self.touching or self.wrench is not None
+
     def scene(self, substeps: int) -> Scene:
         """The scene in steps of a frame's ``substeps``-th part."""
         return Scene(self.name, self.summary, self.build, FRAME / substeps, vbd_ke=self.vbd_ke)
