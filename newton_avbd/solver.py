@@ -689,6 +689,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 yield name, array
         if self._bdf2:
             yield "worlds.step", self._worlds.step
+        if self._large is not None:
+            yield "colors.color", self._large.colors.color
 
     def notify_model_changed(self, flags: ModelFlags | int) -> None:
         """Look again at what the model calls for.

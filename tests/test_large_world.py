@@ -141,6 +141,20 @@ def test_runs_resets_and_graphs_give_the_same_bits(heap: Callable[[], newton.Mod
     np.testing.assert_array_equal(snapshot(state), expected[-1])
 
 
+def test_another_solver_goes_on_from_a_checkpoint() -> None:
+    """To the bits of the run that was left: colors depend on those of the step before."""
+    simulation, other = (Simulation(pile(), parallel="bodies") for _ in range(2))
+    simulation.step(60)
+    checkpoint = simulation.solver.checkpoint()
+    for name in ("body_q", "body_qd"):
+        getattr(other.state, name).assign(getattr(simulation.state, name))
+    other.solver.restore(checkpoint)
+    for sim in (simulation, other):
+        sim.step(20)
+    np.testing.assert_array_equal(other.pose, simulation.pose)
+    np.testing.assert_array_equal(other.velocity, simulation.velocity)
+
+
 @heaps
 def test_worlds_do_not_see_each_other(heap: Callable[[], newton.ModelBuilder]) -> None:
     """Three of the same heap give the bits of one; one that is not finite is held, or put back."""
