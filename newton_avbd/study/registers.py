@@ -9,6 +9,7 @@ Run as ``python -m newton_avbd.study.registers [SCENE ...]``. Warp's compiler ma
 
 import argparse
 import dataclasses
+import functools
 import re
 import shutil
 import subprocess
@@ -45,26 +46,40 @@ class Usage:
     spilled: int
     """Stores of registers that did not suffice [bytes]."""
     seconds: float
-    """CPU time to compile it [s]."""
+    """CPU time to compile its module [s], which may hold others."""
 
 
 def usage(kernel: wp.Kernel) -> Usage:
     """Compile a kernel for a GPU and look at what it takes."""
+    said, seconds = _compiled(kernel.module)
+    entries = set(re.findall(r"Compiling entry function '(\w+)'", said))
+    (entry,) = (name for name in entries if name.startswith(f"{kernel.get_mangled_name()}_"))
+    # of functions that are not inlined, too
+    frames = re.findall(
+        r"Function properties for '?(\w+)'?\s+(\d+) bytes stack frame, (\d+) bytes spill stores",
+        said,
+    )
+    spilled = sum(int(stores) for name, _, stores in frames if name == entry or name not in entries)
+    (stack,) = (int(size) for name, size, _ in frames if name == entry)
+    own = said[said.index(f"Compiling entry function '{entry}'") :]
+    used = re.search(r"Used (\d+) registers(?:.*?(\d+) bytes cumulative stack size)?", own)
+    assert used
+    return Usage(int(used[1]), int(used[2] or stack), spilled, seconds)
+
+
+@functools.cache
+def _compiled(module: wp.Module) -> tuple[str, float]:
+    """What the assembler says of a module, and the processor time to compile it [s]."""
     begin = time.process_time()
     with tempfile.TemporaryDirectory() as folder:
-        (file,) = wp.compile_aot_module(kernel.module, arch=HOPPER, module_dir=folder, use_ptx=True)
+        (file,) = wp.compile_aot_module(module, arch=HOPPER, module_dir=folder, use_ptx=True)
         seconds = time.process_time() - begin
         # the assembler may be older than Warp's compiler, and want no terminator
         text = re.sub(r"\.version .*", ".version 8.4", Path(file).read_text()).rstrip("\0")
         Path(file).write_text(text)
         command = [_assembler(), "-v", f"-arch=sm_{HOPPER}", file, "-o", f"{folder}/kernel.cubin"]
         said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-    # of functions that are not inlined, too
-    frames = re.findall(r"(\d+) bytes stack frame, (\d+) bytes spill stores", said)
-    used = re.search(r"Used (\d+) registers(?:.*?(\d+) bytes cumulative stack size)?", said)
-    assert frames and used
-    spilled = sum(int(stores) for _, stores in frames)
-    return Usage(int(used[1]), int(used[2] or 0), spilled, seconds)
+    return said, seconds
 
 
 def launched(model: newton.Model, **settings: Any) -> dict[str, wp.Kernel]:
@@ -113,14 +128,19 @@ def add_boxes(builder: newton.ModelBuilder, count: int) -> None:
         builder.add_shape_box(body, hx=0.5, hy=0.5, hz=0.5)
 
 
-SCENES: dict[str, Callable[[newton.ModelBuilder], None]] = {
-    "a body that falls": add_falling,
-    "a box on the ground": lambda builder: add_boxes(builder, 1),
-    "two boxes": lambda builder: add_boxes(builder, 2),
-    "a quadruped": add_quadruped,
-    "all effects": add_everything,
+LARGE = {"parallel": "bodies"}
+"""Settings that make a world a large one."""
+
+SCENES: dict[str, tuple[Callable[[newton.ModelBuilder], None], dict[str, Any]]] = {
+    "a body that falls": (add_falling, {}),
+    "a box on the ground": (lambda builder: add_boxes(builder, 1), {}),
+    "two boxes": (lambda builder: add_boxes(builder, 2), {}),
+    "a quadruped": (add_quadruped, {}),
+    "all effects": (add_everything, SETTINGS),
+    "two boxes, large": (lambda builder: add_boxes(builder, 2), LARGE),
+    "a quadruped, large": (add_quadruped, LARGE),
 }
-"""From the least to the most that a scene can call for."""
+"""From the least to the most that a scene can call for, with settings; and of large worlds."""
 
 
 def main() -> None:
@@ -130,8 +150,8 @@ def main() -> None:
     rows = [("scene", "kernel", "registers", "stack [B]", "spilled [B]", "compiled [s]")]
     for name in parser.parse_args().scenes or SCENES:
         builder = newton.ModelBuilder()
-        SCENES[name](builder)
-        settings = SETTINGS if name == "all effects" else {}
+        add, settings = SCENES[name]
+        add(builder)
         for label, kernel in launched(builder.finalize(device="cpu"), **settings).items():
             used = usage(kernel)
             seconds = f"{used.seconds:.0f}"
