@@ -254,6 +254,9 @@ def standing_error(path: Path) -> float:
     return abs(float(path.centers[-1, 0, 2]) / STANDING - 1.0)
 
 
+TOO_MANY = "kamino"
+"""Solver whose dense matrix of the contacts of 216 balls takes more than 20 GB."""
+
 SIMBENCH: tuple[AccuracyScene, ...] = (
     _rolling("rolling_y", (0.0, 1.0)),
     _rolling("rolling_xy", (0.5, math.sqrt(0.75))),
@@ -267,7 +270,7 @@ SIMBENCH: tuple[AccuracyScene, ...] = (
         partial(add_666, height=0.101, e=0.0),
         2.0,
         penetration_error,
-        CONTACT,
+        tuple(solver for solver in CONTACT if solver != TOO_MANY),
         vbd_ke=1e6,
     ),
     AccuracyScene(
@@ -278,7 +281,7 @@ SIMBENCH: tuple[AccuracyScene, ...] = (
         partial(add_666, height=1.101, e=1.0),
         2.0,
         energy_error,
-        RESTITUTION,
+        tuple(solver for solver in RESTITUTION if solver != TOO_MANY),
     ),
     AccuracyScene(
         "momentum",
