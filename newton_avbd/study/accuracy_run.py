@@ -121,15 +121,18 @@ class Runner(ABC):
         """Whether the solver says that it could not go on."""
         return False
 
-    def run(self, setting: Setting, deadline: float = math.inf) -> tuple[Path, float]:
+    def run(
+        self, setting: Setting, deadline: float = math.inf, *, is_watched: bool = True
+    ) -> tuple[Path, float]:
         """Simulate the scene.
 
         Args:
             setting: What to ask of the solver.
             deadline: Processor time of this process after which to stop [s].
+            is_watched: Whether to keep the states; reading them leaves a solver with cold caches.
 
         Returns:
-            The states and the processor time of the solver [s].
+            The states, or none, and the processor time of the solver [s].
 
         Raises:
             OutOfTime: It is not done at the deadline.
@@ -138,9 +141,10 @@ class Runner(ABC):
         poses, velocities, elapsed = [], [], 0.0
 
         def sample() -> None:
-            state = self.observe()
-            poses.append(state.body_q.numpy().astype(float))
-            velocities.append(state.body_qd.numpy().astype(float))
+            if is_watched:
+                state = self.observe()
+                poses.append(state.body_q.numpy().astype(float))
+                velocities.append(state.body_qd.numpy().astype(float))
 
         sample()
         for frame in range(self.scene.frames):
@@ -294,8 +298,8 @@ def measure(worker: Runner, solver: str, setting: Setting, *, repeats: int, budg
         worker: The solver at work on its scene.
         solver: Its name.
         setting: What to ask of it.
-        repeats: Runs whose median cost counts: all alike, or where nothing happens between frames,
-            one after the other.
+        repeats: Runs whose median cost counts, after the one for the error: all alike, or where
+            nothing happens between frames, one after the other.
         budget: Processor time after which to stop [s].
     """
     scene, begin = worker.scene, time.process_time()
@@ -309,13 +313,15 @@ def measure(worker: Runner, solver: str, setting: Setting, *, repeats: int, budg
         eager = worker.eager()
         # Loading and compiling kernels is nobody's fault.
         begin = time.process_time()
-        path, cost = worker.run(setting, begin + budget)
-        costs = [cost / scene.frames if scene.interrupted else worker.rush()]
+        path, watched = worker.run(setting, begin + budget)
+        costs: list[float] = []
         while len(costs) < repeats and time.process_time() - begin < 0.5 * budget:
             if scene.interrupted:
-                costs.append(worker.run(setting, begin + budget)[1] / scene.frames)
+                _, cost = worker.run(setting, begin + budget, is_watched=False)
+                costs.append(cost / scene.frames)
             else:
                 costs.append(worker.rush())
+        costs = costs or [watched / scene.frames]
     except OutOfTime:
         return found(note=OUT_OF_TIME)
     except Exception as exception:
