@@ -120,6 +120,7 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
+        """Passes on a body that goes on sleeping, and looks at any other."""
         wrench = external_wrench(model, body, body_f, control)
         if worlds.island[body] >= 0:
             pose = body_q[body]
@@ -517,6 +518,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
+        """Wakes what is disturbed, finds the islands of what is awake, and puts to sleep."""
         static_slot = sleep.tied.shape[0] - 1
         if sleep.filled[2] != 0:
             close_gaps(sleep, history)
