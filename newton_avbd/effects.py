@@ -77,7 +77,7 @@ CAUSES: dict[str, Cause] = {
     "light_roots": Cause(
         "body",
         "whose joints carry so much more than itself that rounding would move it",
-        "execute/world.py",
+        "execute/trees.py",
     ),
     "reaction": Cause("joint", "of such a type with a parent body", "execute/bodies.py"),
     "joints": Cause("joint", "of other types than FREE", "execute/trees.py", _OF_JOINTS),

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Structs that lie in memory: launches see what they hold, graphs what they held."""
 
+import gc
+
 import warp as wp
 
-from newton_avbd.execute.launch import Launcher, putting
+from newton_avbd.execute.launch import Launcher, putting, uncollected
 
 
 @wp.struct
@@ -44,3 +46,13 @@ def test_a_kernel_puts_a_struct_where_it_lies() -> None:
     wp.launch(putting(Counter), dim=1, inputs=[counter, place], device="cpu")
     wp.launch(count_up, dim=1, inputs=[place], device="cpu")
     assert counter.count.numpy()[0] == 3.0
+
+
+def test_the_garbage_collector_pauses_and_is_left_as_it_was() -> None:
+    """Also where the user has turned it off, and one pause lies within another."""
+    assert gc.isenabled()
+    with uncollected():
+        with uncollected():
+            assert not gc.isenabled()
+        assert not gc.isenabled()
+    assert gc.isenabled()

@@ -26,7 +26,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
-from .launch import KERNEL
+from .launch import KERNEL, uncollected
 
 BODIES_PER_THREAD = 64
 """Of those that a thread predicts on a CPU; a thread of a GPU predicts one."""
@@ -216,6 +216,7 @@ def report_freed(
 
 
 @functools.cache
+@uncollected()
 def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
     """Kernel, a thread for a body or some: all that the sweeps need of one, once a step.
 
@@ -356,6 +357,7 @@ def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
 
 
 @functools.cache
+@uncollected()
 def make_integrate(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: the whole step where nothing touches, which is exact."""
     external_wrench = make_wrench(effects)

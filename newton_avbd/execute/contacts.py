@@ -29,7 +29,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .islands import disturb
-from .launch import KERNEL
+from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
 
 NOT_UNIT = wp.constant(0.1)
@@ -84,6 +84,7 @@ def is_sound(row: ContactRow) -> bool:
 
 
 @functools.cache
+@uncollected()
 def make_sort_contacts(sleeping: bool = False) -> wp.Kernel:
     """Kernel, one thread: makes room for the rows of each body."""
 

@@ -55,7 +55,7 @@ def join_islands(
 
 
 @wp.func
-def disturb(slot: int, worlds: wp.ref[WorldWork], sleep: SleepWork):
+def disturb(slot: int, worlds: wp.ref[WorldWork], sleep: wp.ref[SleepWork]):
     """Wakes the island of a body, or keeps it awake."""
     sleep.still[slot] = 0.0
     island = worlds.island[slot]

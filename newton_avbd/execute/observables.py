@@ -20,7 +20,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.joint import has_axes, wrapped
-from .launch import KERNEL
+from .launch import KERNEL, uncollected
 from .loops import make_loops
 from .trees import is_linked
 
@@ -71,6 +71,7 @@ def export_contact_force(
 
 
 @functools.cache
+@uncollected()
 def make_export_parent_force(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
     loop_wrench = make_loops(effects).loop_wrench

@@ -30,7 +30,7 @@ from ..effects import Effects
 from .bodies import make_wrench, unit_pose
 from .contacts import FAR, anchor_distance, body_arm, body_slot
 from .islands import begin_island, disturb, island_of, unite
-from .launch import KERNEL
+from .launch import KERNEL, uncollected
 
 REST = wp.constant(1.0e-3)
 """Speed up to which a body is at rest, as a share of what gravity gives it in a step: of
@@ -51,6 +51,7 @@ STANDSTILL = wp.constant(wp.spatial_vector(0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 @functools.cache
+@uncollected()
 def make_watch_bodies(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: passes on what sleeps or is not moved, and sees what disturbs."""
     external_wrench = make_wrench(effects)
@@ -64,7 +65,7 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
         body_qd: wp.array[wp.spatial_vector],
         h: float,
         worlds: wp.ref[WorldWork],
-        sleep: SleepWork,
+        sleep: wp.ref[SleepWork],
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
@@ -105,24 +106,21 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
         is_at_rest = is_slow and is_here and not is_pushed and island == AWAKE
         sleep.still[body] = wp.where(is_at_rest, wp.max(sleep.still[body], 0.0) + h, 0.0)
 
-    @wp.kernel(**KERNEL)
-    def watch_bodies(
-        # Model:
-        model: BodyModel,
-        # State in:
+    @wp.func
+    def watch(
+        body: int,
+        model: wp.ref[BodyModel],
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
+        control: wp.ref[ControlInput],
         h: float,
-        # Work:
-        worlds: WorldWork,
-        sleep: SleepWork,
-        # State out:
+        worlds: wp.ref[WorldWork],
+        sleep: wp.ref[SleepWork],
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
-        body = wp.tid()
+        """Passes on a body that goes on sleeping, and looks at any other."""
         wrench = external_wrench(model, body, body_f, control)
         if worlds.island[body] >= 0:
             pose = body_q[body]
@@ -133,6 +131,37 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
                     body_qd_out[body] = velocity
                     return
         watch_body(body, wrench, model, body_q, body_qd, h, worlds, sleep, body_q_out, body_qd_out)
+
+    @wp.kernel(**KERNEL)
+    def watch_bodies(
+        # Model:
+        model: wp.array[BodyModel],
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        body_f: wp.array[wp.spatial_vector],
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: wp.array[WorldWork],
+        sleep: wp.array[SleepWork],
+        # State out:
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        watch(
+            wp.tid(),
+            model[0],
+            body_q,
+            body_qd,
+            body_f,
+            control,
+            h,
+            worlds[0],
+            sleep[0],
+            body_q_out,
+            body_qd_out,
+        )
 
     return watch_bodies
 
@@ -206,11 +235,14 @@ def forget_rows(body: int, rows: wp.ref[RowWork]):
 
 
 @functools.cache
+@uncollected()
 def make_form_islands(effects: Effects) -> wp.Kernel:
     """Kernel, one thread: wakes and puts to sleep, and lists what is awake island by island."""
 
     @wp.func
-    def watch_gravity(model: wp.ref[BodyModel], worlds: wp.ref[WorldWork], sleep: SleepWork):
+    def watch_gravity(
+        model: wp.ref[BodyModel], worlds: wp.ref[WorldWork], sleep: wp.ref[SleepWork]
+    ):
         """Disturbs the bodies whose gravity has changed."""
         is_changed = bool(False)
         for i in range(sleep.gravity.shape[0]):
@@ -242,7 +274,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         shapes: wp.ref[ShapeModel],
         contacts: wp.ref[ContactInput],
         worlds: wp.ref[WorldWork],
-        sleep: SleepWork,
+        sleep: wp.ref[SleepWork],
         rows: wp.ref[RowWork],
     ) -> int:
         """Lists the contacts of bodies that are awake, disturbs what touches those or what moves;
@@ -292,7 +324,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         shapes: wp.ref[ShapeModel],
         contacts: wp.ref[ContactInput],
         worlds: wp.ref[WorldWork],
-        sleep: SleepWork,
+        sleep: wp.ref[SleepWork],
     ):
         """Disturbs what sleeps and has other contacts than before."""
         static_slot = sleep.tied.shape[0] - 1
@@ -322,7 +354,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                 history.torque[to_side, to + i - start] = history.torque[side, i]
 
     @wp.func
-    def close_gaps(sleep: SleepWork, history: wp.ref[History]):
+    def close_gaps(sleep: wp.ref[SleepWork], history: wp.ref[History]):
         """Takes those that have woken from the list of sleepers, and their records with them."""
         count = int(0)
         at = history.records.shape[1] / 2
@@ -341,7 +373,10 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
 
     @wp.func
     def wake_islands(
-        worlds: wp.ref[WorldWork], sleep: SleepWork, rows: wp.ref[RowWork], history: wp.ref[History]
+        worlds: wp.ref[WorldWork],
+        sleep: wp.ref[SleepWork],
+        rows: wp.ref[RowWork],
+        history: wp.ref[History],
     ):
         """Wakes the bodies of islands that are disturbed, with the loads that they slept with, and
         lists the blocks that are awake."""
@@ -385,7 +420,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         island: int,
         body_q: wp.array[wp.transform],
         worlds: wp.ref[WorldWork],
-        sleep: SleepWork,
+        sleep: wp.ref[SleepWork],
         rows: wp.ref[RowWork],
         history: wp.ref[History],
         body_q_out: wp.array[wp.transform],
@@ -412,7 +447,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         sleep.filled[1] = end
 
     @wp.func
-    def measure_islands(world: int, worlds: wp.ref[WorldWork], sleep: SleepWork):
+    def measure_islands(world: int, worlds: wp.ref[WorldWork], sleep: wp.ref[SleepWork]):
         """How many bodies the islands of a world have, and for how long they have been at rest."""
         for block in range(sleep.block_start[world], sleep.block_start[world + 1]):
             i = sleep.blocks[block]
@@ -441,7 +476,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         root: int,
         worlds: wp.ref[WorldWork],
         seen: wp.ref[WorldWork],
-        sleep: SleepWork,
+        sleep: wp.ref[SleepWork],
         history: wp.ref[History],
         seen_history: wp.ref[History],
     ):
@@ -468,25 +503,22 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                     is_ahead = worlds.rank[root] > worlds.rank[holder_root]
             sleep.seen_loop_start[island] = sleep.loop_start[world + int(is_ahead)]
 
-    @wp.kernel(**KERNEL)
-    def form_islands(
-        # Model:
-        model: BodyModel,
-        shapes: ShapeModel,
-        # State in:
+    @wp.func
+    def form(
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
         body_q: wp.array[wp.transform],
-        contacts: ContactInput,
-        # Work:
-        worlds: WorldWork,
-        seen: WorldWork,
-        rows: RowWork,
-        sleep: SleepWork,
-        history: History,
-        seen_history: History,
-        # State out:
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
+        seen: wp.ref[WorldWork],
+        rows: wp.ref[RowWork],
+        sleep: wp.ref[SleepWork],
+        history: wp.ref[History],
+        seen_history: wp.ref[History],
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
+        """Wakes what is disturbed, finds the islands of what is awake, and puts to sleep."""
         static_slot = sleep.tied.shape[0] - 1
         if sleep.filled[2] != 0:
             close_gaps(sleep, history)
@@ -592,10 +624,45 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                         sleeping += mark_of(contacts.shape0[contact], contacts.shape1[contact])
         sleep.marks[0] = sleeping
 
+    @wp.kernel(**KERNEL)
+    def form_islands(
+        # Model:
+        model: wp.array[BodyModel],
+        shapes: wp.array[ShapeModel],
+        # State in:
+        body_q: wp.array[wp.transform],
+        contacts: ContactInput,
+        # Work:
+        worlds: wp.array[WorldWork],
+        seen: wp.array[WorldWork],
+        rows: wp.array[RowWork],
+        sleep: wp.array[SleepWork],
+        history: wp.array[History],
+        seen_history: wp.array[History],
+        # State out:
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        form(
+            model[0],
+            shapes[0],
+            body_q,
+            contacts,
+            worlds[0],
+            seen[0],
+            rows[0],
+            sleep[0],
+            history[0],
+            seen_history[0],
+            body_q_out,
+            body_qd_out,
+        )
+
     return form_islands
 
 
 @functools.cache
+@uncollected()
 def make_end_islands(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: what became of its islands is what became of the world."""
 

@@ -37,7 +37,7 @@ from .denormals import flush_denormals, restore_denormals
 from .ending import make_end
 from .impacts import free_share, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
-from .launch import KERNEL
+from .launch import KERNEL, uncollected
 from .loops import has_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
 from .trees import is_linked, make_trees, place_body
@@ -661,6 +661,7 @@ def make_remember(
 
 
 @functools.cache
+@uncollected()
 def make_solve(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
     measure_world = make_measure_world(effects)
