@@ -257,9 +257,9 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     work.whole = wp.zeros(len(top), dtype=float)
     work.least = wp.zeros(len(top), dtype=float)
     work.held = wp.zeros(len(top), dtype=float)
-    work.multiplier = wp.zeros(len(top), dtype=float)
+    work.multiplier = wp.zeros(len(top), dtype=wp.float64)
     work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
-    work.gram = wp.zeros(int(gram[-1]), dtype=float)
+    work.gram = wp.zeros(int(gram[-1]), dtype=wp.float64)
 
 
 def sleep_work(

@@ -435,11 +435,11 @@ class ClosureWork:
     """By row: how far the multiplier would move bodies that nothing else holds; 0 for a mimic."""
     held: wp.array[float]
     """By row: what it has pushed with so far [N or N m]; 0 for a mimic."""
-    multiplier: wp.array[float]
+    multiplier: wp.array[wp.float64]
     """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
     gram_row: wp.array[wp.int32]
     """Where the first column of a row of ``gram`` would lie."""
-    gram: wp.array[float]
+    gram: wp.array[wp.float64]
     """How far a row is moved by the multipliers of those that are eliminated after it, up to the
     last that it meets; on the diagonal, after elimination, the inverse of the pivot."""
 

@@ -23,6 +23,17 @@ def exp_quat(theta: wp.vec3) -> wp.quat:
 
 
 @wp.func
+def turned_from(q: wp.quat, arm: wp.vec3) -> wp.vec3:
+    """By how much a turn ``q`` that led to an arm [m] has moved its end: arm - q^-1 arm q.
+
+    Of a small turn nothing is lost, as it is where two arms are subtracted.
+    """
+    axis = wp.vec3(q[0], q[1], q[2])
+    across = wp.cross(axis, arm)
+    return 2.0 * (q[3] * across - wp.cross(axis, across))
+
+
+@wp.func
 def right_jacobian(theta: wp.vec3) -> wp.mat33:
     """Right Jacobian of SO(3): d exp(theta) = exp(theta) [J_r dtheta].
 

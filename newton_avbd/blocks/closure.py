@@ -24,6 +24,9 @@ its update, and push the axes of the bodies that they came by.
 
 A row that the others imply already, as most are in a planar mechanism, or that nothing can move,
 has no pivot and is left out.
+
+G and what is done with it is float64. As a sum of squares of what rows meet it is positive
+semidefinite to 1e-16 then, and pivots may be as small as :data:`SOFTNESS` has them.
 """
 
 import warp as wp
@@ -34,9 +37,11 @@ from .tree import handed_down
 
 IMPLIED = wp.constant(1.0e-4)
 """Pivot from which a mimic says nothing new, as a share of what it had before elimination."""
-SOFTNESS = wp.constant(1.0e-4)
+SOFTNESS = wp.constant(1.0e-5)
 """By how much more a multiplier moves its row, as a share of what it does alone: more than rounding
 leaves of a pivot after hundreds of others. What that misses the next sweep finds."""
+MISSED = wp.constant(1.0e-4)
+"""Share of its move that a sweep leaves to the next one at least, where rows are soft."""
 FORGOTTEN = wp.constant(1.0e-3)
 """Share of what a row pushes with that a sweep takes back where nothing needs it: of what rows that
 imply each other push each other with."""
@@ -51,11 +56,15 @@ IMMOVABLE = wp.constant(1.0e-10)
 def meet_rows(node: ClosureNode, inverse: wp.spatial_vector, closures: wp.ref[ClosureWork]):
     """Adds what rows that go on have met at a body to their matrix; ``inverse`` of its pivots."""
     for p in range(node.start, node.stop):
-        share = wp.cw_mul(inverse, closures.met[p])
+        met = closures.met[p]
         at = closures.gram_row[closures.items[p] / 2]
         for q in range(p, node.stop):
             to = at + closures.items[q] / 2
-            closures.gram[to] += wp.dot(share, closures.met[q])
+            other = closures.met[q]
+            total = wp.float64(0.0)
+            for k in range(6):
+                total += wp.float64(inverse[k]) * wp.float64(met[k]) * wp.float64(other[k])
+            closures.gram[to] += total
 
 
 @wp.func
@@ -68,7 +77,7 @@ def meet_root(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
         w = closures.way[item]
         half = half_solve(work.factor[body], wp.spatial_top(w), wp.spatial_bottom(w))
         closures.met[p] = half
-        closures.multiplier[item / 2] += wp.dot(half, tree.update[body])
+        closures.multiplier[item / 2] += wp.float64(wp.dot(half, tree.update[body]))
         closures.whole[item / 2] += wp.dot(half, half)
         closures.way[item] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     meet_rows(node, wp.spatial_vector(wp.vec3(1.0), wp.vec3(1.0)), closures)
@@ -92,14 +101,14 @@ def meet_axes(body: int, axes: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWor
         w = closures.way[item]
         met = closures.met[p]
         whole = closures.whole[row]
-        moved = closures.multiplier[row] + wp.dot(w, tree.closing[body])
+        moved = closures.multiplier[row] + wp.float64(wp.dot(w, tree.closing[body]))
         for k in range(axes):
             axis = tree.axes[first + k]
             force = met[k] + wp.dot(axis.linear, wp.spatial_top(w))
             force += wp.dot(axis.angular, wp.spatial_bottom(w))
             share = axis.inv_pivot * force
             w -= share * wp.spatial_vector(axis.force, axis.torque)
-            moved += force * (axis.inv_pivot * axis.push + axis.step)
+            moved += wp.float64(force * (axis.inv_pivot * axis.push + axis.step))
             whole += share * force
             met[k] = force
         closures.met[p] = met
@@ -115,7 +124,7 @@ def rows_push(body: int, closures: wp.ref[ClosureWork]) -> wp.spatial_vector:
     node = closures.nodes[body]
     push = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     for p in range(node.start, node.stop):
-        push += closures.multiplier[closures.items[p] / 2] * closures.met[p]
+        push += wp.float32(closures.multiplier[closures.items[p] / 2]) * closures.met[p]
     return push
 
 
@@ -145,38 +154,39 @@ def end_rows(
                 least = IMPLIED * closures.whole[row]
             else:
                 slack = SOFTNESS * closures.whole[row]
-                closures.gram[closures.gram_row[row] + row] += slack
-                closures.multiplier[row] += FORGOTTEN * slack * closures.held[row]
+                closures.gram[closures.gram_row[row] + row] += wp.float64(slack)
+                closures.multiplier[row] += wp.float64(FORGOTTEN * slack * closures.held[row])
             closures.least[row] = least
             closures.way[2 * row] += closures.way[2 * row + 1]
     for row in range(node.row, node.row_end):
         g_row = closures.gram_row[row]
         pivot = closures.gram[g_row + row]
         w = closures.way[2 * row]
-        if pivot <= closures.least[row]:
-            closures.gram[g_row + row] = 0.0
-            held = closures.held[row]
-            if held != 0.0:
-                push -= held * w
+        if pivot <= wp.float64(closures.least[row]):
+            closures.gram[g_row + row] = wp.float64(0.0)
+            held = wp.float64(closures.held[row])
+            if held != wp.float64(0.0):
+                push -= closures.held[row] * w
                 for other in range(row + 1, node.row_end):
                     closures.multiplier[other] -= held * closures.gram[g_row + other]
                 for p in range(node.start, node.stop):
                     other = closures.items[p] / 2
                     closures.multiplier[other] -= held * closures.gram[g_row + other]
             continue
-        inverse = 1.0 / pivot
+        inverse = wp.float64(1.0) / pivot
         closures.gram[g_row + row] = inverse
         moved = closures.multiplier[row]
         w_l = wp.spatial_top(w)
         w_a = wp.spatial_bottom(w)
-        h_ll += inverse * wp.outer(w_l, w_l)
-        h_al += inverse * wp.outer(w_a, w_l)
-        h_aa += inverse * wp.outer(w_a, w_a)
-        push -= (inverse * moved) * w
+        stiffness = wp.float32(inverse)
+        h_ll += stiffness * wp.outer(w_l, w_l)
+        h_al += stiffness * wp.outer(w_a, w_l)
+        h_aa += stiffness * wp.outer(w_a, w_a)
+        push -= wp.float32(inverse * moved) * w
         for other in range(row + 1, node.row_end):
             share = inverse * closures.gram[g_row + other]
-            if share != 0.0:
-                closures.way[2 * other] -= share * w
+            if share != wp.float64(0.0):
+                closures.way[2 * other] -= wp.float32(share) * w
                 closures.multiplier[other] -= share * moved
                 g_other = closures.gram_row[other]
                 for to in range(other, node.row_end):
@@ -187,8 +197,8 @@ def end_rows(
         for p in range(node.start, node.stop):
             item = closures.items[p]
             share = inverse * closures.gram[g_row + item / 2]
-            if share != 0.0:
-                closures.way[item] -= share * w
+            if share != wp.float64(0.0):
+                closures.way[item] -= wp.float32(share) * w
                 closures.multiplier[item / 2] -= share * moved
                 g_other = closures.gram_row[item / 2]
                 for q in range(p, node.stop):
@@ -205,10 +215,10 @@ def find_multipliers(at: int, update: wp.spatial_vector, closures: wp.ref[Closur
         row = node.row_end - 1 - i
         g_row = closures.gram_row[row]
         inverse = closures.gram[g_row + row]
-        if inverse == 0.0:
-            closures.multiplier[row] = closures.held[row]
+        if inverse == wp.float64(0.0):
+            closures.multiplier[row] = wp.float64(closures.held[row])
             continue
-        left = closures.multiplier[row] + wp.dot(closures.way[2 * row], update)
+        left = closures.multiplier[row] + wp.float64(wp.dot(closures.way[2 * row], update))
         for other in range(row + 1, node.row_end):
             left -= closures.gram[g_row + other] * closures.multiplier[other]
         for p in range(node.start, node.stop):

@@ -23,7 +23,7 @@ from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from .loops import loop_geometry, parent_slot
-from .trees import ROUNDING, is_linked
+from .trees import ROUNDING, anchor_shift, is_linked, is_put
 
 
 @wp.func
@@ -137,16 +137,21 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             return
         joint = loops.joints[i]
         static_slot = work.inv_mass.shape[0] - 1
-        moves_c = wp.where(work.inv_mass[joints.child[joint]] > 0.0, 1.0, 0.0)
-        moves_p = wp.where(work.inv_mass[parent_slot(joints, joint, static_slot)] > 0.0, 1.0, 0.0)
+        child = joints.child[joint]
+        parent = parent_slot(joints, joint, static_slot)
+        moves_c = wp.where(work.inv_mass[child] > 0.0, 1.0, 0.0)
+        moves_p = wp.where(work.inv_mass[parent] > 0.0, 1.0, 0.0)
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
         shift = linear_misfit(joints, joint, q_p, offset)
-        arm_p += offset - shift
         turn = angular_misfit(joints, joint, q_p, q_c)
-        if recovery == 0.0:
-            shift -= wp.spatial_top(loops.misfit[i])
-            turn -= wp.spatial_bottom(loops.misfit[i])
         linear = 3 - linear_count(joints, joint)
+        kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
+        left = shift - wp.spatial_top(kept)
+        if linear == 3 and not is_put(child, work) and not is_put(parent, work):
+            left = anchor_shift(child, parent, arm_c, arm_p, work, tree)
+            left += wp.spatial_top(loops.misfit[i] - kept)
+        arm_p += offset - shift
+        turn -= wp.spatial_bottom(kept)
         angular = closure.rows - linear
         lock_l = linear_lock(joints, joint, q_p)
         lock_a = angular_lock(joints, joint, q_p, q_c)
@@ -165,7 +170,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
                 closures.held[row] = wp.dot(n, history.loop_force[i])
-                closures.multiplier[row] = wp.dot(n, shift)
+                closures.multiplier[row] = wp.float64(wp.dot(n, left))
                 closures.least[row] = PENALTY / loops.k_l[i]
             else:
                 n = direction_about(axis_a, wp.where(angular == 1, 2, k - linear))
@@ -173,7 +178,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.way[2 * row] = moves_c * wp.spatial_vector(wp.vec3(0.0), n)
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(wp.vec3(0.0), n)
                 closures.held[row] = wp.dot(n, history.loop_torque[i])
-                closures.multiplier[row] = wp.dot(n, turn)
+                closures.multiplier[row] = wp.float64(wp.dot(n, turn))
                 closures.least[row] = PENALTY / loops.k_a[i]
 
     @wp.func
@@ -196,7 +201,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             left = mimic_misfit(closure, dof, tree.coordinate, joints, tree)
             if recovery == 0.0:
                 left -= closures.misfit[closure.row + dof]
-            closures.multiplier[closure.row + dof] = left
+            closures.multiplier[closure.row + dof] = wp.float64(left)
 
     @wp.func(inline=effects.inline)
     def begin_rows(
@@ -219,7 +224,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         block = closures.blocks[number]
         none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         for k in range(block.gram, block.gram_end):
-            closures.gram[k] = 0.0
+            closures.gram[k] = wp.float64(0.0)
         for i in range(first, end):
             node = closures.nodes[worlds.bodies[i]]
             for p in range(node.start, node.stop):
@@ -232,7 +237,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.whole[row] = 0.0
                 closures.least[row] = 0.0
                 closures.held[row] = 0.0
-                closures.multiplier[row] = 0.0
+                closures.multiplier[row] = wp.float64(0.0)
             if closure.loop >= 0:
                 if wp.static(effects.loops):
                     loop_rows(closure, recovery, model, joints, work, tree, loops, history)
@@ -262,7 +267,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 torque = wp.vec3(0.0)
                 for k in range(closure.rows):
                     row = closure.row + k
-                    along = closures.multiplier[row] * closures.direction[row]
+                    along = wp.float32(closures.multiplier[row]) * closures.direction[row]
                     if k < linear:
                         force += along
                     else:

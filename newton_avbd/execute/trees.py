@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..algebra.block import factor_block, half_solve, other_half
-from ..algebra.so3 import exp_quat
+from ..algebra.so3 import exp_quat, turned_from
 from ..blocks import tree as algebra
 from ..blocks.closure import (
-    SOFTNESS,
+    MISSED,
     end_rows,
     find_multipliers,
     meet_axes,
@@ -168,6 +168,32 @@ def turn_of(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> wp.qua
     """Turn of a body in the step."""
     turn = tree.turn[body]
     return exp_quat(wp.spatial_bottom(work.increment[body]) - turn) * exp_quat(turn)
+
+
+@wp.func
+def is_put(slot: int, work: wp.ref[BodyWork]) -> bool:
+    """Whether a body is kinematic: where it is put, which may be ahead of where it was."""
+    return work.inv_mass[slot] == 0.0 and slot != work.inv_mass.shape[0] - 1
+
+
+@wp.func
+def anchor_shift(
+    child: int,
+    parent: int,
+    arm_c: wp.vec3,
+    arm_p: wp.vec3,
+    work: wp.ref[BodyWork],
+    tree: wp.ref[TreeWork],
+) -> wp.vec3:
+    """How far the child anchor has moved in the step against the parent's [m].
+
+    It is read off the increments, so that it rounds as they do. What :func:`anchor_offset` gives
+    rounds as the arms do, 1e-8 m of decimeters, and rows that imply each other but for the slope of
+    a taut net make a hundred times as much of it.
+    """
+    moved = joint_shift(work, child) - joint_shift(work, parent)
+    moved += turned_from(turn_of(child, work, tree), arm_c)
+    return moved - turned_from(turn_of(parent, work, tree), arm_p)
 
 
 @wp.func
@@ -535,10 +561,15 @@ def make_trees(
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
         misfit = linear_misfit(joints, joint, q_p, offset)
+        anchor_p = wp.vec3(arm_p)
         arm_p += offset - misfit
         tilt = sign * angular_misfit(joints, joint, q_p, q_c)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
         misfit -= wp.spatial_top(kept)
+        if wp.static(effects.closures):
+            if linear_count(joints, joint) == 0 and not is_put(parent, work):
+                misfit = anchor_shift(body, parent, arm_c, anchor_p, work, tree)
+                misfit += wp.spatial_top(tree.misfit[body] - kept)
         tilt -= wp.spatial_bottom(kept)
         closing = wp.spatial_vector(wp.cross(tilt, arm_c) - misfit, -tilt)
         span = arm_p - arm_c
@@ -921,7 +952,7 @@ def make_trees(
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
         if wp.static(effects.closures):
             if tree.closures.block_of[first] >= 0:
-                largest = wp.max(largest, wp.static(4.0 * SOFTNESS * SOFTNESS))
+                largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
         left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]
