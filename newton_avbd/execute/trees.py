@@ -167,7 +167,10 @@ def begin_turn(
 def turn_of(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> wp.quat:
     """Turn of a body in the step."""
     turn = tree.turn[body]
-    return exp_quat(wp.spatial_bottom(work.increment[body]) - turn) * exp_quat(turn)
+    out = exp_quat(wp.spatial_bottom(work.increment[body]) - turn)
+    if wp.length_sq(turn) > 0.0:
+        out = out * exp_quat(turn)
+    return out
 
 
 @wp.func
