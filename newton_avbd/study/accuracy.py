@@ -10,9 +10,10 @@ from pathlib import Path as File
 from typing import Any
 
 from newton_avbd.io.errors import UserError
+from newton_avbd.study.accuracy_front import OURS
 from newton_avbd.study.accuracy_run import OUT_OF_TIME, Point, Runner, measure, runner
 from newton_avbd.study.accuracy_scene import AccuracyScene
-from newton_avbd.study.accuracy_solvers import MEASURED, Setting
+from newton_avbd.study.accuracy_solvers import MEASURED, PRESETS, Setting
 
 
 @dataclass(frozen=True)
@@ -138,21 +139,23 @@ def run(
 
 
 def _try_settings(scene: AccuracyScene, solver: str, results: Results) -> Iterator[Point]:
-    """Try the settings of a solver on a scene, until there is no time left."""
-    effort, spent = results.effort, 0.0
+    """Try the settings of a solver on a scene, until there is no time left; presets in any case."""
+    effort, spent, is_over = results.effort, 0.0, False
     worker: Runner | None = None
     settings = MEASURED[solver].settings(
         touching=scene.touching, sweeps=scene.sweeps, quick=effort.quick
     )
     for setting in settings:
+        is_preset = solver == OURS and setting in PRESETS.values()
+        if is_over and not is_preset:
+            continue
         point = results.get((scene.name, solver, setting))
         if point is None:
             worker = worker or runner(scene, solver)
-            left = effort.budget - spent
+            left = effort.budget if is_preset else effort.budget - spent
             point = measure(worker, solver, setting, repeats=effort.repeats, budget=left)
             results.add(point)
         yield point
         spent += point.spent
         # A setting that fails for another reason than time says nothing of the next one.
-        if spent >= effort.budget or point.note == OUT_OF_TIME:
-            return
+        is_over = is_over or spent >= effort.budget or point.note == OUT_OF_TIME

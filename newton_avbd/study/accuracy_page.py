@@ -22,15 +22,8 @@ from newton_avbd.study.accuracy_front import (
 )
 from newton_avbd.study.accuracy_run import Point
 from newton_avbd.study.accuracy_scene import AccuracyScene
-from newton_avbd.study.accuracy_solvers import AVBD_SCHEMES, MEASURED, Setting
+from newton_avbd.study.accuracy_solvers import AVBD_SCHEMES, MEASURED, PRESETS, Setting
 from newton_avbd.study.measure import Array
-
-PRESETS: dict[str, Setting] = {
-    "resting": Setting(1, 40, scheme="euler"),
-    "everyday": Setting(4, 10, scheme="euler"),
-    "moving": Setting(4, 10, scheme="generalized_alpha"),
-}
-"""Settings of SolverAVBD that are recommended."""
 
 EQUAL_COST = (16, 8, 4)
 """Steps a frame, with ten iterations, at whose cost iterations and substeps are compared: the first

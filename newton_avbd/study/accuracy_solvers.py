@@ -220,3 +220,10 @@ MEASURED: dict[str, MeasuredSolver] = {
     ),
 }
 """Solvers by name, ours first."""
+
+PRESETS: dict[str, Setting] = {
+    "resting": Setting(1, 40, scheme="euler"),
+    "everyday": Setting(4, 10, scheme="euler"),
+    "moving": Setting(4, 10, scheme="generalized_alpha"),
+}
+"""Settings of SolverAVBD that are recommended, and measured on all scenes."""
