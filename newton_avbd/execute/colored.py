@@ -464,38 +464,31 @@ def make_colored(effects: Effects) -> Colored:
                 history,
             )
 
-    @wp.kernel(enable_backward=False, module=module)
-    def sweep_color(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        # State in:
+    @wp.func
+    def sweep_blocks(
+        thread: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         body_q: wp.array[wp.transform],
-        # In:
         sweep: int,
         color: int,
         threads: int,
         tolerance: float,
         recovery: float,
         most: wp.array[wp.int32],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        history: History,
-        # Work out:
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        colors: wp.ref[ColorWork],
+        history: wp.ref[History],
         moved: wp.array2d[float],
     ):
-        """Moves all blocks of a color once; the last color is for one thread alone.
-
-        With a ``recovery`` above zero what was wrong at the start of the step goes, too.
-        """
+        """Moves the blocks of a color that fall to a thread."""
         lanes = colors.lane_start.shape[0] - 1
-        first = colors.start[color * lanes] + wp.tid()
+        first = colors.start[color * lanes] + thread
         for i in range(first, colors.start[(color + 1) * lanes], threads):
             body = colors.order[i]
             world = worlds.of_body[body]
@@ -521,6 +514,58 @@ def make_colored(effects: Effects) -> Colored:
                 # looks first, since few of many threads have to
                 if far > moved[sweep + 1, world]:
                     wp.atomic_max(moved, sweep + 1, world, far)
+
+    @wp.kernel(enable_backward=False, module=module)
+    def sweep_color(
+        # Model:
+        model: wp.array[BodyModel],
+        joints: wp.array[JointModel],
+        control: ControlInput,
+        # State in:
+        body_q: wp.array[wp.transform],
+        # In:
+        sweep: int,
+        color: int,
+        threads: int,
+        tolerance: float,
+        recovery: float,
+        most: wp.array[wp.int32],
+        # Work:
+        worlds: wp.array[WorldWork],
+        work: wp.array[BodyWork],
+        rows: wp.array[RowWork],
+        tree: wp.array[TreeWork],
+        loops: wp.array[LoopWork],
+        colors: wp.array[ColorWork],
+        history: wp.array[History],
+        # Work out:
+        moved: wp.array2d[float],
+    ):
+        """Moves all blocks of a color once; the last color is for one thread alone.
+
+        With a ``recovery`` above zero what was wrong at the start of the step goes, too.
+        """
+        sweep_blocks(
+            wp.tid(),
+            model[0],
+            joints[0],
+            control,
+            body_q,
+            sweep,
+            color,
+            threads,
+            tolerance,
+            recovery,
+            most,
+            worlds[0],
+            work[0],
+            rows[0],
+            tree[0],
+            loops[0],
+            colors[0],
+            history[0],
+            moved,
+        )
 
     @wp.kernel(enable_backward=False, module=module)
     def sweep_loops(
