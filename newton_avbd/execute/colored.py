@@ -40,7 +40,7 @@ from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
 from .ending import make_end
 from .joining import join_at_once
-from .launch import KERNEL
+from .launch import KERNEL, uncollected
 from .loops import make_loops
 from .trees import is_linked, make_trees
 from .world import (
@@ -167,6 +167,7 @@ def recall(
 
 
 @functools.cache
+@uncollected()
 def make_colored(effects: Effects) -> Colored:
     """The kernels of a large world, in one module."""
     module = wp.get_module(f"{__name__}_{hashlib.sha256(repr(effects).encode()).hexdigest()[:8]}")

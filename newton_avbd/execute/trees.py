@@ -564,17 +564,16 @@ def make_trees(
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
         misfit = linear_misfit(joints, joint, q_p, offset)
-        anchor_p = wp.vec3(arm_p)
-        arm_p += offset - misfit
         tilt = sign * angular_misfit(joints, joint, q_p, q_c)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
-        misfit -= wp.spatial_top(kept)
+        left = misfit - wp.spatial_top(kept)
         if wp.static(effects.closures):
             if linear_count(joints, joint) == 0 and not is_put(parent, work):
-                misfit = anchor_shift(body, parent, arm_c, anchor_p, work, tree)
-                misfit += wp.spatial_top(tree.misfit[body] - kept)
+                left = anchor_shift(body, parent, arm_c, arm_p, work, tree)
+                left += wp.spatial_top(tree.misfit[body] - kept)
+        arm_p += offset - misfit
         tilt -= wp.spatial_bottom(kept)
-        closing = wp.spatial_vector(wp.cross(tilt, arm_c) - misfit, -tilt)
+        closing = wp.spatial_vector(wp.cross(tilt, arm_c) - left, -tilt)
         span = arm_p - arm_c
         tree.closing[body] = closing
         tree.span[body] = span
