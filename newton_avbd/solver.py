@@ -47,7 +47,7 @@ from .execute.sleeping import (
 )
 from .execute.slopes import SCHEMES
 from .execute.workers import Workers
-from .execute.world import make_solve
+from .execute.world import make_solve, make_step
 from .large import LARGE, LargeWorlds, obstacles
 from .memory import bytes_by_effect, members
 from .report import Report, Status
@@ -369,6 +369,26 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 [self.model.joint_enabled, self._history.broken, self._joints.enabled],
             )
         seen = self._see_worlds()
+        after_prediction = [
+            source,
+            dt,
+            self.iterations,
+            self.tolerance,
+            seen.worlds,
+            self._work,
+            self._rows,
+            seen.tree,
+            seen.loops,
+            self._islands,
+            seen.history,
+            state_out.body_q,
+            state_out.body_qd,
+        ]
+        model = [self._bodies, self._shapes, self._joints, control]
+        if effects.at_once:
+            given = [state_in.body_q, state_in.body_qd, state_in.body_f]
+            self._launch(make_step(effects), 1, [*model, *given, *after_prediction])
+            return
         if effects.sleeping:
             self._form_islands(seen, effects, state_in, state_out, control, source, dt)
         each = BODIES_PER_THREAD if self.device.is_cpu else 1
@@ -396,27 +416,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 1,
                 [self._bodies, self._joints, control, dt, self._pushing, self._work],
             )
-        arguments = [
-            self._bodies,
-            self._shapes,
-            self._joints,
-            control,
-            self._work.pose,
-            state_in.body_qd,
-            source,
-            dt,
-            self.iterations,
-            self.tolerance,
-            seen.worlds,
-            self._work,
-            self._rows,
-            seen.tree,
-            seen.loops,
-            self._islands,
-            seen.history,
-            state_out.body_q,
-            state_out.body_qd,
-        ]
+        arguments = [*model, self._work.pose, state_in.body_qd, *after_prediction]
         if self._large is not None:
             self._large.solve(self._launch, effects, arguments)
             return
@@ -893,6 +893,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
         )
         if self._takes_bodies(groups, flags):
             flags = flags.leaving_out(frozenset({"piles"}))
+        elif self.device.is_cpu and not (groups.any() or flags.sleeping or flags.reaction):
+            flags = dataclasses.replace(flags, at_once=True)
         return groups, topology, flags, callers
 
     def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:

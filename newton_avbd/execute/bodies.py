@@ -216,9 +216,8 @@ def report_freed(
 
 
 @functools.cache
-@uncollected()
-def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
-    """Kernel, a thread for a body or some: all that the sweeps need of one, once a step.
+def make_predict_body(effects: Effects) -> wp.Function:
+    """Device function: all that the sweeps need of a body, once a step.
 
     Two arrays are passed without the structs that they lie in: Warp compiles code for each struct.
     """
@@ -286,6 +285,15 @@ def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
         # section 3.7): a resting body starts at rest, a falling one at its target.
         coasting = h * velocity
         work.increment[body] = coasting + falling[body] * (target - coasting)
+
+    return predict_body
+
+
+@functools.cache
+@uncollected()
+def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
+    """Kernel, a thread for a body or some: what :func:`make_predict_body` does for each."""
+    predict_body = make_predict_body(effects)
 
     @wp.func
     def predict_bodies(

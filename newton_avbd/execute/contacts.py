@@ -84,9 +84,8 @@ def is_sound(row: ContactRow) -> bool:
 
 
 @functools.cache
-@uncollected()
-def make_sort_contacts(sleeping: bool = False) -> wp.Kernel:
-    """Kernel, one thread: makes room for the rows of each body."""
+def make_sort_by_owner(sleeping: bool = False) -> wp.Function:
+    """Device function: makes room for the rows of each body."""
 
     @wp.func
     def sort_by_owner(
@@ -159,6 +158,15 @@ def make_sort_contacts(sleeping: bool = False) -> wp.Kernel:
             if a >= 0:
                 rows.contacts[rows.owned_end[a]] = contact
                 rows.owned_end[a] = rows.owned_end[a] + 1
+
+    return sort_by_owner
+
+
+@functools.cache
+@uncollected()
+def make_sort_contacts(sleeping: bool = False) -> wp.Kernel:
+    """Kernel, one thread: what :func:`make_sort_by_owner` does."""
+    sort_by_owner = make_sort_by_owner(sleeping)
 
     @wp.kernel(**KERNEL)
     def sort_contacts(

@@ -29,10 +29,10 @@ from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bdf2 import make_bdf2
 from .beginning import is_tree, make_begin, make_coasting
-from .bodies import has_rows, moved_by, report_held, vector_sum
+from .bodies import has_rows, make_predict_body, moved_by, report_held, vector_sum
 from .breaking import make_break_joints
 from .closures import make_closures
-from .contacts import make_rows
+from .contacts import make_rows, make_sort_by_owner
 from .denormals import flush_denormals, restore_denormals
 from .ending import make_end
 from .impacts import free_share, make_impacts
@@ -661,9 +661,8 @@ def make_remember(
 
 
 @functools.cache
-@uncollected()
-def make_solve(effects: Effects) -> wp.Kernel:
-    """Kernel, one thread a world: the whole step of bodies in contact, after prediction."""
+def make_solve_worlds(effects: Effects) -> wp.Function:
+    """Device function: the whole step of the world of a thread, after prediction."""
     measure_world = make_measure_world(effects)
     is_world_finite = make_is_world_finite(effects)
     find_rows, penalise_rows = make_rows(effects)
@@ -1238,6 +1237,15 @@ def make_solve(effects: Effects) -> wp.Kernel:
                 body_qd_out,
             )
 
+    return solve_worlds
+
+
+@functools.cache
+@uncollected()
+def make_solve(effects: Effects) -> wp.Kernel:
+    """Kernel, one thread a world: what :func:`make_solve_worlds` does for each."""
+    solve_worlds = make_solve_worlds(effects)
+
     @wp.kernel(**KERNEL)
     def solve(
         first: int,
@@ -1292,3 +1300,82 @@ def make_solve(effects: Effects) -> wp.Kernel:
         restore_denormals(mode)
 
     return solve
+
+
+@functools.cache
+@uncollected()
+def make_step(effects: Effects) -> wp.Kernel:
+    """Kernel, one thread: the whole step of a single world on a CPU, where launches cost most."""
+    predict_body = make_predict_body(effects)
+    sort_by_owner = make_sort_by_owner()
+    solve_worlds = make_solve_worlds(effects)
+
+    @wp.kernel(**KERNEL)
+    def step(
+        # Model:
+        model: wp.array[BodyModel],
+        shapes: wp.array[ShapeModel],
+        joints: wp.array[JointModel],
+        control: ControlInput,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        body_f: wp.array[wp.spatial_vector],
+        contacts: ContactInput,
+        h: float,
+        iterations: int,
+        tolerance: float,
+        # Work:
+        worlds: wp.array[WorldWork],
+        work: wp.array[BodyWork],
+        rows: wp.array[RowWork],
+        tree: wp.array[TreeWork],
+        loops: wp.array[LoopWork],
+        islands: wp.array[IslandWork],
+        history: wp.array[History],
+        # State out:
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        mode = flush_denormals()
+        for body in range(body_q.shape[0]):
+            predict_body(
+                body,
+                model[0],
+                body_q,
+                body_qd,
+                body_f,
+                control,
+                h,
+                worlds[0],
+                history[0].falling,
+                tree[0].joint,
+                work[0],
+            )
+        if wp.static(effects.contact):
+            sort_by_owner(shapes[0], contacts, worlds[0], work[0], rows[0])
+        solve_worlds(
+            0,
+            model[0],
+            shapes[0],
+            joints[0],
+            control,
+            work[0].pose,
+            body_qd,
+            contacts,
+            h,
+            iterations,
+            tolerance,
+            worlds[0],
+            work[0],
+            rows[0],
+            tree[0],
+            loops[0],
+            islands[0],
+            history[0],
+            body_q_out,
+            body_qd_out,
+        )
+        restore_denormals(mode)
+
+    return step
