@@ -141,12 +141,13 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     """What is remembered of joints, by body slot and by degree of freedom."""
     slots, dofs = model.body_count + 1, model.joint_dof_count
     history.joint_force = wp.zeros(slots, dtype=wp.vec3)
-    history.placed = wp.zeros(slots, dtype=wp.vec3)
+    history.left_q = wp.zeros(slots, dtype=wp.transform)
     history.lost = wp.zeros(slots, dtype=wp.vec3)
     history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
     history.joint_angle = wp.clone(rest_angle)
     history.piece = wp.zeros(dofs, dtype=wp.vec3i)
-    history.velocity_lag = wp.zeros(dofs, dtype=float)
+    history.joined_qd = wp.zeros((model.joint_count, 2), dtype=wp.spatial_vector)
+    history.axis_velocity = wp.zeros(dofs, dtype=float)
     history.held_at = wp.zeros(dofs, dtype=float)
     history.limit_force = wp.zeros(dofs, dtype=float)
     history.friction_force = wp.zeros(dofs, dtype=float)

@@ -751,8 +751,8 @@ class History:
     """Buffer and generation that a world's records came from, shape (world_count, 2)."""
     joint_force: wp.array[wp.vec3]
     """Force of the tree's joint on the body at the end of the last step [N], world frame."""
-    placed: wp.array[wp.vec3]
-    """Position that the last step gave a body with joints [m]."""
+    left_q: wp.array[wp.transform]
+    """Pose that the last step gave a body with joints."""
     lost: wp.array[wp.vec3]
     """What rounding took from that position [m]."""
     loop_force: wp.array[wp.vec3]
@@ -764,9 +764,11 @@ class History:
     """Joints that broke since the last reset; empty where none can."""
     piece: wp.array[wp.vec3i]
     """Piece of its law that each degree of freedom of a tree is on."""
-    velocity_lag: wp.array[float]
-    """By how much a degree of freedom changed faster in the last step than its bodies' velocities
-    say at the end of it [m/s or rad/s]: its axis has turned meanwhile."""
+    joined_qd: wp.array2d[wp.spatial_vector]
+    """Velocities that the last step gave the child and the parent of a joint, where joints have
+    armature [m/s and rad/s]."""
+    axis_velocity: wp.array[float]
+    """Velocity of a degree of freedom with armature in the last step [m/s or rad/s]."""
     held_at: wp.array[float]
     """Coordinate at which friction holds a degree of freedom of a tree [m or rad]."""
     limit_force: wp.array[float]

@@ -288,7 +288,7 @@ class LargeWorlds:
             [model, body_q, body_qd, h, worlds, *end, history, body_qd_out],
         )
         if effects.armature:
-            armatures = [model, joints, body_qd_out, worlds, work, tree]
+            armatures = [joints, body_qd, body_qd_out, worlds, work, tree]
             launch(kernels.end_armatures, bodies, [*armatures, colors, history])
             if effects.loops:
                 launch(

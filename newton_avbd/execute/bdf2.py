@@ -39,7 +39,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE, rotation_vector
-from .bodies import has_rows, target_turn
+from .bodies import has_rows, is_same_pose, target_turn
 from .loops import has_loops
 from .slopes import constants, end_axis, lead, next_slope, second_order
 from .trees import is_linked
@@ -121,12 +121,7 @@ def is_continued(
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0:
             last = history.last[body]
-            pose = body_q[body]
-            is_left = (
-                wp.transform_get_translation(pose) == wp.transform_get_translation(last.pose)
-                and wp.transform_get_rotation(pose) == wp.transform_get_rotation(last.pose)
-                and body_qd[body] == last.velocity
-            )
+            is_left = is_same_pose(body_q[body], last.pose) and body_qd[body] == last.velocity
             turn = scale.h * wp.length(wp.spatial_bottom(last.slope))
             if not is_left or turn > MOST_TURN:
                 return False

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a step does with bodies and joints before its sweeps, block by block."""
 
+import math
 from typing import NamedTuple
 
 import warp as wp
@@ -21,12 +22,15 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from .bodies import has_rows
+from .bodies import has_rows, is_same_pose
 from .islands import begin_island
-from .loops import LoopFunctions, has_loops, has_outer_loops
+from .loops import LoopFunctions, has_loops, has_outer_loops, parent_slot
 from .piles import in_pile
 from .slopes import begin_axis
 from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked
+
+UNKNOWN = wp.constant(math.inf)
+"""Velocity of a joint's coordinate while the joint was disabled."""
 
 
 @wp.func
@@ -95,13 +99,44 @@ def make_begin(
     ):
         """Velocities of a joint's coordinates at the start of the step.
 
-        Their momenta are those at the end of the last step, when the axes stood otherwise.
+        Where the last step left the bodies they are those of that step, and what has been done to
+        the bodies' velocities since: the axes have turned in the step, and along them as they stand
+        now its momenta are others.
         """
-        measure_velocity(
-            joint, scale.static_slot, body_qd, model, joints, work, tree, tree.start_velocity
-        )
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            rate = tree.start_velocity[dof] + history.velocity_lag[dof]
+        first = joints.dof_start[joint]
+        end = joints.dof_start[joint + 1]
+        if first == end:
+            return
+        child = joints.child[joint]
+        parent = parent_slot(joints, joint, scale.static_slot)
+        velocity = body_qd[child]
+        velocity_p = wp.spatial_vector()
+        if parent != scale.static_slot:
+            velocity_p = body_qd[parent]
+        is_known = tree.is_left[child] and (tree.is_left[parent] or work.inv_mass[parent] == 0.0)
+        is_known = is_known and not wp.isinf(history.axis_velocity[first])
+        if is_known:
+            velocity -= history.joined_qd[joint, 0]
+            velocity_p -= history.joined_qd[joint, 1]
+        is_new = wp.length_sq(velocity) + wp.length_sq(velocity_p) > 0.0
+        if is_new:
+            measure_velocity(
+                joint,
+                scale.static_slot,
+                velocity,
+                velocity_p,
+                model,
+                joints,
+                work,
+                tree,
+                tree.start_velocity,
+            )
+        for dof in range(first, end):
+            rate = float(0.0)
+            if is_new:
+                rate = tree.start_velocity[dof]
+            if is_known:
+                rate += history.axis_velocity[dof]
             tree.start_velocity[dof] = rate
             if wp.static(effects.bdf2):
                 tree.start_velocity[dof] = begin_axis(dof, rate, scale, history.rate)
@@ -138,8 +173,7 @@ def make_begin(
             body = worlds.bodies[i]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
             # a pose that the user has changed has lost nothing
-            moved = wp.transform_get_translation(body_q[body]) - history.placed[body]
-            tree.is_left[body] = wp.length_sq(moved) == 0.0
+            tree.is_left[body] = is_same_pose(body_q[body], history.left_q[body])
             if not tree.is_left[body]:
                 history.lost[body] = wp.vec3(0.0)
             # the guess is put aside: joints are measured at the start first

@@ -190,7 +190,7 @@ def make_colored(effects: Effects) -> Colored:
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
-    end_velocity, end_armature, end_pose = make_end(effects, trees.measure_velocity)
+    end_velocity, end_armature, end_pose = make_end(effects)
     count_passes = make_count_passes(effects)
 
     @wp.kernel(enable_backward=False, module=module)
@@ -677,9 +677,9 @@ def make_colored(effects: Effects) -> Colored:
     @wp.kernel(enable_backward=False, module=module)
     def end_armatures(
         # Model:
-        model: BodyModel,
         joints: JointModel,
-        # State out:
+        # State in and out:
+        body_qd: wp.array[wp.spatial_vector],
         body_qd_out: wp.array[wp.spatial_vector],
         # Work:
         worlds: WorldWork,
@@ -693,15 +693,15 @@ def make_colored(effects: Effects) -> Colored:
         body = wp.tid()
         world = worlds.of_body[body]
         if colors.is_finite[world] == 1 and work.inv_mass[body] > 0.0:
-            if is_linked(joints, tree, body):
+            if tree.joint[body] >= 0:
                 end_armature(
                     tree.joint[body],
                     tree.axis_start[body],
                     tree.coordinate,
                     tree.start_coordinate,
                     colors.scale[world],
+                    body_qd,
                     body_qd_out,
-                    model,
                     joints,
                     work,
                     tree,
@@ -711,9 +711,9 @@ def make_colored(effects: Effects) -> Colored:
     @wp.kernel(enable_backward=False, module=module)
     def end_loop_armatures(
         # Model:
-        model: BodyModel,
         joints: JointModel,
-        # State out:
+        # State in and out:
+        body_qd: wp.array[wp.spatial_vector],
         body_qd_out: wp.array[wp.spatial_vector],
         # Work:
         worlds: WorldWork,
@@ -735,8 +735,8 @@ def make_colored(effects: Effects) -> Colored:
                 loops.coordinate,
                 loops.start_coordinate,
                 colors.scale[world],
+                body_qd,
                 body_qd_out,
-                model,
                 joints,
                 work,
                 tree,

@@ -551,7 +551,6 @@ def forget_axes(
             history.broken[joint] = False
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             history.piece[dof] = wp.vec3i(0, 0, 0)
-            history.velocity_lag[dof] = 0.0
             history.limit_force[dof] = 0.0
             history.friction_force[dof] = 0.0
             history.held_at[dof] = 0.0
@@ -600,7 +599,7 @@ def reset_bodies(
         sleep.end[body] = sleep.start[body]
     if tree.joint.shape[0] > 0:
         history.joint_force[body] = wp.vec3(0.0)
-        history.placed[body] = wp.vec3(0.0)
+        history.left_q[body] = wp.transform()
         history.lost[body] = wp.vec3(0.0)
         history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         forget_axes(tree.joint[body], joints, rest_angle, history)

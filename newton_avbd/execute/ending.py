@@ -21,7 +21,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from .beginning import is_tree, make_coasting
+from .beginning import UNKNOWN, is_tree, make_coasting
 from .bodies import has_rows, pose_sum, report_held
 from .islands import is_alone
 from .loops import has_loops
@@ -36,13 +36,8 @@ class EndFunctions(NamedTuple):
     end_pose: wp.Function
 
 
-def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
-    """Device functions that read velocities and poses off increments.
-
-    Args:
-        effects: What the kernel is compiled with.
-        measure_velocity: Device function: velocities of a joint's coordinates.
-    """
+def make_end(effects: Effects) -> EndFunctions:
+    """Device functions that read velocities and poses off increments."""
     coasting_increment = make_coasting(effects)
 
     @wp.func
@@ -116,39 +111,37 @@ def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
             velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
         return velocity
 
-    @wp.func(inline=effects.inline)
+    @wp.func
     def end_armature(
         joint: int,
         first: int,
         coordinate: wp.array[float],
         start_coordinate: wp.array[float],
         scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
         body_qd_out: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ):
-        """By how much the coordinates of a joint, the ``first`` and those after it, changed faster
-        than the velocities of its bodies say."""
-        measure_velocity(
-            joint,
-            scale.static_slot,
-            body_qd_out,
-            model,
-            joints,
-            work,
-            tree,
-            history.velocity_lag,
-        )
+        """How fast the coordinates of a joint have changed, the ``first`` and those after it."""
         k = int(first)
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            rate = (coordinate[k] - start_coordinate[k]) / scale.step
-            history.velocity_lag[dof] = rate - history.velocity_lag[dof]
-            if wp.static(effects.bdf2):
-                end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
+            history.axis_velocity[dof] = UNKNOWN
+            if joints.enabled[joint]:
+                rate = (coordinate[k] - start_coordinate[k]) / scale.step
+                history.axis_velocity[dof] = rate
+                if wp.static(effects.bdf2):
+                    end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
             k += 1
+        for end in range(2):
+            body = wp.where(end == 0, joints.child[joint], joints.parent[joint])
+            if body >= 0:
+                velocity = body_qd[body]
+                if work.inv_mass[body] > 0.0:
+                    velocity = body_qd_out[body]
+                history.joined_qd[joint, end] = velocity
 
     @wp.func
     def end_pose(
@@ -188,7 +181,7 @@ def make_end(effects: Effects, measure_velocity: wp.Function) -> EndFunctions:
         if wp.isfinite(pose_sum(moved)):
             pose = moved
             if wp.static(effects.joints):
-                history.placed[body] = after
+                history.left_q[body] = moved
                 history.lost[body] = shift - (after - before)
         else:
             report_held(worlds, worlds.of_body[body])

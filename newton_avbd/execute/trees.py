@@ -433,24 +433,26 @@ def make_trees(
     def measure_velocity(
         joint: int,
         static_slot: int,
-        body_qd: wp.array[wp.spatial_vector],
+        velocity_c: wp.spatial_vector,
+        velocity_p: wp.spatial_vector,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         joint_qd: wp.array[float],
     ):
-        """Velocities of a joint's coordinates by those of its bodies, at their present poses."""
+        """Velocities of a joint's coordinates by those of its child and its parent, at their
+        present poses."""
         child = joints.child[joint]
         parent = joints.parent[joint]
         frame_c = joints.child_frame[joint]
         arm = anchor_arm(model, tree, child, frame_c, static_slot)
-        relative = algebra.carried(arm, body_qd[child])
+        relative = algebra.carried(arm, velocity_c)
         if parent >= 0:
             # of the parent where the child's anchor is
             span = arm + (work.com[child] - work.com[parent])
             span += joint_shift(work, child) - joint_shift(work, parent)
-            relative -= algebra.carried(span, body_qd[parent])
+            relative -= algebra.carried(span, velocity_p)
         slot = wp.where(parent < 0, static_slot, parent)
         q_p = anchor_rotation(tree, slot, joints.parent_frame[joint])
         q_c = anchor_rotation(tree, child, frame_c)

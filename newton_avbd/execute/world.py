@@ -698,7 +698,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
     measure_loop = begin.measure_loop
     place_blocks = begin.place_blocks
     begin_body = begin.begin_body
-    end_velocity, end_armature, end_pose = make_end(effects, trees.measure_velocity)
+    end_velocity, end_armature, end_pose = make_end(effects)
     count_passes = make_count_passes(effects)
 
     @wp.func
@@ -1099,15 +1099,15 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             if wp.static(effects.armature):
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
-                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                    if work.inv_mass[body] > 0.0 and tree.joint[body] >= 0:
                         end_armature(
                             tree.joint[body],
                             tree.axis_start[body],
                             tree.coordinate,
                             tree.start_coordinate,
                             scale,
+                            body_qd,
                             body_qd_out,
-                            model,
                             joints,
                             work,
                             tree,
@@ -1122,8 +1122,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                             loops.coordinate,
                             loops.start_coordinate,
                             scale,
+                            body_qd,
                             body_qd_out,
-                            model,
                             joints,
                             work,
                             tree,

@@ -9,7 +9,7 @@ from typing import Any
 import newton
 import numpy as np
 
-from newton_avbd.study.contestants import Contestant
+from newton_avbd.study.contestants import FRAMES_IN_ONE_GO, GRAPH_STEPS, Contestant
 from newton_avbd.study.measure import Array, rotate
 from newton_avbd.study.mujoco_joints import Articulated
 from newton_avbd.study.scenes import Scene
@@ -78,7 +78,8 @@ class MujocoContestant(Contestant):
 
     def replay(self) -> float:
         # There is nothing around mj_step to take away.
-        return self.advance()
+        steps = FRAMES_IN_ONE_GO * GRAPH_STEPS if self.is_uninterrupted else 1
+        return self.advance(steps) / steps
 
     def observe(self) -> newton.State:
         found = [self._translation.read(data) for data in self._data]
