@@ -79,6 +79,11 @@ CAUSES: dict[str, Cause] = {
         "whose joints carry so much more than itself that rounding would move it",
         "execute/trees.py",
     ),
+    "light_links": Cause(
+        "body",
+        "with shapes, whose joints put many times its own mass behind its contacts",
+        "execute/weights.py",
+    ),
     "reaction": Cause("joint", "of such a type with a parent body", "execute/bodies.py"),
     "joints": Cause("joint", "of other types than FREE", "execute/trees.py", _OF_JOINTS),
     "flipped": Cause(
@@ -110,7 +115,10 @@ CAUSES: dict[str, Cause] = {
 """What calls for each effect, where its code is, and whether a user can leave it out."""
 
 _IMPLIED: dict[str, tuple[str, ...]] = {
-    "contact": ("pairs", "piles", "friction", "angular_friction", "restitution", "ramp"),
+    "contact": (
+        *("pairs", "piles", "friction", "angular_friction", "restitution", "ramp"),
+        "light_links",
+    ),
     "joint_force": ("reaction",),
     "drives": ("effort_limits",),
 }
@@ -119,6 +127,9 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
 _LIGHT = 1.0e-5
 """Share of what it carries, in mass or inertia, below which a root counts as light. (At 5e-7 what
 the joints of a heavy body round moves it more than its own momentum does; at 5e-6 not yet.)"""
+
+LIGHT_LINK = 5.0e-3
+"""Share of the mass that moves with it below which a link counts as light."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +152,8 @@ class Effects:
     """A tree that goes from the child of a joint to its parent: the child is kinematic, or held."""
     light_roots: bool = False
     """A free body whose joints carry so much more than itself that rounding would move it."""
+    light_links: bool = False
+    """A body with shapes whose joints put many times its own mass behind its contacts."""
     loops: bool = False
     """Joints outside of trees: they close a loop, or each body is a block of its own."""
     closures: bool = False
@@ -249,6 +262,7 @@ class Effects:
             "joint_force": np.flatnonzero(np.isin(types, [int(kind) for kind in PUSHED_AT_COM])),
             "reaction": pushing_joints(model),
             "light_roots": _light_roots(model, topology),
+            "light_links": _light_links(model, topology)[: 0 if ramp else model.body_count],
             "joints": np.flatnonzero(types != _FREE),
             "flipped": topology.flipped,
             "loops": topology.loops,
@@ -340,6 +354,7 @@ class Effects:
             friction=self.contact,
             gyroscopic=True,
             light_roots=self.joints,
+            light_links=self.joints and self.contact and not self.ramp,
             drives=self.joints,
             limits=self.joints,
             springs=self.joints,
@@ -580,6 +595,26 @@ def _unequal_moments(model: newton.Model) -> np.ndarray:
     mean = np.trace(inertia, axis1=1, axis2=2) / 3.0
     off = np.abs(inertia - mean[:, None, None] * np.eye(3)).max(axis=(1, 2))
     return np.flatnonzero(off > 1.0e-5 * mean)
+
+
+def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
+    """Bodies with shapes in trees of so many times their mass.
+
+    What a tree hangs on counts as much as the tree.
+    """
+    hung = topology.joint >= 0
+    if not np.any(hung) or model.shape_count == 0:
+        return np.zeros(0, dtype=int)
+    moves = model.body_inv_mass.numpy() > 0.0
+    mass = np.where(moves, model.body_mass.numpy().astype(np.float64), 0.0)
+    block = topology.block_end[topology.rank]
+    is_held = ~moves[topology.parent] | (topology.parent < 0)
+    whole = np.bincount(block, mass)
+    whole *= np.where(np.bincount(block, hung & is_held) > 0, 2.0, 1.0)
+    is_tree = np.bincount(block, hung) > 0
+    touches = np.isin(np.arange(mass.size), model.shape_body.numpy())
+    is_light = LIGHT_LINK * whole[block] > mass
+    return np.flatnonzero(is_tree[block] & touches & moves & is_light)
 
 
 def _light_roots(model: newton.Model, topology: Topology) -> np.ndarray:

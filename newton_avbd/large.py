@@ -221,7 +221,11 @@ class LargeWorlds:
             [model, shapes, body_q, contacts, turns, work, rows, colors, history],
         )
         launch(kernels.recall_rows, bodies, [shapes, turns, work, history, rows])
-        launch(kernels.penalise, bodies, [shapes, contacts, worlds, work, rows, history, colors])
+        if effects.light_links:
+            launch(kernels.weigh, bodies, [model, joints, body_q, worlds, work, rows, colors, tree])
+        launch(
+            kernels.penalise, bodies, [shapes, contacts, worlds, work, rows, tree, history, colors]
+        )
 
         # Joints, and the blocks of bodies.
         start = [model, joints, body_q, body_qd, worlds, work]

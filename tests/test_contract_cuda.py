@@ -66,8 +66,8 @@ VARIANTS = {
     "ramp": with_all(BODIES, "ramp matching contact_materials"),
     "articulations": with_all(
         JOINTED,
-        "flipped light_roots reaction mimics springs armature joint_friction effort_limits "
-        "velocity_limits breaking restitution",
+        "flipped light_roots light_links reaction mimics springs armature joint_friction "
+        "effort_limits velocity_limits breaking restitution",
     ),
     "compliant articulations": with_all(JOINTED, "compliance"),
 }
@@ -81,8 +81,8 @@ LARGE_VARIANTS = {
     ),
     "articulations": with_all(
         JOINTED,
-        "pairs flipped light_roots reaction mimics springs armature joint_friction effort_limits "
-        "velocity_limits",
+        "pairs flipped light_roots light_links reaction mimics springs armature joint_friction "
+        "effort_limits velocity_limits",
     ),
 }
 """Effects of one large world."""

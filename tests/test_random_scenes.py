@@ -153,9 +153,12 @@ def add_everything(builder: newton.ModelBuilder) -> None:
         parent = link
     builder.add_articulation(joints)
     builder.add_shape_sphere(parent, radius=0.1, cfg=surface())
+    aside = wp.transform(wp.vec3(5.0, 0.0, 0.0), wp.quat_identity())
     root, load = (
-        builder.add_link(mass=m, inertia=wp.mat33(np.diag([m, m, m]))) for m in (1.0e-6, 1.0)
+        builder.add_link(xform=aside, mass=m, inertia=wp.mat33(np.diag([m, m, m])))
+        for m in (1.0e-6, 1.0)
     )
+    builder.add_shape_sphere(root, radius=0.1, cfg=surface(density=0.0))
     builder.add_articulation([builder.add_joint_free(root), builder.add_joint_ball(root, load)])
 
 
@@ -336,11 +339,31 @@ SLIDING_ROOT = Scene(
 )
 """0.4 g that slide on what carries 65 t: less than the rounding of those."""
 
+WEDGED_ROOT = Scene(
+    (
+        Body(
+            *("box", 0.25, 1.0, (-0.625, -0.875, -0.875), (0.0, 0.6, 0.0, 0.8)),
+            *((-1.5, -1.0, -0.5), (-14.0, 6.0, 14.0), None),
+        ),
+        Body(
+            *("sphere", 0.25, 1e5, (0.0,) * 3, (0.0, 0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3),
+            Joint(
+                *("ball", 0, (1.0, 0.0, 0.0)),
+                *((-0.1875, 0.1875, 0.0625), (-0.5, -0.4375, 0.1875), 0.0, False),
+            ),
+        ),
+    ),
+    ground=True,
+    gravity=False,
+)
+"""16 g that a ball of 818 kg, which spins, whirls about and then wedges against the ground."""
+
 
 @hypothesis.seed(SEED)
 @random_scenes
 @hypothesis.given(scenes())
 @hypothesis.example(SLIDING_ROOT)
+@hypothesis.example(WEDGED_ROOT)
 def test_everything_stays_finite(scene: Scene) -> None:
     """And no body flies: nothing in these scenes can push one to more than 100 m/s."""
     sim, indices = build(scene)

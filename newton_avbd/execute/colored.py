@@ -43,6 +43,7 @@ from .joining import join_at_once
 from .launch import KERNEL, uncollected
 from .loops import make_loops
 from .trees import is_linked, make_trees
+from .weights import make_weigh
 from .world import (
     COLD_FACTOR,
     COLD_STEPS,
@@ -67,6 +68,7 @@ class Colored(NamedTuple):
     begin_step: wp.Kernel
     build_rows: wp.Kernel
     recall_rows: wp.Kernel
+    weigh: wp.Kernel
     penalise: wp.Kernel
     measure_joints: wp.Kernel
     measure_loops: wp.Kernel
@@ -176,6 +178,7 @@ def make_colored(effects: Effects) -> Colored:
     is_world_finite = make_is_world_finite(effects)
     linearise_rows = make_linearise_rows(effects)
     penalise_rows = make_rows(effects)[1]
+    weigh_blocks = make_weigh(effects)
     loop_functions = make_loops(effects)
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
@@ -312,6 +315,28 @@ def make_colored(effects: Effects) -> Colored:
         recall(body, side, static_slot, shapes, worlds, work, rows, history)
 
     @wp.kernel(enable_backward=False, module=module)
+    def weigh(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        colors: ColorWork,
+        # Work out:
+        tree: TreeWork,
+    ):
+        """Weighs the tree of a block; one thread a body, for a first one."""
+        block = wp.tid()
+        if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
+            first = worlds.rank[block]
+            end = worlds.block_end[first]
+            weigh_blocks(first, end, body_q, model, joints, worlds, work, rows, tree)
+
+    @wp.kernel(enable_backward=False, module=module)
     def penalise(
         # Model:
         shapes: ShapeModel,
@@ -321,6 +346,7 @@ def make_colored(effects: Effects) -> Colored:
         worlds: WorldWork,
         work: BodyWork,
         rows: RowWork,
+        tree: TreeWork,
         history: History,
         # Work out:
         colors: ColorWork,
@@ -329,7 +355,7 @@ def make_colored(effects: Effects) -> Colored:
         body = wp.tid()
         world = worlds.of_body[body]
         scale = colors.scale[world]
-        depth = penalise_rows(world, body, scale, shapes, contacts, work, rows, history)
+        depth = penalise_rows(world, body, scale, shapes, contacts, work, rows, tree, history)
         if depth > colors.deepest[world]:
             wp.atomic_max(colors.deepest, world, depth)
 
@@ -863,6 +889,7 @@ def make_colored(effects: Effects) -> Colored:
         begin_step,
         build_rows,
         recall_rows,
+        weigh,
         penalise,
         measure_joints,
         measure_loops,

@@ -31,6 +31,7 @@ from ..rows import spin as spin_rows
 from .islands import disturb
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
+from .weights import mass_to_stop
 
 NOT_UNIT = wp.constant(0.1)
 """Squared length of a normal, less 1, that no detection means."""
@@ -423,6 +424,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         contacts: wp.ref[ContactInput],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> float:
         """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
@@ -472,6 +474,8 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 held = float(0.0)
                 if wp.static(effects.piles):
                     held = mass_to_hold(row, work, rows)
+                if wp.static(effects.light_links):
+                    held = wp.max(held, mass_to_stop(row, work, tree))
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(
                         row, wp.max(mass, held), load, u, stiffness, damping, scale

@@ -41,6 +41,7 @@ from .launch import KERNEL, uncollected
 from .loops import has_loops, make_loops, parent_slot
 from .piles import in_pile, is_link, make_piles
 from .trees import is_linked, make_trees, place_body
+from .weights import make_weigh
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
@@ -666,6 +667,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
     measure_world = make_measure_world(effects)
     is_world_finite = make_is_world_finite(effects)
     find_rows, penalise_rows = make_rows(effects)
+    weigh_blocks = make_weigh(effects)
     impacts = make_impacts(effects)
     bdf2 = make_bdf2(effects)
     begin_bdf2, remember_motion = bdf2.begin_step, bdf2.remember_motion
@@ -899,9 +901,15 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             if wp.static(effects.piles):
                 link_piles(world, scale.slop, model, worlds, work, rows, tree)
             if contact_count > 0:
+                if wp.static(effects.light_links):
+                    weigh_blocks(
+                        body_start, body_end, body_q, model, joints, worlds, work, rows, tree
+                    )
                 for i in range(body_start, body_end):
                     body = worlds.bodies[i]
-                    depth = penalise_rows(world, body, scale, shapes, contacts, work, rows, history)
+                    depth = penalise_rows(
+                        world, body, scale, shapes, contacts, work, rows, tree, history
+                    )
                     deepest = wp.max(deepest, depth)
             if wp.static(effects.restitution):
                 if contact_count > 0:

@@ -1,0 +1,232 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""How much mass joints put behind the contacts of light links.
+
+What a link stops at a contact is not its own mass but all that its joints make it stop: a foot of
+16 g that carries 800 kg has to be held as those 800 kg are. By its own mass its contacts are so
+soft that no number of sweeps finds their forces, and what is wedged between the ground and a heavy
+body turns over. So the mass of a link along a direction is that of its articulated block where it
+moves that way and does not turn. Two passes find it for all bodies of a tree (Featherstone, "Rigid
+Body Dynamics Algorithms", chapter 7): outwards the blocks of subtrees are handed to parents, and
+inwards those of all the rest to children.
+"""
+
+import warp as wp
+
+from ..blocks import tree as algebra
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ContactRow,
+    JointModel,
+    RowWork,
+    TreeAxis,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import LIGHT_LINK, Effects
+from ..rows import joint as joint_rows
+from .beginning import is_tree
+from .bodies import has_rows
+from .piles import LINK_WEIGHT
+from .trees import anchor_arm, anchor_rotation, is_linked
+
+PIVOT_FLOOR = wp.constant(1.0e-6)
+"""Least inertia along a free axis, as a share of the block: what rounding leaves counts as that."""
+
+
+@wp.func
+def mass_along(slot: int, normal: wp.vec3, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> float:
+    """Mass [kg] that moves with a body along a direction; without joints its own."""
+    own = 1.0 / work.inv_mass[slot]
+    return wp.max(own, wp.dot(normal, tree.own_ll[slot] * normal))
+
+
+@wp.func
+def mass_to_stop(row: ContactRow, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> float:
+    """Mass by which a row is to be as stiff as what light links carry needs it [kg].
+
+    Zero where neither of its bodies is a light link along its normal.
+    """
+    inverse = float(0.0)
+    is_light = bool(False)
+    for side in range(2):
+        slot = wp.where(side == 0, row.a, row.b)
+        if work.inv_mass[slot] > 0.0:
+            mass = mass_along(slot, row.normal, work, tree)
+            inverse += 1.0 / mass
+            is_light = is_light or wp.static(LIGHT_LINK) * mass * work.inv_mass[slot] > 1.0
+    if is_light:
+        return LINK_WEIGHT / inverse
+    return 0.0
+
+
+def make_weigh(effects: Effects) -> wp.Function:
+    """Device function that weighs the trees of blocks that something touches."""
+    joint_functions = joint_rows.make_joint(effects.kinds)
+    linear_count = joint_functions.linear_count
+    angular_count = joint_functions.angular_count
+    linear_axis = joint_functions.linear_axis
+    angular_axis = joint_functions.angular_axis
+
+    @wp.func(inline=effects.inline)
+    def beyond_joint(
+        body: int,
+        is_inward: bool,
+        mass: float,
+        static_slot: int,
+        h_ll: wp.mat33,
+        h_al: wp.mat33,
+        h_aa: wp.mat33,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Block of what is on one side of a body's joint, as the body on the other side feels it.
+
+        Args:
+            body: The body whose joint it is.
+            is_inward: Whether the block is its parent's side; otherwise its own.
+            mass: That of the tree [kg], of which the world is taken to have as much.
+            static_slot: Slot of the static world.
+            h_ll, h_al, h_aa: The block about the COM on that side [kg, kg m, kg m^2].
+            model, joints, work, tree: The tree at the start of the step.
+        """
+        joint = tree.joint[body]
+        parent = tree.parent[body]
+        above = wp.where(joints.parent[joint] < 0, static_slot, joints.parent[joint])
+        q_p = anchor_rotation(tree, above, joints.parent_frame[joint])
+        q_c = anchor_rotation(tree, joints.child[joint], joints.child_frame[joint])
+        frame = joints.child_frame[joint]
+        if wp.static(effects.flipped):
+            if joints.child[joint] != body:
+                frame = joints.parent_frame[joint]
+        arm = anchor_arm(model, tree, body, frame, static_slot)
+        span = (work.com[body] - work.com[parent]) * wp.where(is_inward, -1.0, 1.0)
+        if is_inward:
+            if work.inv_mass[parent] > 0.0:
+                arm -= span
+            else:
+                # nothing moves it: it lies at the anchor, and weighs as much as the tree
+                gyration = wp.dot(arm, arm) + wp.trace(work.inertia[body]) * work.inv_mass[body]
+                h_ll = wp.diag(wp.vec3(mass))
+                h_al = wp.mat33(0.0)
+                h_aa = wp.diag(wp.vec3(mass * gyration))
+                span = arm
+                arm = wp.vec3(0.0)
+        linear = linear_count(joints, joint)
+        for dof in range(linear + angular_count(joints, joint)):
+            axis = TreeAxis()
+            if dof < linear:
+                axis.linear = linear_axis(joints, joint, dof, q_p)
+            else:
+                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c)
+                axis.linear = wp.cross(arm, axis.angular)
+            axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
+            axis.torque = h_al * axis.linear + h_aa * axis.angular
+            pivot = wp.dot(axis.linear, axis.force) + wp.dot(axis.angular, axis.torque)
+            size = wp.trace(h_ll) * wp.length_sq(axis.linear)
+            size += wp.trace(h_aa) * wp.length_sq(axis.angular)
+            axis.inv_pivot = 1.0 / wp.max(pivot, PIVOT_FLOOR * size)
+            h_ll, h_al, h_aa, _push = algebra.eliminated(
+                axis, h_ll, h_al, h_aa, wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            )
+        return algebra.span_block(span, h_ll, h_al, h_aa)
+
+    @wp.func(inline=effects.inline)
+    def weigh_tree(
+        first: int,
+        end: int,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Leaves the mass of each body of a tree, along all directions, in ``tree.own_ll``."""
+        static_slot = work.inv_mass.shape[0] - 1
+        count = end - first
+        mass = float(0.0)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            parent = tree.parent[body]
+            tree.rotation[body] = wp.transform_get_rotation(body_q[body])
+            if work.inv_mass[parent] == 0.0 and parent != static_slot:
+                tree.rotation[parent] = wp.transform_get_rotation(body_q[parent])
+            if work.inv_mass[body] > 0.0:
+                mass += model.mass[body]
+            tree.own_ll[body] = wp.mat33(0.0)
+            tree.own_al[body] = wp.mat33(0.0)
+            tree.own_aa[body] = wp.mat33(0.0)
+        # Two passes by one call. Outwards own_* is what a parent feels of the body, and h_* the sum
+        # of that; inwards own_* becomes what the body feels of all that is not behind it.
+        for k in range(2 * count):
+            is_inward = k >= count
+            body = worlds.bodies[wp.where(is_inward, first + k - count, end - 1 - k)]
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                parent = tree.parent[body]
+                side = wp.where(is_inward, parent, body)
+                h_ll = tree.h_ll[side]
+                h_al = tree.h_al[side]
+                h_aa = tree.h_aa[side]
+                if work.inv_mass[side] > 0.0:
+                    h_ll += wp.diag(wp.vec3(model.mass[side]))
+                    h_aa += work.inertia[side]
+                if is_inward:
+                    h_ll += tree.own_ll[side] - tree.own_ll[body]
+                    h_al += tree.own_al[side] - tree.own_al[body]
+                    h_aa += tree.own_aa[side] - tree.own_aa[body]
+                h_ll, h_al, h_aa = beyond_joint(
+                    body,
+                    is_inward,
+                    mass,
+                    static_slot,
+                    h_ll,
+                    h_al,
+                    h_aa,
+                    model,
+                    joints,
+                    work,
+                    tree,
+                )
+                tree.own_ll[body] = h_ll
+                tree.own_al[body] = h_al
+                tree.own_aa[body] = h_aa
+                if not is_inward and work.inv_mass[parent] > 0.0:
+                    tree.h_ll[parent] = tree.h_ll[parent] + h_ll
+                    tree.h_al[parent] = tree.h_al[parent] + h_al
+                    tree.h_aa[parent] = tree.h_aa[parent] + h_aa
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            own = wp.diag(wp.vec3(model.mass[body]))
+            tree.own_ll[body] = tree.own_ll[body] + tree.h_ll[body] + own
+            tree.h_ll[body] = wp.mat33(0.0)
+            tree.h_al[body] = wp.mat33(0.0)
+            tree.h_aa[body] = wp.mat33(0.0)
+
+    @wp.func(inline=effects.inline)
+    def weigh_blocks(
+        first: int,
+        last: int,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Weighs the trees that are touched of the bodies from ``first`` to ``last``."""
+        start = int(first)
+        while start < last:
+            end = worlds.block_end[start]
+            is_touched = bool(False)
+            for i in range(start, end):
+                is_touched = is_touched or has_rows(rows, worlds.bodies[i])
+            if is_touched and is_tree(start, end, worlds.bodies[start], tree):
+                weigh_tree(start, end, body_q, model, joints, worlds, work, tree)
+            start = end
+
+    return weigh_blocks
