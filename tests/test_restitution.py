@@ -221,6 +221,26 @@ def test_elastic_spheres_without_friction_keep_energy_and_momentum() -> None:
     assert np.abs(momentum).max() < 1.0e-6 * math.sqrt(2.0 * energy * sim.mass.sum())
 
 
+@pytest.mark.parametrize("rate", [480, 960, 1920])
+@pytest.mark.parametrize("count", [3, 6])
+def test_a_falling_column_of_elastic_spheres_keeps_its_energy(count: int, rate: int) -> None:
+    """Impacts that follow each other within a step, the last of which leave some closing slowly."""
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu=0.0, restitution=1.0)
+    for i in range(count):
+        add_sphere(builder, (0.0, 0.0, 1.25 + 0.51 * i), mu=0.0, restitution=1.0)
+    sim = Simulation(builder, dt=1.0 / rate)
+    mass = sim.model.body_mass.numpy()
+
+    def energy() -> float:
+        return float(mass @ (G * sim.pose[:, 2] + 0.5 * sim.velocity[:, 2] ** 2))
+
+    start = energy()
+    for _ in range(rate):
+        sim.step()
+    assert energy() == pytest.approx(start, rel=1.5e-2)
+
+
 @pytest.mark.parametrize("shape", ["sphere", "box"])
 def test_friction_and_loss_only_take_energy(shape: str) -> None:
     """With mu = 0.5 and e = 0.5 no step adds more than 1e-5 of it."""

@@ -215,11 +215,17 @@ def strike_world(
 
 @wp.func
 def aim_rows(
-    body: int, noise: float, lag: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+    body: int,
+    noise: float,
+    lag: float,
+    h: float,
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
 ):
     """Makes the rows that a body owns part as the rounds have decided.
 
-    A bounce that gravity ends within the step is none.
+    A bounce that gravity ends within the step is none. Bodies that later rounds made close again,
+    but will not meet in this step, go on closing.
     """
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         impact = rows.impacts[i]
@@ -227,15 +233,18 @@ def aim_rows(
             row = rows.rows[i]
             # velocities of backward Euler lag half a step behind its parabola
             part = parting_speed(row, work, rows, h)
+            is_late = part < -noise and row.gap + h * part > 0.0
             part += impact.acceleration * ((1.0 - lag) * h - impact.wait)
-            if impact.restitution > 0.0 and part >= -noise:
+            if impact.restitution > 0.0 and (is_late or part >= -noise):
+                if not is_late:
+                    part = wp.max(part, 0.0)
                 row.gap = 0.0
                 row.force = (impact.total / h) * row.normal
                 row.k_n = contact_rows.PENALTY * impact.mass / (h * h)
                 # whether it will slide or stick is open: a penalty that finds both
                 row.k_t = contact_rows.RELEASE_RATIO * contact_rows.tangent_penalty(row, row.k_n)
                 rows.rows[i] = row
-                rows.drift[i] = impact.drift - (h * wp.max(part, 0.0)) * row.normal
+                rows.drift[i] = impact.drift - (h * part) * row.normal
             else:
                 rows.impacts[i].total = 0.0
 
@@ -337,7 +346,8 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             rounds += 1
         for i in range(first, end):
             body = worlds.bodies[i]
-            aim_rows(body, noise, wp.static(0.0 if effects.bdf2 else 0.5), h, work, rows)
+            lag = wp.static(0.0 if effects.bdf2 else 0.5)
+            aim_rows(body, noise, lag, h, work, rows)
             if rows.struck_at[body] >= 0.0:
                 work.increment[body] = h * rows.struck_qd[body]
         return True

@@ -194,7 +194,7 @@ MEASURED: dict[str, MeasuredSolver] = {
         smooth=(Sweep((*SUBSTEPS, 128, 256), (10, 2, 40), schemes=AVBD_SCHEMES),),
         contact=(
             Sweep(SUBSTEPS, ITERATIONS, schemes=AVBD_SCHEMES),
-            Sweep(SUBSTEPS, (40,), (1e-4, 1e-5, 1e-6), AVBD_SCHEMES),
+            Sweep(SUBSTEPS, (40,), (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), AVBD_SCHEMES),
         ),
     ),
     "vbd": MeasuredSolver(
