@@ -31,6 +31,7 @@ QUICK = {
     "alternating_steps": 1.0,
     "pendulum_50_50000": 1.0,
     "zero_distance": 0.5,
+    "rope_bridge": 0.5,
     "joint_grid_8": 2.1,
     "net": 0.25,
     "breakable_wall": 0.3,

@@ -37,15 +37,16 @@ from .tree import handed_down
 
 IMPLIED = wp.constant(1.0e-4)
 """Pivot from which a mimic says nothing new, as a share of what it had before elimination."""
-SOFTNESS = wp.constant(1.0e-5)
-"""By how much more a multiplier moves its row, as a share of what it does alone: more than rounding
-leaves of a pivot after hundreds of others. What that misses the next sweep finds."""
+SOFTNESS = wp.constant(1.0e-7)
+"""By how much more a multiplier moves its row, as a share of what the most mobile row of its joint
+does: more than rounding leaves of a pivot after hundreds of others. A row along a taut chain has a
+pivot of the square of its slope; what the softness misses of it the next sweep finds."""
 MISSED = wp.constant(1.0e-4)
 """Share of its move that a sweep leaves to the next one at least, where rows are soft."""
 FORGOTTEN = wp.constant(1.0e-3)
 """Share of what a row pushes with that a sweep takes back where nothing needs it: of what rows that
 imply each other push each other with."""
-HARDLY_MOVED = wp.constant(1.0e-6)
+HARDLY_MOVED = wp.constant(1.0e-9)
 """A row says nothing that moves less than this share of what the joint's others do, each taken
 against how it would move were its bodies free."""
 IMMOVABLE = wp.constant(1.0e-10)
@@ -149,11 +150,12 @@ def end_rows(
             if closures.least[row] > 0.0:
                 mobility = wp.max(mobility, closures.whole[row] / closures.least[row])
         for row in range(closure.row, closure.row + closure.rows):
-            least = wp.max(HARDLY_MOVED * mobility, IMMOVABLE) * closures.least[row]
-            if closure.loop < 0:
-                least = IMPLIED * closures.whole[row]
-            else:
-                slack = SOFTNESS * closures.whole[row]
+            least = IMPLIED * closures.whole[row]
+            if closure.loop >= 0:
+                free = closures.least[row]
+                says = closures.whole[row] > wp.max(HARDLY_MOVED * mobility, IMMOVABLE) * free
+                least = wp.where(says, 0.0, wp.inf)
+                slack = SOFTNESS * mobility * free
                 closures.gram[closures.gram_row[row] + row] += wp.float64(slack)
                 closures.multiplier[row] += wp.float64(FORGOTTEN * slack * closures.held[row])
             closures.least[row] = least

@@ -23,7 +23,7 @@ from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from .loops import loop_geometry, parent_slot
-from .trees import ROUNDING, anchor_shift, is_linked, is_put
+from .trees import ROUNDING, anchor_arm, anchor_shift, is_linked, is_put
 
 
 @wp.func
@@ -75,6 +75,32 @@ def direction_about(axis: wp.vec3, i: int) -> wp.vec3:
     if i == 1:
         direction = wp.cross(axis, direction)
     return direction
+
+
+@wp.func
+def stiffness_off(
+    body: int,
+    frame: wp.transform,
+    change: float,
+    force: float,
+    h: float,
+    model: wp.ref[BodyModel],
+    work: wp.ref[BodyWork],
+    tree: wp.ref[TreeWork],
+) -> float:
+    """How far a force [N] was off in the geometric stiffness of a body, as a share of the block.
+
+    Args:
+        body: The body.
+        frame: Where on it the force acts.
+        change: By how much the force has changed in the sweep.
+        force: What it is now.
+        h: Time step [s].
+    """
+    if work.inv_mass[body] == 0.0:
+        return 0.0
+    reach = wp.length(anchor_arm(model, tree, body, frame, work.inv_mass.shape[0] - 1))
+    return reach * change / (wp.trace(work.inertia[body]) / (h * h) + reach * force)
 
 
 @dataclass(frozen=True)
@@ -247,17 +273,25 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     @wp.func
     def keep_forces(
         first: int,
+        h: float,
+        model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
-    ):
-        """After substitution: what the joints of a block that close loops push with."""
+    ) -> float:
+        """After substitution: what the joints of a block that close loops push with.
+
+        Returns how far off their geometric stiffness was, as a share of the block.
+        """
         closures = tree.closures
+        mismatch = float(0.0)
         number = closures.block_of[first]
         if number < 0:
-            return
+            return mismatch
         block = closures.blocks[number]
+        static_slot = work.inv_mass.shape[0] - 1
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             i = closure.loop
@@ -274,5 +308,17 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         torque += along
                 history.loop_force[i] = history.loop_force[i] - force
                 history.loop_torque[i] = history.loop_torque[i] - torque
+                joint = loops.joints[i]
+                change = wp.length(force)
+                held = wp.length(history.loop_force[i])
+                child = joints.child[joint]
+                frame = joints.child_frame[joint]
+                off = stiffness_off(child, frame, change, held, h, model, work, tree)
+                mismatch = wp.max(mismatch, off)
+                parent = parent_slot(joints, joint, static_slot)
+                frame = joints.parent_frame[joint]
+                off = stiffness_off(parent, frame, change, held, h, model, work, tree)
+                mismatch = wp.max(mismatch, off)
+        return mismatch
 
     return ClosureFunctions(begin_closures, begin_rows, keep_forces)

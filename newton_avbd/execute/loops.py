@@ -472,7 +472,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
         r = wp.skew(arm)
         al = r * linear_k
         aa = al * wp.transpose(r) + angular_k
-        aa += geometric_stiffness(sign * history.loop_force[i], arm)
+        if not loops.is_exact[i]:
+            aa += geometric_stiffness(sign * history.loop_force[i], arm)
         return linear_k, al, aa
 
     return LoopFunctions(begin_loop, loop_wrench, loop_curvature)

@@ -226,6 +226,36 @@ def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
     return False
 
 
+@wp.func
+def loop_stiffness(
+    body: int,
+    model: wp.ref[BodyModel],
+    joints: wp.ref[JointModel],
+    work: wp.ref[BodyWork],
+    tree: wp.ref[TreeWork],
+    loops: wp.ref[LoopWork],
+    history: wp.ref[History],
+) -> wp.mat33:
+    """Geometric stiffness [N m] of joints that close loops at a body, by what they push with now.
+
+    What carries a taut net grows many times over within a step.
+    """
+    stiffness = wp.mat33(0.0)
+    static_slot = work.inv_mass.shape[0] - 1
+    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+        item = loops.items[k]
+        i = item / 2
+        if loops.is_exact[i]:
+            joint = loops.joints[i]
+            if item % 2 == 0:
+                arm = anchor_arm(model, tree, body, joints.child_frame[joint], static_slot)
+                stiffness += algebra.geometric_stiffness(history.loop_force[i], arm)
+            else:
+                arm = anchor_arm(model, tree, body, joints.parent_frame[joint], static_slot)
+                stiffness += algebra.geometric_stiffness(-history.loop_force[i], arm)
+    return stiffness
+
+
 @dataclass(frozen=True)
 class TreeFunctions:
     """Device functions of trees, compiled for the joints of a scene."""
@@ -523,6 +553,8 @@ def make_trees(
                 h_ll = tree.own_ll[body] + tree.h_ll[body]
                 h_al = tree.own_al[body] + tree.h_al[body]
                 h_aa = tree.own_aa[body] + tree.h_aa[body]
+        if wp.static(effects.closures and effects.loops):
+            h_aa += loop_stiffness(body, model, joints, work, tree, loops, history)
         if wp.static(effects.tilting):
             n_ll = wp.mat33(0.0)
             n_al = wp.mat33(0.0)
@@ -948,7 +980,8 @@ def make_trees(
                     if has_soft_loops(body, loops):
                         is_newton = False
         if wp.static(effects.closures and effects.loops):
-            keep_forces(first, joints, tree, loops, history)
+            off = keep_forces(first, h, model, joints, work, tree, loops, history)
+            largest = wp.max(largest, 4.0 * off * off)
         farthest = float(0.0)
         if wrong > 0:
             farthest = wp.inf
