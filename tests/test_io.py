@@ -7,7 +7,9 @@ from pathlib import Path
 
 import newton
 import newton.examples
+import numpy as np
 import pytest
+import warp as wp
 from newton.solvers import SolverMuJoCo, SolverVBD, SolverXPBD
 
 from newton_avbd import SolverAVBD

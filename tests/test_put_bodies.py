@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""A kinematic body moves at ``body_qd``; where that is zero, friction sees how its pose is written."""
+"""A kinematic body moves at ``body_qd``; where that is zero, friction sees its written poses."""
 
 import itertools
 
@@ -16,7 +16,9 @@ DT = 1.0 / 240.0
 EDGE = 0.2
 
 
-def add_plate(builder: newton.ModelBuilder, mu: float = 0.5, half: float = 2.0, **more: float) -> int:
+def add_plate(
+    builder: newton.ModelBuilder, mu: float = 0.5, half: float = 2.0, **more: float
+) -> int:
     """A kinematic plate whose upper side is z = 0."""
     body = builder.add_body(
         xform=wp.transform(wp.vec3(0.0, 0.0, -0.1), IDENTITY),
@@ -252,7 +254,7 @@ def test_a_rope_is_drawn_over_a_wheel_by_the_capstan_formula() -> None:
     angle = np.pi * np.arange(count + 1) / count
     nodes = (radius + ball) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     nodes = np.vstack([nodes[0] - [0.0, leg], nodes, nodes[-1] - [0.0, leg]])
-    joints, parent, links = [], -1, []
+    joints, parent, reach, links = [], -1, 0.0, []
     for start, end in itertools.pairwise(nodes):
         way = end - start
         rotation = wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), float(np.arctan2(*way[::-1])))

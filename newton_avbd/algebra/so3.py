@@ -76,7 +76,7 @@ def rotation_vector(q: wp.quat) -> wp.vec3:
 
 @wp.func
 def rotation_between(a: wp.quat, b: wp.quat) -> wp.vec3:
-    """Rotation vector [rad] of the turn from ``a`` to ``b``, unit quaternions; exactly 0 from a to a.
+    """Rotation vector [rad] of the turn from ``a`` to ``b``, unit quaternions; 0 from a to a.
 
     The vector of b a^-1 is that of (b - a) a^-1, of which nothing cancels where the turn is small.
     """
