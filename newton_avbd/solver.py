@@ -710,8 +710,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
 
         While a graph is being captured the call reads nothing: it compiles in all effects that
         values can call for, save restitution and friction by written poses, which need buffers.
-        Bodies that start to move at joints then need another call outside of the capture, and a new capture; a replay says so
-        where it happens.
+        Bodies that start to move at joints then need another call outside of the capture, and a new
+        capture; a replay says so where it happens.
 
         Args:
             flags: What changed; every flag leads to the same, unknown bits are ignored.
