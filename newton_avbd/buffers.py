@@ -39,6 +39,13 @@ def body_work(slots: int, bdf2: bool) -> Any:
     return work
 
 
+def add_put_work(work: Any) -> None:
+    """What a step works out of bodies that are put, by body slot."""
+    slots = work.com.shape[0]
+    work.put = wp.zeros(slots, dtype=wp.spatial_vector)
+    work.put_from = wp.zeros(slots, dtype=wp.transform)
+
+
 def island_work(slots: int) -> Any:
     """Islands, by body slot."""
     islands = data.IslandWork()

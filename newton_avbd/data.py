@@ -260,6 +260,11 @@ class BodyWork:
     pose: wp.array[wp.transform]
     """Pose at the start of the step: that of state_in, its quaternion of unit length."""
     factor: wp.array[BlockFactor]
+    put: wp.array[wp.spatial_vector]
+    """Put bodies: how far a pose that was written without a velocity has moved the body since the
+    last step, (dx [m], dtheta [rad]); zero for others."""
+    put_from: wp.array[wp.transform]
+    """Put bodies: pose of the last step where that had no velocity; all zeros otherwise."""
     wrench: wp.array[wp.spatial_vector]
     """Second order: external force [N] and torque [N m], without gravity."""
     lead: wp.array[wp.spatial_vector]

@@ -56,6 +56,11 @@ CAUSES: dict[str, Cause] = {
         "with mu_torsional or mu_rolling above zero, and angular_friction=True",
         "rows/spin.py",
     ),
+    "put_bodies": Cause(
+        "body",
+        "with shapes that is put by the user (kinematic, or without mass), and friction",
+        "execute/bodies.py",
+    ),
     "restitution": Cause(
         "shape", "with restitution above zero, and rigid contacts", "execute/impacts.py"
     ),
@@ -116,9 +121,10 @@ CAUSES: dict[str, Cause] = {
 
 _IMPLIED: dict[str, tuple[str, ...]] = {
     "contact": (
-        *("pairs", "piles", "friction", "angular_friction", "restitution", "ramp"),
+        *("pairs", "piles", "friction", "angular_friction", "put_bodies", "restitution", "ramp"),
         "light_links",
     ),
+    "friction": ("put_bodies",),
     "joint_force": ("reaction",),
     "drives": ("effort_limits",),
 }
@@ -194,6 +200,8 @@ class Effects:
     """How the friction coefficients of two shapes mix."""
     angular_friction: bool = False
     """Asked for, and a shape with torsional or rolling friction."""
+    put_bodies: bool = False
+    """Friction, and a body with shapes that the solver does not move."""
     restitution: bool = False
     """A shape with a restitution above zero."""
     matching: bool = False
@@ -249,6 +257,7 @@ class Effects:
             "angular_friction": np.union1d(
                 _shapes_with(model, "mu_torsional"), _shapes_with(model, "mu_rolling")
             )[: shapes.size if angular_friction else 0],
+            "put_bodies": _put_bodies(model),
             "restitution": _shapes_with(model, "restitution")[
                 : 0 if ramp or compliance else shapes.size
             ],
@@ -342,7 +351,8 @@ class Effects:
     @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
-        return self.moving_surfaces or self.restitution or (self.bdf2 and self.friction)
+        by_scheme = self.bdf2 and self.friction
+        return self.moving_surfaces or self.put_bodies or self.restitution or by_scheme
 
     def for_any_values(self) -> "Effects":
         """These effects and those that other values in the same arrays of the model could ask for.
@@ -579,6 +589,15 @@ def _shapes_with(model: newton.Model, name: str) -> np.ndarray:
     if model.shape_count == 0:
         return np.zeros(0, dtype=int)
     return np.flatnonzero(getattr(model, f"shape_material_{name}").numpy() > 0.0)
+
+
+def _put_bodies(model: newton.Model) -> np.ndarray:
+    """Bodies with shapes that the solver does not move, where a shape has friction."""
+    if _shapes_with(model, "mu").size == 0:
+        return np.zeros(0, dtype=int)
+    is_put = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    is_put |= model.body_inv_mass.numpy() == 0.0
+    return np.intersect1d(np.flatnonzero(is_put), model.shape_body.numpy())
 
 
 def _breakable(model: newton.Model) -> np.ndarray:

@@ -14,6 +14,8 @@ _OWNERS: dict[str, str] = {
     "tree": "joints",
     "tree.closures": "closures",
     "loops": "loops",
+    "work.put": "put_bodies",
+    "work.put_from": "put_bodies",
     "work.wrench": "bdf2",
     "work.lead": "bdf2",
     "work.coasting": "bdf2",
@@ -93,8 +95,9 @@ def bytes_by_effect(solver: object) -> Counter[str]:
     for name, array in _arrays(solver):
         group = name.rpartition(".")[0]
         sizes[_OWNERS.get(name, _OWNERS.get(group, ""))] += array.capacity
-    if sizes["restitution"]:  # moving surfaces share its drift
-        sizes["restitution"] += sizes.pop("moving_surfaces", 0)
+    for name in ("restitution", "put_bodies"):  # moving surfaces share their drift
+        if sizes[name]:
+            sizes[name] += sizes.pop("moving_surfaces", 0)
     return sizes
 
 

@@ -271,7 +271,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """Advance the bodies by one time step.
 
         Args:
-            state_in: State to start from; ``body_q``, ``body_qd`` and ``body_f`` are read.
+            state_in: State to start from; ``body_q``, ``body_qd`` and ``body_f`` are read. A
+                kinematic body moves at its ``body_qd``; where that is zero, friction sees how its
+                pose has been written since the last step.
             state_out: State to write ``body_q`` and ``body_qd`` to, and the joint coordinates with
                 ``update_joint_state``; may be ``state_in``.
             control: ``joint_f``, ``joint_target_q`` and ``joint_target_qd``; None for the model's
@@ -643,6 +645,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._loops,
                 self._rest_angle,
                 self._sleep,
+                self._work,
                 self._history,
                 state.body_q,
                 state.body_qd,
@@ -689,6 +692,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 yield name, array
         if self._bdf2:
             yield "worlds.step", self._worlds.step
+        if self._work.put_from is not None:
+            yield "work.put_from", self._work.put_from
         if self._large is not None:
             yield "colors.color", self._large.colors.color
 
@@ -704,9 +709,9 @@ class SolverAVBD(SolverBase, RigidCoupling):
         arrays to the host.
 
         While a graph is being captured the call reads nothing: it compiles in all effects that
-        values can call for, save restitution, which needs buffers. Bodies that start to move at
-        joints then need another call outside of the capture, and a new capture; a replay says so
-        where it happens.
+        values can call for, save restitution and friction by written poses, which need buffers.
+        Bodies that start to move at joints then need another call outside of the capture, and a new
+        capture; a replay says so where it happens.
 
         Args:
             flags: What changed; every flag leads to the same, unknown bits are ignored.
@@ -925,6 +930,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
         """
         groups, topology, self._flags, self._callers = self._look_at_model()
         self._flags_apart = self._flags.without_contact()
+        if self._flags.put_bodies and self._work.put is None:
+            self._forget_launches()
+            with wp.ScopedDevice(self.device):
+                buffers.add_put_work(self._work)
+        elif not self._flags.put_bodies and self._work.put is not None:
+            self._work.put_from.zero_()
         if self._capacity:
             self._allocate_contact_effects()
         is_large = self._takes_bodies(groups, self._flags)
@@ -1131,7 +1142,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._forget_launches()
 
     def _forget_contacts(self) -> None:
-        """Drops all multipliers and rows, on the device."""
+        """Drops all multipliers and rows, and where bodies were put, on the device."""
         if self._capacity:
             for array in (
                 self._history.start,
@@ -1140,6 +1151,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._rows.owned_end,
             ):
                 array.zero_()
+        if self._work.put_from is not None:
+            self._work.put_from.zero_()
 
     def _contact_input(self, contacts: newton.Contacts) -> data.ContactInput:
         """What the kernels see of a contact buffer; made once for each buffer."""

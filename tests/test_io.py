@@ -7,7 +7,9 @@ from pathlib import Path
 
 import newton
 import newton.examples
+import numpy as np
 import pytest
+import warp as wp
 from newton.solvers import SolverMuJoCo, SolverVBD, SolverXPBD
 
 from newton_avbd import SolverAVBD
@@ -101,6 +103,17 @@ def test_swap_keeps_sweeps_and_drops_settings_that_the_solver_lacks(model):
     with made_by_swap("vbd", iterations=4):
         assert newton.solvers.SolverXPBD(model, iterations=3).iterations == 4
         assert newton.solvers.SolverVBD(model, iterations=3).iterations == 4
+
+
+def test_swap_leaves_out_what_vbd_does_not_simulate():
+    """A joint with friction, written for a solver that has none; another solver's keeps it."""
+    builder = newton.ModelBuilder()
+    link = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    builder.add_articulation([builder.add_joint_revolute(-1, link, friction=1.0)])
+    jointed = builder.finalize(device="cpu")
+    with made_by_swap("avbd"):
+        assert not newton.solvers.SolverVBD(jointed).effects["joint_friction"].on
+        assert newton.solvers.SolverXPBD(jointed).effects["joint_friction"].on
 
 
 def test_swap_colors_bodies_for_vbd():

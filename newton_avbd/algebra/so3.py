@@ -57,3 +57,30 @@ def world_inertia(rotation: wp.quat, inertia: wp.mat33) -> wp.mat33:
     """Inertia tensor [kg m^2] turned from body to world axes: R I R^T."""
     r = wp.quat_to_matrix(rotation)
     return r * inertia * wp.transpose(r)
+
+
+@wp.func
+def rotation_vector(q: wp.quat) -> wp.vec3:
+    """Rotation vector of a unit quaternion [rad], of length up to pi."""
+    v = wp.vec3(q[0], q[1], q[2])
+    w = q[3]
+    if w < 0.0:
+        v = -v
+        w = -w
+    sine = wp.length(v)
+    if sine < 1.0e-3:
+        # atan2(s, w)/s to third order
+        return (2.0 + wp.static(1 / 3) * sine * sine) * v
+    return (2.0 * wp.atan2(sine, w) / sine) * v
+
+
+@wp.func
+def rotation_between(a: wp.quat, b: wp.quat) -> wp.vec3:
+    """Rotation vector [rad] of the turn from ``a`` to ``b``, unit quaternions; 0 from a to a.
+
+    The vector of b a^-1 is that of (b - a) a^-1, of which nothing cancels where the turn is small.
+    """
+    c = wp.dot(a, b)
+    end = wp.where(c < 0.0, -b, b)
+    turn = (end - a) * wp.quat_inverse(a)
+    return rotation_vector(wp.quat(turn[0], turn[1], turn[2], wp.abs(c)))

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, world_inertia
+from ..algebra.so3 import exp_quat, rotation_vector, world_inertia
 from ..blocks.body import target_spin, target_translation
 from ..data import (
     BodyModel,
@@ -38,7 +38,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
-from ..rows.joint import BALL, DISTANCE, rotation_vector
+from ..rows.joint import BALL, DISTANCE
 from .bodies import has_rows, is_same_pose, target_turn
 from .loops import has_loops
 from .slopes import constants, end_axis, lead, next_slope, second_order
@@ -272,6 +272,8 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         if work.inv_mass[body] == 0.0:
             # goes h v, and is felt to move at v
             work.lead[body] = (scale.h - step) * velocity
+            if wp.static(effects.put_bodies):
+                work.put[body] = (step / scale.h) * work.put[body]
             return
         last = history.last[body]
         ahead = lead(scale, velocity, last.slope)

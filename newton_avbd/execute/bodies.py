@@ -6,7 +6,7 @@ import functools
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, world_inertia
+from ..algebra.so3 import exp_quat, rotation_between, world_inertia
 from ..blocks.body import (
     free_turn,
     is_mobile,
@@ -158,6 +158,38 @@ def is_finite(
     return wp.isfinite(total) and wp.dot(rotation, rotation) > 0.0
 
 
+@wp.func
+def forget_pose(body: int, work: wp.ref[BodyWork]):
+    """Takes a body to be where it was put without having moved there."""
+    work.put_from[body] = wp.transform(wp.vec3(0.0), wp.quat(0.0, 0.0, 0.0, 0.0))
+
+
+@wp.func
+def watch_pose(
+    body: int,
+    model: wp.ref[BodyModel],
+    pose: wp.transform,
+    velocity: wp.spatial_vector,
+    work: wp.ref[BodyWork],
+):
+    """How far a body that the solver does not move was put since the last step.
+
+    It moves at its velocity. Where that was zero then and is zero now, its pose says how it moves.
+    """
+    before = work.put_from[body]
+    rotation = wp.transform_get_rotation(before)
+    work.put[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    forget_pose(body, work)
+    if work.finite[body] == 0 or wp.length_sq(velocity) > 0.0:
+        return
+    work.put_from[body] = pose
+    if wp.dot(rotation, rotation) > 0.0:
+        end = wp.transform_get_rotation(pose)
+        arm = wp.quat_rotate(end, model.com[body]) - wp.quat_rotate(rotation, model.com[body])
+        moved = wp.transform_get_translation(pose) - wp.transform_get_translation(before)
+        work.put[body] = wp.spatial_vector(moved + arm, rotation_between(rotation, end))
+
+
 def make_wrench(effects: Effects) -> wp.Function:
     """The function that sums a body's external forces: body_f and what drives its FREE joint."""
 
@@ -261,7 +293,11 @@ def make_predict_body(effects: Effects) -> wp.Function:
             work.inv_inertia[body] = wp.mat33(0.0)
             work.target[body] = h * velocity
             work.increment[body] = h * velocity
+            if wp.static(effects.put_bodies):
+                watch_pose(body, model, pose, velocity, work)
             return
+        if wp.static(effects.put_bodies):
+            forget_pose(body, work)
 
         rotation = wp.transform_get_rotation(pose)
         dx = target_shift(model, body, velocity, wrench, h)

@@ -28,6 +28,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from .bodies import forget_pose
 from .islands import disturb
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
@@ -449,6 +450,11 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 u += rows.drift[i]
             elif wp.static(effects.drift):
                 rows.drift[i] = wp.vec3(0.0)
+            if wp.static(effects.put_bodies):
+                carried = contact_rows.carried_along(work.put[row.b], row.arm + span)
+                carried -= row.normal * wp.dot(row.normal, carried)
+                rows.drift[i] = rows.drift[i] + carried
+                u += carried
             stiffness = float(0.0)
             damping = float(0.0)
             if wp.static(effects.ramp or effects.compliance):
@@ -498,11 +504,14 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     spin.mu_roll = mixed_friction(
                         shapes.mu_rolling[record.shape0], shapes.mu_rolling[record.shape1]
                     )
+                    turn = wp.spatial_bottom(work.target[row.b] - work.target[body])
+                    if wp.static(effects.put_bodies):
+                        turn += wp.spatial_bottom(work.put[row.b])
                     rows.spin[i] = spin_rows.penalise(
                         spin,
                         row.normal,
                         work.inv_inertia[body] + work.inv_inertia[row.b],
-                        wp.spatial_bottom(work.target[row.b] - work.target[body]),
+                        turn,
                         contact_rows.expected_force(row, mass, u, scale.h),
                         scale.h,
                     )
@@ -576,6 +585,8 @@ def reset_bodies(
     loops: LoopWork,
     rest_angle: wp.array[float],
     sleep: SleepWork,
+    # Work out:
+    work: BodyWork,
     # Out:
     history: History,
     body_q: wp.array[wp.transform],
@@ -598,6 +609,8 @@ def reset_bodies(
         history.start[side, body] = 0
         history.end[side, body] = 0
     history.falling[body] = 0.0
+    if work.put.shape[0] > 0:
+        forget_pose(body, work)
     if sleep.still.shape[0] > 0:
         disturb(body, worlds, sleep)
         sleep.end[body] = sleep.start[body]

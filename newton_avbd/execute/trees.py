@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..algebra.block import factor_block, half_solve, other_half
-from ..algebra.so3 import exp_quat, turned_from
+from ..algebra.so3 import exp_quat, rotation_vector, turned_from
 from ..blocks import tree as algebra
 from ..blocks.closure import (
     MISSED,
@@ -34,7 +34,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
-from ..rows.joint import BALL, ROD, rotation_vector
+from ..rows.joint import BALL, ROD
 from .bodies import has_rows
 from .slopes import begin_axis
 

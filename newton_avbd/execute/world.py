@@ -316,6 +316,8 @@ def make_gather(
                     rolled = turn
                     if wp.static(effects.bdf2):
                         rolled -= wp.spatial_bottom(work.lead[partner] - work.lead[body])
+                    if wp.static(effects.put_bodies):
+                        rolled += wp.spatial_bottom(work.put[partner])
                     if has_dual:
                         held = wp.dot(row.normal, row.force)
                         spin.torque = spin_rows.torque(spin, row.normal, rolled, held)
@@ -623,6 +625,8 @@ def make_remember(
                     turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
                     if wp.static(effects.bdf2):
                         turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
+                    if wp.static(effects.put_bodies):
+                        turn += wp.spatial_bottom(work.put[row.b])
                     torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
                     rows.spin[i].torque = torque
                 if wp.static(effects.pairs):
@@ -720,7 +724,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             row = rows.rows[i]
             span = work.com[body] - work.com[row.b]
             u = contact_rows.slip(row, increment, work.increment[row.b], span)
-            if wp.static(effects.moving_surfaces):
+            if wp.static(effects.drift):
                 u += rows.drift[i]
             push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
             f -= push
@@ -732,7 +736,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 row = rows.rows[i]
                 span = work.com[row.a] - work.com[body]
                 u = contact_rows.slip(row, work.increment[row.a], increment, span)
-                if wp.static(effects.moving_surfaces):
+                if wp.static(effects.drift):
                     u += rows.drift[i]
                 push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
                 f += push

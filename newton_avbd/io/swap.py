@@ -44,6 +44,9 @@ _WRITES_JOINTS = (*_JOINT_SPACE, "SolverKamino")
 _SWEEPING = ("SolverVBD", "SolverXPBD")
 """Solvers whose ``iterations`` mean what they mean to ours: sweeps over bodies or constraints."""
 
+_NOT_BY_VBD = ("armature", "effort_limits", "joint_friction", "velocity_limits")
+"""Effects that SolverVBD says it does not simulate; scenes for it author them without effect."""
+
 _ADAPTERS = {
     # None lets a collision pipeline choose its own capacity.
     "get_max_contact_count": lambda: None,
@@ -82,6 +85,8 @@ class StandIn:
                 inspect.signature(wanted).parameters
             ):
                 kept["update_joint_state"] = True
+            if self._original.__name__ == "SolverVBD" and self._request.solver == "avbd":
+                kept["effects"] = dict.fromkeys(_NOT_BY_VBD, False)
             if self._original.__name__ in _JOINT_SPACE and model.joint_count:
                 newton.eval_fk(model, model.joint_q, model.joint_qd, model)
             solver = solvers.construct(self._request.solver, model, iterations, **kept)

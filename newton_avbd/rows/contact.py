@@ -17,6 +17,7 @@ not, majorises the objective and each body's block is factored once a step.
 
 import warp as wp
 
+from ..algebra.so3 import exp_quat, turned_from
 from ..data import ContactRow, WorldScale
 
 PENALTY = wp.constant(10.0)
@@ -101,6 +102,18 @@ def slip(
 
 
 @wp.func
+def carried_along(put: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
+    """How far a body that was put elsewhere has moved what was at the contact point [m].
+
+    Args:
+        put: Shift of its COM [m] and its turn [rad].
+        arm: From its COM, as it is now, to the contact point [m].
+    """
+    shift = wp.spatial_top(put)
+    return shift - turned_from(exp_quat(-wp.spatial_bottom(put)), arm + shift)
+
+
+@wp.func
 def force(row: ContactRow, u: wp.vec3, gap: float) -> wp.vec3:
     """Force on body b [N] at the slip u [m], projected to the friction cone."""
     trial = row.force - row.k_t * u
@@ -152,10 +165,16 @@ def effective_mass(
 
 @wp.func
 def carried_mass(row: ContactRow, scale: WorldScale) -> float:
-    """Mass that the warm multiplier says the contact carries [kg], at most the world's."""
-    if scale.gravity <= 0.0:
-        return 0.0
-    return wp.min(wp.dot(row.normal, row.force) / scale.gravity, scale.mass)
+    """Mass that the warm multiplier says the contact carries [kg], at most the world's.
+
+    Without gravity what presses has to be told from what moves: by what stops the farthest motion
+    of the step within it.
+    """
+    pull = scale.gravity
+    if pull <= 0.0:
+        pull = scale.reach / (scale.h * scale.h)
+    load = wp.dot(row.normal, row.force)
+    return wp.where(load < pull * scale.mass, load / pull, scale.mass)
 
 
 @wp.func

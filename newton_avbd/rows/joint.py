@@ -27,6 +27,7 @@ import newton
 import numpy as np
 import warp as wp
 
+from ..algebra.so3 import rotation_vector
 from ..data import JointModel
 
 JointType = newton.JointType
@@ -77,21 +78,6 @@ def has_axes(joints: wp.ref[JointModel], joint: int) -> bool:
 def is_point(joints: wp.ref[JointModel], joint: int) -> bool:
     """Whether a joint is a distance of 0, which has no direction: a ball holds the same."""
     return joints.type[joint] == DISTANCE and joints.limit_upper[joints.dof_start[joint]] == 0.0
-
-
-@wp.func
-def rotation_vector(q: wp.quat) -> wp.vec3:
-    """Rotation vector of a unit quaternion [rad], of length up to pi."""
-    v = wp.vec3(q[0], q[1], q[2])
-    w = q[3]
-    if w < 0.0:
-        v = -v
-        w = -w
-    sine = wp.length(v)
-    if sine < 1.0e-3:
-        # atan2(s, w)/s to third order
-        return (2.0 + wp.static(1 / 3) * sine * sine) * v
-    return (2.0 * wp.atan2(sine, w) / sine) * v
 
 
 @wp.func

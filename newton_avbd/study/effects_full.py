@@ -30,13 +30,15 @@ HINGE: dict[str, float] = {
 
 
 def add_everything(builder: newton.ModelBuilder) -> None:
-    """Add a ground, two boxes, and a mechanism with every type of joint, loops and a mimic."""
+    """Add a ground, boxes, one of them put, and a mechanism with all types of joints and loops."""
     SolverAVBD.register_custom_attributes(builder)
     cfg = newton.ModelBuilder.ShapeConfig(restitution=0.3, mu_torsional=0.01, mu_rolling=0.001)
     builder.add_ground_plane(cfg=cfg)
     for x in (3.0, 3.5):
         box = builder.add_body(xform=_at(x, 0.0, 0.2))
         builder.add_shape_box(box, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
+    put = builder.add_body(xform=_at(6.0, 0.0, 0.5), is_kinematic=True)
+    builder.add_shape_box(put, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
     links = [
         builder.add_link(
             xform=_at(0.5 * i, 0.0, 2.0), mass=1.0, inertia=wp.mat33(np.diag((0.02, 0.03, 0.04)))
