@@ -329,6 +329,8 @@ class IslandSum:
     """Missing angular momentum about the island's COM, of increments times h [kg m^2 or N m s]."""
     inertia: wp.mat33
     """Inertia about the island's COM [kg m^2]."""
+    turn: wp.vec3
+    """Turn [rad] or angular velocity [rad/s] that gives it the missing angular momentum."""
 
 
 @wp.struct

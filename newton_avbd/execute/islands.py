@@ -80,7 +80,7 @@ def is_alone(islands: wp.ref[IslandWork], body: int) -> bool:
 
 @wp.func
 def rigid_turn(total: IslandSum) -> wp.vec3:
-    """Turn that gives an island its missing angular momentum."""
+    """Turn, or angular velocity, that gives an island its missing angular momentum."""
     # scaled: the determinant of a small island's inertia would underflow
     size = wp.trace(total.inertia)
     return wp.inverse(total.inertia / size) * (total.angular / size)
@@ -141,11 +141,14 @@ def keep_momentum(
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
-            total = islands.sum[island_of(islands, body)]
+            root = island_of(islands, body)
+            total = islands.sum[root]
+            if body == root:
+                total.turn = rigid_turn(total)
+                islands.sum[root].turn = total.turn
             r = work.com[body] - total.com / total.mass
-            turn = rigid_turn(total)
-            shift = total.momentum / total.mass + wp.cross(turn, r)
-            work.increment[body] = work.increment[body] + wp.spatial_vector(shift, turn)
+            shift = total.momentum / total.mass + wp.cross(total.turn, r)
+            work.increment[body] = work.increment[body] + wp.spatial_vector(shift, total.turn)
     return True
 
 
@@ -199,7 +202,11 @@ def keep_spin(
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
-            total = islands.sum[island_of(islands, body)]
+            root = island_of(islands, body)
+            total = islands.sum[root]
+            if body == root:
+                total.turn = rigid_turn(total)
+                islands.sum[root].turn = total.turn
             r = work.com[body] - total.com / total.mass
-            spin = rigid_turn(total)
-            body_qd[body] = body_qd[body] + wp.spatial_vector(wp.cross(spin, r), spin)
+            spin = wp.spatial_vector(wp.cross(total.turn, r), total.turn)
+            body_qd[body] = body_qd[body] + spin
