@@ -17,7 +17,7 @@ import newton_avbd
 from newton_avbd import Effects, SolverAVBD
 from newton_avbd.__main__ import main
 from newton_avbd.effects import CAUSES
-from newton_avbd.execute.world import make_solve
+from newton_avbd.execute.world import make_step
 from newton_avbd.rows.joint import JointKinds
 from newton_avbd.study.effects_full import SETTINGS, add_everything
 from newton_avbd.study.effects_stripped import real_and_stripped, strip
@@ -87,7 +87,7 @@ def test_effects_are_a_dict_and_a_table() -> None:
 
 def test_each_flag_has_a_cause_a_file_and_a_line_in_the_docs() -> None:
     flags = {field.name for field in dataclasses.fields(Effects)}
-    flags -= {"kinds", "friction_mix", "rho", "on_gpu"}
+    flags -= {"kinds", "friction_mix", "rho", "on_gpu", "at_once"}
     assert flags | {"joints"} == set(CAUSES)
     text = DOCS.read_text()
     for name, cause in CAUSES.items():
@@ -215,7 +215,7 @@ def test_solvers_with_the_same_effects_share_kernels() -> None:
     """Reasons do not matter: other shapes of other names call for the same."""
     few, many = SolverAVBD(boxes(2)).effects, SolverAVBD(boxes(3, mu=0.2)).effects
     assert few["friction"].why != many["friction"].why
-    assert make_solve(few.flags) is make_solve(many.flags)
+    assert make_step(few.flags) is make_step(many.flags)
 
 
 def test_values_compile_nothing_and_effects_only_what_holds_them() -> None:
@@ -235,21 +235,21 @@ def test_values_compile_nothing_and_effects_only_what_holds_them() -> None:
     sim.solver.notify_model_changed(ModelFlags.SHAPE_PROPERTIES)
     sim.step()
     (new,) = modules(sim) - before
-    assert "solve" in new
+    assert "step" in new
 
 
 def test_precompiling_loads_what_a_step_launches_and_moves_nothing() -> None:
     model = boxes(1, restitution=0.25, mu=0.0)
     contacts = newton.CollisionPipeline(model).contacts()
     effects = SolverAVBD.precompile(model, contacts=contacts)
-    solve = make_solve(effects.flags).module
-    assert solve.execs
+    step = make_step(effects.flags).module
+    assert step.execs
     solver = SolverAVBD(model)
     state_in, state_out = model.state(), model.state()
-    loaded = dict(solve.execs)
+    loaded = dict(step.execs)
     solver.step(state_in, state_out, None, contacts, 0.01)
-    assert solve.execs == loaded
-    assert any(kernel.module is solve for kernel in solver._launch._recorded)
+    assert step.execs == loaded
+    assert any(kernel.module is step for kernel in solver._launch._recorded)
     assert np.array_equal(state_in.body_q.numpy(), model.body_q.numpy())
 
 

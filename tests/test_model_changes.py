@@ -455,9 +455,9 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "friction_mix",
             "angular_friction",
             "sleeping",
-            "on_gpu",
+            *("on_gpu", "at_once"),
         ),  # settings
-        "restitution",  # needs buffers: named where a graph is captured
+        *("restitution", "put_bodies"),  # need buffers: named where a graph is captured
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer
     }
     least = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False)

@@ -60,12 +60,18 @@ def _all_sweeps() -> Iterator[None]:
     """Worlds at rest go on sweeping, too: nothing is less than what is no number."""
     settled = world_kernel.SETTLED
     world_kernel.SETTLED = wp.constant(math.nan)
-    world_kernel.make_solve.cache_clear()
+    _forget_kernels()
     try:
         yield
     finally:
         world_kernel.SETTLED = settled
-        world_kernel.make_solve.cache_clear()
+        _forget_kernels()
+
+
+def _forget_kernels() -> None:
+    """Makes solvers generate the solve anew."""
+    for make in (world_kernel.make_solve_worlds, world_kernel.make_solve, world_kernel.make_step):
+        make.cache_clear()
 
 
 def measure(iterations: int, tolerance: float | None) -> Cost:
