@@ -33,7 +33,7 @@ from newton_avbd.study.accuracy_simbench import (
     penetration_error,
     rolling_accelerations,
 )
-from newton_avbd.study.accuracy_solvers import MEASURED, PRESETS, STIFF, Setting
+from newton_avbd.study.accuracy_solvers import MEASURED, PRESETS, STIFF, Setting, is_coarse
 from newton_avbd.study.measure import Array
 from newton_avbd.study.properties_body import MOMENTS, free_top
 
@@ -281,14 +281,19 @@ def test_equal_cost_is_split_both_ways() -> None:
     assert split(points, Setting(2, 10)) is None
 
 
-def test_settings_go_from_cheap_to_dear() -> None:
+def test_settings_go_from_cheap_to_dear_on_a_coarse_grid_first() -> None:
     for solver in MEASURED.values():
         for touching in (False, True):
             every = solver.settings(touching=touching, sweeps=True, quick=False)
             some = solver.settings(touching=touching, sweeps=True, quick=True) if every else []
             assert set(some) <= set(every)
-            efforts = [setting.substeps * (setting.iterations or 1) for setting in every]
-            assert efforts == sorted(efforts) and len(set(every)) == len(every)
+            assert len(set(every)) == len(every)
+            coarse = [is_coarse(setting) for setting in every]
+            assert coarse == sorted(coarse, reverse=True)
+            for kind in (True, False):
+                part = [setting for setting in every if is_coarse(setting) is kind]
+                efforts = [setting.substeps * (setting.iterations or 1) for setting in part]
+                assert efforts == sorted(efforts)
 
 
 def test_every_scene_is_for_solvers_that_are_measured() -> None:

@@ -13,7 +13,7 @@ from newton_avbd.io.errors import UserError
 from newton_avbd.study.accuracy_front import OURS
 from newton_avbd.study.accuracy_run import OUT_OF_TIME, Point, Runner, measure, runner
 from newton_avbd.study.accuracy_scene import AccuracyScene
-from newton_avbd.study.accuracy_solvers import MEASURED, PRESETS, Setting
+from newton_avbd.study.accuracy_solvers import MEASURED, PRESETS, Setting, is_coarse
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,9 @@ class Effort:
 
 FULL = Effort("full", repeats=3, budget=25.0)
 QUICK = Effort("quick", repeats=1, budget=2.0, quick=True, left_out=("kamino", "mujoco_warp"))
+
+COARSE_SHARE = 0.7
+"""Share of the budget that the coarse grid of settings may take."""
 
 QUICK_SCENES = ("projectile", "pendulum_2", "sliding", "tipping", "stack", "rolling_y")
 """Scenes of a quick run where none is named."""
@@ -140,22 +143,25 @@ def run(
 
 def _try_settings(scene: AccuracyScene, solver: str, results: Results) -> Iterator[Point]:
     """Try the settings of a solver on a scene, until there is no time left; presets in any case."""
-    effort, spent, is_over = results.effort, 0.0, False
+    effort, spent = results.effort, 0.0
+    over = {True: False, False: False}
     worker: Runner | None = None
     settings = MEASURED[solver].settings(
         touching=scene.touching, sweeps=scene.sweeps, quick=effort.quick
     )
     for setting in settings:
         is_preset = solver == OURS and setting in PRESETS.values()
-        if is_over and not is_preset:
+        is_first = is_coarse(setting)
+        if over[is_first] and not is_preset:
             continue
+        budget = effort.budget * (COARSE_SHARE if is_first else 1.0)
         point = results.get((scene.name, solver, setting))
         if point is None:
             worker = worker or runner(scene, solver)
-            left = effort.budget if is_preset else effort.budget - spent
+            left = effort.budget if is_preset else budget - spent
             point = measure(worker, solver, setting, repeats=effort.repeats, budget=left)
             results.add(point)
         yield point
         spent += point.spent
         # A setting that fails for another reason than time says nothing of the next one.
-        is_over = is_over or spent >= effort.budget or point.note == OUT_OF_TIME
+        over[is_first] = over[is_first] or spent >= budget or point.note == OUT_OF_TIME
