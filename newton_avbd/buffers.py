@@ -183,6 +183,7 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
         np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
     )
     loops.apart = wp.zeros(joints.size, dtype=wp.vec3)
+    loops.arms = wp.zeros(2 * joints.size, dtype=wp.vec3)
     loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
     loops.kept_force = wp.zeros(joints.size, dtype=wp.vec3)
     loops.kept_torque = wp.zeros(joints.size, dtype=wp.vec3)

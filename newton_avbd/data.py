@@ -326,11 +326,10 @@ class IslandSum:
     momentum: wp.vec3
     """Missing momentum times h [kg m]."""
     angular: wp.vec3
-    """Missing angular momentum about the island's COM, of increments times h [kg m^2 or N m s]."""
+    """Missing angular momentum about the island's COM, of increments times h [kg m^2 or N m s]; in
+    the end the turn or angular velocity that makes up for it [rad or rad/s]."""
     inertia: wp.mat33
     """Inertia about the island's COM [kg m^2]."""
-    turn: wp.vec3
-    """Turn [rad] or angular velocity [rad/s] that gives it the missing angular momentum."""
 
 
 @wp.struct
@@ -556,6 +555,8 @@ class LoopWork:
     body_start: wp.array[wp.int32]
     items: wp.array[wp.int32]
     """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""
+    arms: wp.array[wp.vec3]
+    """From the COM of the body of an item to where an exact joint pushes it [m], this sweep."""
     apart: wp.array[wp.vec3]
     """From the COM of the parent to that of the child at the start of the step [m]."""
     misfit: wp.array[wp.spatial_vector]

@@ -212,8 +212,6 @@ class Effects:
     """The contact buffer in use has materials of its own for each contact."""
     on_gpu: bool = False
     """Not of the scene: what the kernels are compiled for."""
-    at_once: bool = False
-    """Not of an effect: one kernel makes the whole step, for a single world on a CPU."""
 
     @classmethod
     def of_model(

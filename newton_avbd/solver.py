@@ -20,6 +20,7 @@ from .attributes import BREAK_LIMITS, break_limits, register_joint_attributes
 from .checks import check_array, check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Callers, Effects, SceneEffects, left_out, pushing_joints
+from .execute.beginning import UNKNOWN
 from .execute.bodies import (
     BODIES_PER_THREAD,
     make_integrate,
@@ -316,6 +317,8 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._integrate(state_in, state_out, control_input, dt)
         else:
             self._solve(state_in, state_out, control_input, contacts, dt)
+        if contacts is None and self._work.put_from is not None:
+            self._work.put_from.zero_()
 
         for body_qdd in accelerations:
             self._launch_bodies(export_acceleration, [state_out.body_qd, dt, body_qdd])
@@ -387,7 +390,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
             state_out.body_qd,
         ]
         model = [self._bodies, self._shapes, self._joints, control]
-        if effects.at_once:
+        if self._at_once:
             given = [state_in.body_q, state_in.body_qd, state_in.body_f]
             self._launch(make_step(effects), 1, [*model, *given, *after_prediction])
             return
@@ -898,8 +901,6 @@ class SolverAVBD(SolverBase, RigidCoupling):
         )
         if self._takes_bodies(groups, flags):
             flags = flags.leaving_out(frozenset({"piles"}))
-        elif self.device.is_cpu and not (groups.any() or flags.sleeping or flags.reaction):
-            flags = dataclasses.replace(flags, at_once=True)
         return groups, topology, flags, callers
 
     def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:
@@ -938,7 +939,12 @@ class SolverAVBD(SolverBase, RigidCoupling):
             self._work.put_from.zero_()
         if self._capacity:
             self._allocate_contact_effects()
+        if not self._flags.armature and self._history.axis_velocity is not None:
+            self._history.axis_velocity.fill_(UNKNOWN)
         is_large = self._takes_bodies(groups, self._flags)
+        # one kernel makes the whole step of a single world, where launches cost most
+        is_special = is_large or self._flags.sleeping or self._flags.reaction
+        self._at_once = self.device.is_cpu and not (is_special or groups.any())
         if topology == self._topology and is_large == (self._large is not None):
             return
         if self._topology is not None:
@@ -1142,7 +1148,7 @@ class SolverAVBD(SolverBase, RigidCoupling):
         self._forget_launches()
 
     def _forget_contacts(self) -> None:
-        """Drops all multipliers and rows, and where bodies were put, on the device."""
+        """Drops all multipliers and rows, on the device."""
         if self._capacity:
             for array in (
                 self._history.start,
@@ -1151,8 +1157,6 @@ class SolverAVBD(SolverBase, RigidCoupling):
                 self._rows.owned_end,
             ):
                 array.zero_()
-        if self._work.put_from is not None:
-            self._work.put_from.zero_()
 
     def _contact_input(self, contacts: newton.Contacts) -> data.ContactInput:
         """What the kernels see of a contact buffer; made once for each buffer."""

@@ -59,7 +59,8 @@ VARIANTS = {
     ),
     "contacts": with_all(
         BODIES,
-        "pairs piles restitution angular_friction matching moving_surfaces contact_materials",
+        "pairs piles restitution angular_friction matching moving_surfaces contact_materials "
+        "put_bodies",
     ),
     "compliance": with_all(BODIES, "compliance matching contact_materials"),
     "sleeping": with_all(BARE, "sleeping"),
@@ -77,7 +78,7 @@ LARGE_VARIANTS = {
     "bodies": BODIES,
     "hinges": dataclasses.replace(HINGED, contact=True, pairs=True),
     "all contacts": with_all(
-        BODIES, "compliance angular_friction moving_surfaces contact_materials"
+        BODIES, "compliance angular_friction moving_surfaces contact_materials put_bodies"
     ),
     "articulations": with_all(
         JOINTED,
@@ -157,7 +158,7 @@ def test_a_kernel_with_chosen_effects_compiles_for_a_gpu(
 
 def test_the_variants_hold_all_effects() -> None:
     for field in dataclasses.fields(Effects):
-        if field.name not in ("friction_mix", "rho", "at_once"):
+        if field.name not in ("friction_mix", "rho"):
             assert any(getattr(effects, field.name) for effects in VARIANTS.values()), field.name
 
 

@@ -202,6 +202,37 @@ def test_a_second_hinge_on_the_same_axis_changes_nothing() -> None:
 
 
 @AT_END
+@AT_END
+def test_a_joint_that_lets_go_under_load_leaves_no_force_behind() -> None:
+    """A heavy plate on two ball joints loses one of them: it swings as if it never had it."""
+
+    def hung(joints: int) -> Simulation:
+        builder = newton.ModelBuilder()
+        plate = add_link(builder, mass=50.0, inertia=(0.02, 0.3, 0.3))
+        found = [
+            builder.add_joint_ball(
+                WORLD,
+                plate,
+                parent_xform=transform((x, 0.0, 1.0)),
+                child_xform=transform((x, 0.0, 0.3)),
+            )
+            for x in (-0.4, 0.4)[:joints]
+        ]
+        builder.add_articulation(found[:1])
+        set_coordinates(builder, found[0], (0.0, 0.0, 0.0, 1.0))
+        return simulate(builder)
+
+    free, held = hung(1), hung(2)
+    held.step(60)
+    held.model.joint_enabled.assign([True, False])
+    free.state.body_q.assign(held.state.body_q)
+    free.state.body_qd.assign(held.state.body_qd)
+    for _ in range(120):
+        free.step()
+        held.step()
+    assert held.pose == pytest.approx(free.pose, abs=1.0e-3)
+
+
 def test_a_body_on_two_ball_joints_is_a_door() -> None:
     """Two inbound joints on one body: it turns about the line through both, as on a hinge."""
     hinged = door(1)

@@ -455,7 +455,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "friction_mix",
             "angular_friction",
             "sleeping",
-            *("on_gpu", "at_once"),
+            "on_gpu",
         ),  # settings
         *("restitution", "put_bodies"),  # need buffers: named where a graph is captured
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer

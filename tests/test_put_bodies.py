@@ -174,6 +174,27 @@ def test_a_pose_after_a_gap_is_no_motion(forget: str) -> None:
     assert abs(sim.velocity[1, 0]) < 1.0e-5
 
 
+def test_a_body_that_is_let_go_is_no_conveyor() -> None:
+    """A gripper puts a cube on another one, 1 cm in the last step, and lets it go: both stay."""
+    builder = newton.ModelBuilder()
+    below = add_box(builder, (0.0, 0.0, EDGE / 2), EDGE)
+    add_plate(builder)
+    above = add_box(builder, (0.0, 0.0, 1.5 * EDGE), EDGE)
+    builder.body_flags[above] = int(BodyFlags.KINEMATIC)
+    sim = Simulation(builder)
+    for x in (-0.02, -0.01, 0.0):
+        put(sim, above, (x, 0.0, 1.5 * EDGE))
+        sim.step()
+    sim.state.body_qd.zero_()
+    flags = sim.model.body_flags.numpy()
+    flags[above] = int(BodyFlags.DYNAMIC)
+    sim.model.body_flags.assign(flags)
+    sim.solver.notify_model_changed(ModelFlags.BODY_PROPERTIES)
+    start = sim.pose[[below, above], 0]
+    sim.run(0.25)
+    np.testing.assert_allclose(sim.pose[[below, above], 0], start, atol=1.0e-4)
+
+
 def test_a_teleport_drags_for_one_step_at_most_at_the_cone() -> None:
     """Friction of one step is all that a jump of half a meter gives: mu g h, and takes back."""
     sim, plate = carried()

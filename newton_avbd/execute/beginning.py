@@ -113,8 +113,9 @@ def make_begin(
         velocity_p = wp.spatial_vector()
         if parent != scale.static_slot:
             velocity_p = body_qd[parent]
-        is_known = tree.is_left[child] and (tree.is_left[parent] or work.inv_mass[parent] == 0.0)
-        is_known = is_known and not wp.isinf(history.axis_velocity[first])
+        is_known = not wp.isinf(history.axis_velocity[first])
+        is_known = is_known and (tree.is_left[child] or work.inv_mass[child] == 0.0)
+        is_known = is_known and (tree.is_left[parent] or work.inv_mass[parent] == 0.0)
         if is_known:
             velocity -= history.joined_qd[joint, 0]
             velocity_p -= history.joined_qd[joint, 1]

@@ -162,6 +162,7 @@ def is_finite(
 def forget_pose(body: int, work: wp.ref[BodyWork]):
     """Takes a body to be where it was put without having moved there."""
     work.put_from[body] = wp.transform(wp.vec3(0.0), wp.quat(0.0, 0.0, 0.0, 0.0))
+    work.put[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
 
 
 @wp.func
@@ -178,7 +179,6 @@ def watch_pose(
     """
     before = work.put_from[body]
     rotation = wp.transform_get_rotation(before)
-    work.put[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     forget_pose(body, work)
     if work.finite[body] == 0 or wp.length_sq(velocity) > 0.0:
         return

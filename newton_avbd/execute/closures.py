@@ -23,7 +23,7 @@ from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from .loops import loop_geometry, parent_slot
-from .trees import ROUNDING, anchor_arm, anchor_shift, is_linked, is_put
+from .trees import ROUNDING, anchor_shift, is_linked, is_put
 
 
 @wp.func
@@ -79,27 +79,20 @@ def direction_about(axis: wp.vec3, i: int) -> wp.vec3:
 
 @wp.func
 def stiffness_off(
-    body: int,
-    frame: wp.transform,
-    change: float,
-    force: float,
-    h: float,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
+    body: int, reach: float, change: float, force: float, h: float, work: wp.ref[BodyWork]
 ) -> float:
     """How far a force [N] was off in the geometric stiffness of a body, as a share of the block.
 
     Args:
         body: The body.
-        frame: Where on it the force acts.
+        reach: Distance of its COM from where the force acts [m].
         change: By how much the force has changed in the sweep.
         force: What it is now.
         h: Time step [s].
+        work: The bodies.
     """
     if work.inv_mass[body] == 0.0:
         return 0.0
-    reach = wp.length(anchor_arm(model, tree, body, frame, work.inv_mass.shape[0] - 1))
     return reach * change / (wp.trace(work.inertia[body]) / (h * h) + reach * force)
 
 
@@ -177,6 +170,8 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             left = anchor_shift(child, parent, arm_c, arm_p, work, tree)
             left += wp.spatial_top(loops.misfit[i] - kept)
         arm_p += offset - shift
+        loops.arms[2 * i] = arm_c
+        loops.arms[2 * i + 1] = arm_p
         turn -= wp.spatial_bottom(kept)
         angular = closure.rows - linear
         lock_l = linear_lock(joints, joint, q_p)
@@ -274,7 +269,6 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     def keep_forces(
         first: int,
         h: float,
-        model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
@@ -311,14 +305,13 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 joint = loops.joints[i]
                 change = wp.length(force)
                 held = wp.length(history.loop_force[i])
-                child = joints.child[joint]
-                frame = joints.child_frame[joint]
-                off = stiffness_off(child, frame, change, held, h, model, work, tree)
-                mismatch = wp.max(mismatch, off)
-                parent = parent_slot(joints, joint, static_slot)
-                frame = joints.parent_frame[joint]
-                off = stiffness_off(parent, frame, change, held, h, model, work, tree)
-                mismatch = wp.max(mismatch, off)
+                for end in range(2):
+                    body = parent_slot(joints, joint, static_slot)
+                    if end == 0:
+                        body = joints.child[joint]
+                    reach = wp.length(loops.arms[2 * i + end])
+                    off = stiffness_off(body, reach, change, held, h, work)
+                    mismatch = wp.max(mismatch, off)
         return mismatch
 
     return ClosureFunctions(begin_closures, begin_rows, keep_forces)

@@ -215,12 +215,7 @@ def strike_world(
 
 @wp.func
 def aim_rows(
-    body: int,
-    noise: float,
-    lag: float,
-    h: float,
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
+    body: int, noise: float, lag: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
 ):
     """Makes the rows that a body owns part as the rounds have decided.
 
@@ -346,8 +341,7 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             rounds += 1
         for i in range(first, end):
             body = worlds.bodies[i]
-            lag = wp.static(0.0 if effects.bdf2 else 0.5)
-            aim_rows(body, noise, lag, h, work, rows)
+            aim_rows(body, noise, wp.static(0.0 if effects.bdf2 else 0.5), h, work, rows)
             if rows.struck_at[body] >= 0.0:
                 work.increment[body] = h * rows.struck_qd[body]
         return True

@@ -144,11 +144,11 @@ def keep_momentum(
             root = island_of(islands, body)
             total = islands.sum[root]
             if body == root:
-                total.turn = rigid_turn(total)
-                islands.sum[root].turn = total.turn
+                total.angular = rigid_turn(total)
+                islands.sum[root].angular = total.angular
             r = work.com[body] - total.com / total.mass
-            shift = total.momentum / total.mass + wp.cross(total.turn, r)
-            work.increment[body] = work.increment[body] + wp.spatial_vector(shift, total.turn)
+            shift = total.momentum / total.mass + wp.cross(total.angular, r)
+            work.increment[body] = work.increment[body] + wp.spatial_vector(shift, total.angular)
     return True
 
 
@@ -205,8 +205,8 @@ def keep_spin(
             root = island_of(islands, body)
             total = islands.sum[root]
             if body == root:
-                total.turn = rigid_turn(total)
-                islands.sum[root].turn = total.turn
+                total.angular = rigid_turn(total)
+                islands.sum[root].angular = total.angular
             r = work.com[body] - total.com / total.mass
-            spin = wp.spatial_vector(wp.cross(total.turn, r), total.turn)
+            spin = wp.spatial_vector(wp.cross(total.angular, r), total.angular)
             body_qd[body] = body_qd[body] + spin

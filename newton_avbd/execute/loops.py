@@ -209,6 +209,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
         loops.k_l[i] = 0.0
         loops.k_a[i] = 0.0
         if not joints.enabled[joint] or inv_mass == 0.0:
+            history.loop_force[i] = wp.vec3(0.0)
+            history.loop_torque[i] = wp.vec3(0.0)
             return False
         loops.k_l[i] = PENALTY / (inv_mass * h * h)
         loops.k_a[i] = PENALTY / (inv_inertia * h * h)

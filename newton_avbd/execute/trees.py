@@ -227,32 +227,18 @@ def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
 
 
 @wp.func
-def loop_stiffness(
-    body: int,
-    model: wp.ref[BodyModel],
-    joints: wp.ref[JointModel],
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
-    loops: wp.ref[LoopWork],
-    history: wp.ref[History],
-) -> wp.mat33:
+def loop_stiffness(body: int, loops: wp.ref[LoopWork], history: wp.ref[History]) -> wp.mat33:
     """Geometric stiffness [N m] of joints that close loops at a body, by what they push with now.
 
     What carries a taut net grows many times over within a step.
     """
     stiffness = wp.mat33(0.0)
-    static_slot = work.inv_mass.shape[0] - 1
     for k in range(loops.body_start[body], loops.body_start[body + 1]):
         item = loops.items[k]
         i = item / 2
         if loops.is_exact[i]:
-            joint = loops.joints[i]
-            if item % 2 == 0:
-                arm = anchor_arm(model, tree, body, joints.child_frame[joint], static_slot)
-                stiffness += algebra.geometric_stiffness(history.loop_force[i], arm)
-            else:
-                arm = anchor_arm(model, tree, body, joints.parent_frame[joint], static_slot)
-                stiffness += algebra.geometric_stiffness(-history.loop_force[i], arm)
+            force = wp.where(item % 2 == 0, 1.0, -1.0) * history.loop_force[i]
+            stiffness += algebra.geometric_stiffness(force, loops.arms[item])
     return stiffness
 
 
@@ -554,7 +540,7 @@ def make_trees(
                 h_al = tree.own_al[body] + tree.h_al[body]
                 h_aa = tree.own_aa[body] + tree.h_aa[body]
         if wp.static(effects.closures and effects.loops):
-            h_aa += loop_stiffness(body, model, joints, work, tree, loops, history)
+            h_aa += loop_stiffness(body, loops, history)
         if wp.static(effects.tilting):
             n_ll = wp.mat33(0.0)
             n_al = wp.mat33(0.0)
@@ -980,7 +966,7 @@ def make_trees(
                     if has_soft_loops(body, loops):
                         is_newton = False
         if wp.static(effects.closures and effects.loops):
-            off = keep_forces(first, h, model, joints, work, tree, loops, history)
+            off = keep_forces(first, h, joints, work, tree, loops, history)
             largest = wp.max(largest, 4.0 * off * off)
         farthest = float(0.0)
         if wrong > 0:

@@ -170,11 +170,15 @@ def carried_mass(row: ContactRow, scale: WorldScale) -> float:
     Without gravity what presses has to be told from what moves: by what stops the farthest motion
     of the step within it.
     """
+    load = wp.dot(row.normal, row.force)
+    if load <= 0.0:
+        return 0.0
     pull = scale.gravity
     if pull <= 0.0:
         pull = scale.reach / (scale.h * scale.h)
-    load = wp.dot(row.normal, row.force)
-    return wp.where(load < pull * scale.mass, load / pull, scale.mass)
+    if load >= pull * scale.mass:
+        return scale.mass
+    return load / pull
 
 
 @wp.func

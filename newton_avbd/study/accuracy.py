@@ -149,12 +149,13 @@ def _try_settings(scene: AccuracyScene, solver: str, results: Results) -> Iterat
     settings = MEASURED[solver].settings(
         touching=scene.touching, sweeps=scene.sweeps, quick=effort.quick
     )
+    share = 1.0 if all(map(is_coarse, settings)) else COARSE_SHARE
     for setting in settings:
         is_preset = solver == OURS and setting in PRESETS.values()
         is_first = is_coarse(setting)
         if over[is_first] and not is_preset:
             continue
-        budget = effort.budget * (COARSE_SHARE if is_first else 1.0)
+        budget = effort.budget * (share if is_first else 1.0)
         point = results.get((scene.name, solver, setting))
         if point is None:
             worker = worker or runner(scene, solver)
