@@ -218,8 +218,8 @@ def test_asset_below_zero_gets_a_ground_under_it_and_stays_where_it_was_put(tmp_
     assert simulation.model.shape_transform.numpy()[-1, 2] == pytest.approx(-3.11)
 
 
-# Penetration after 4 s: at rest, the 0.01 mm that the solver leaves, and as much for the next
-# step's fall.
+# Penetration after 4 s, of ellipsoids that rock on each other after 8: at rest, the 0.01 mm that
+# the solver leaves, and as much for the next step's fall.
 @pytest.mark.parametrize(
     ("path", "bodies", "penetration"),
     [
@@ -235,7 +235,7 @@ def test_assets_that_newton_bundles_come_to_rest(path, bodies, penetration):
     pytest.importorskip("pxr")
     simulation = open_scene(str(path), Request("avbd"))
     assert simulation.model.body_count == bodies
-    for _ in range(240):
+    for _ in range(480 if path.name == "tabletop.xml" else 240):
         simulation.advance()
     probe = Probe(simulation.model)
     assert deepest_penetration(probe.separations(simulation.state)) < penetration

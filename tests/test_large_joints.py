@@ -64,12 +64,15 @@ def test_a_sweep_of_trees_is_that_of_one_thread_in_the_order_of_the_colors() -> 
 
 
 def test_a_heap_of_ragdolls_comes_to_rest() -> None:
-    """Twelve fall on each other; joints are closed all the way."""
+    """Twelve fall on each other; joints are closed all the way.
+
+    When the last limb stops swinging is a matter of rounding: after 5 s.
+    """
     builder = newton.ModelBuilder()
     add_ragdoll_heap(builder, ragdolls=12)
     simulation = Simulation(builder, parallel="bodies")
     open_by = 0.0
-    for _ in range(50):
+    for _ in range(100):
         simulation.step(12)
         open_by = max(open_by, joint_gap(simulation))
     status = simulation.solver.status
