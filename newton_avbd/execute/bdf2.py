@@ -39,7 +39,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
-from .bodies import has_rows, is_same_pose, target_turn
+from .bodies import has_rows, target_turn
 from .loops import has_loops
 from .slopes import constants, end_axis, lead, next_slope, second_order
 from .trees import is_linked
@@ -121,7 +121,7 @@ def is_continued(
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0:
             last = history.last[body]
-            is_left = is_same_pose(body_q[body], last.pose) and body_qd[body] == last.velocity
+            is_left = body_q[body] == last.pose and body_qd[body] == last.velocity
             turn = scale.h * wp.length(wp.spatial_bottom(last.slope))
             if not is_left or turn > MOST_TURN:
                 return False

@@ -22,7 +22,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from .bodies import has_rows, is_same_pose
+from .bodies import has_rows
 from .islands import begin_island
 from .loops import LoopFunctions, has_loops, has_outer_loops, parent_slot
 from .piles import in_pile
@@ -30,7 +30,7 @@ from .slopes import begin_axis
 from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked
 
 UNKNOWN = wp.constant(math.inf)
-"""Velocity of a joint's coordinate while the joint was disabled."""
+"""Velocity of a joint's coordinate that no step has followed: disabled, or without armature."""
 
 
 @wp.func
@@ -174,7 +174,7 @@ def make_begin(
             body = worlds.bodies[i]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
             # a pose that the user has changed has lost nothing
-            tree.is_left[body] = is_same_pose(body_q[body], history.left_q[body])
+            tree.is_left[body] = body_q[body] == history.left_q[body]
             if not tree.is_left[body]:
                 history.lost[body] = wp.vec3(0.0)
             # the guess is put aside: joints are measured at the start first

@@ -115,14 +115,6 @@ def pose_sum(pose: wp.transform) -> float:
 
 
 @wp.func
-def is_same_pose(a: wp.transform, b: wp.transform) -> bool:
-    """Whether two poses agree to the bit."""
-    return wp.transform_get_translation(a) == wp.transform_get_translation(
-        b
-    ) and wp.transform_get_rotation(a) == wp.transform_get_rotation(b)
-
-
-@wp.func
 def vector_sum(v: wp.spatial_vector) -> float:
     """Sum of all numbers of a spatial vector: finite when they are."""
     return v[0] + v[1] + v[2] + v[3] + v[4] + v[5]
