@@ -16,7 +16,7 @@ from .execute import coloring, joining, scan
 from .execute.colored import make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
-from .execute.world import COLD_FACTOR, COLD_STEPS, JOINT_PASSES, LONGER, LOOP_PASSES
+from .execute.scale import COLD_FACTOR, COLD_STEPS, JOINT_PASSES, LONGER, LOOP_PASSES
 from .rows.contact import RECOVERY
 from .topology import Topology
 

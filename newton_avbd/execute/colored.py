@@ -38,27 +38,24 @@ from .bodies import report_held, vector_sum
 from .closures import make_closures
 from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
-from .ending import make_end
+from .ending import make_end, make_remember
+from .finite import make_is_world_finite
+from .gathering import make_assemble, make_gather
 from .joining import join_at_once
 from .launch import KERNEL, uncollected
 from .loops import make_loops
-from .trees import is_linked, make_trees
-from .weights import make_weigh
-from .world import (
+from .scale import (
     COLD_FACTOR,
     COLD_STEPS,
     LONGER,
-    make_assemble,
     make_count_passes,
-    make_gather,
-    make_is_world_finite,
     make_measure_world,
-    make_remember,
-    make_sweep,
-    make_sweep_block,
     settled_update,
     unsettled_update,
 )
+from .sweeps import make_sweep, make_sweep_block
+from .trees import is_linked, make_trees
+from .weights import make_weigh
 
 
 class Colored(NamedTuple):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""What a step does with bodies and joints after its sweeps: velocities, then poses."""
+"""What a step does after its sweeps: it keeps what rows push with, then velocities, then poses."""
 
 from typing import NamedTuple
 
@@ -21,11 +21,98 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
+from ..rows import contact as contact_rows
+from ..rows import ramp as ramp_rows
+from ..rows import spin as spin_rows
 from .beginning import UNKNOWN, is_tree, make_coasting
 from .bodies import has_rows, pose_sum, report_held
 from .islands import is_alone
 from .loops import has_loops
 from .slopes import end_axis
+
+
+def make_remember(
+    effects: Effects, contact_force: wp.Function, gap_of: wp.Function, join: wp.Function
+) -> wp.Function:
+    """Device function that keeps what a body's rows push with for the next step.
+
+    ``join`` notes that two bodies push each other.
+    """
+    coasting_increment = make_coasting(effects)
+
+    @wp.func
+    def remember_rows(
+        body: int,
+        side: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+    ):
+        """The last dual update of the rows that a body owns, kept for the next step."""
+        h = scale.step
+        history.start[side, body] = rows.owned_start[body]
+        history.end[side, body] = rows.owned_end[body]
+        joined = int(-1)
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            row = rows.rows[i]
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
+            if wp.static(effects.drift):
+                u += rows.drift[i]
+            if wp.static(effects.ramp):
+                push, _k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
+                history.records[side, i].penalty = row.k_n
+                rows.rows[i].force = push
+            else:
+                push = contact_force(row, u, gap_of(row.gap, 0.0, 0.0))
+                rows.rows[i].force = push
+                if wp.static(effects.angular_friction):
+                    f_n = wp.dot(row.normal, push)
+                    turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
+                    if wp.static(effects.bdf2):
+                        turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
+                    if wp.static(effects.put_bodies):
+                        turn += wp.spatial_bottom(work.put[row.b])
+                    torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
+                    rows.spin[i].torque = torque
+                if wp.static(effects.pairs):
+                    # a row that has let go by now may have pushed one of them in the last sweep
+                    is_joining = wp.length_sq(push) > 0.0
+                    is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
+                    if row.b != joined and is_joining:
+                        joined = row.b
+                        join(islands, worlds, work, body, joined)
+                if wp.static(not effects.compliance):
+                    coasting = contact_rows.slip(
+                        row,
+                        coasting_increment(work, body_qd, row.a, h),
+                        coasting_increment(work, body_qd, row.b, h),
+                        span,
+                    )
+                    change = wp.dot(row.normal, u - coasting)
+                    if change > scale.slop:
+                        mass = contact_rows.effective_mass(
+                            row.normal,
+                            row.arm,
+                            row.arm + span,
+                            work.inv_mass[row.a] + work.inv_mass[row.b],
+                            work.inv_inertia[row.a],
+                            work.inv_inertia[row.b],
+                        )
+                        push = contact_rows.lasting_force(row.normal, push, mass, change, h)
+                if wp.static(effects.restitution):
+                    if rows.impacts[i].total > 0.0:
+                        push = wp.vec3(0.0)
+                if wp.static(effects.angular_friction):
+                    lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
+                    history.torque[side, i] = lasting * rows.spin[i].torque
+                history.records[side, i].force = push
+
+    return remember_rows
 
 
 class EndFunctions(NamedTuple):

@@ -19,7 +19,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd import SolverAVBD
-from newton_avbd.execute import world as world_kernel
+from newton_avbd.execute import scale, world
 from newton_avbd.study.measure import Probe, deepest_penetration
 from newton_avbd.study.scenes import add_pyramid, add_stack, set_velocity
 
@@ -58,19 +58,19 @@ def add_mixed_worlds(builder: newton.ModelBuilder) -> None:
 @contextmanager
 def _all_sweeps() -> Iterator[None]:
     """Worlds at rest go on sweeping, too: nothing is less than what is no number."""
-    settled = world_kernel.SETTLED
-    world_kernel.SETTLED = wp.constant(math.nan)
+    settled = scale.SETTLED
+    scale.SETTLED = wp.constant(math.nan)
     _forget_kernels()
     try:
         yield
     finally:
-        world_kernel.SETTLED = settled
+        scale.SETTLED = settled
         _forget_kernels()
 
 
 def _forget_kernels() -> None:
     """Makes solvers generate the solve anew."""
-    for make in (world_kernel.make_solve_worlds, world_kernel.make_solve, world_kernel.make_step):
+    for make in (world.make_solve_worlds, world.make_solve, world.make_step):
         make.cache_clear()
 
 

@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Worlds whose numbers are not finite: told from the others, and held still."""
+
+import warp as wp
+
+from ..data import (
+    BodyWork,
+    ControlInput,
+    History,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import Effects
+from .bodies import report_held, vector_sum
+
+
+def make_is_world_finite(effects: Effects) -> wp.Function:
+    """Device function: whether all bodies and joints of the world came with finite input."""
+
+    @wp.func
+    def joint_sum(joint: int, joints: wp.ref[JointModel], control: wp.ref[ControlInput]) -> wp.vec3:
+        """Sums of the numbers that make a joint and drive it: finite when they are."""
+        parent = joints.parent_frame[joint]
+        child = joints.child_frame[joint]
+        turn = wp.transform_get_rotation(parent) + wp.transform_get_rotation(child)
+        frames = wp.transform_get_translation(parent) + wp.transform_get_translation(child)
+        frames += wp.vec3(turn[0] + turn[3], turn[1], turn[2])
+        total = float(0.0)
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            frames += joints.axis[dof]
+            if wp.static(effects.joint_force):
+                total += control.joint_f[dof]
+            if wp.static(effects.drives):
+                total += joints.target_ke[dof] + joints.target_kd[dof] + control.target_qd[dof]
+            if wp.static(effects.springs):
+                total += joints.stiffness[dof] + joints.damping[dof]
+            if wp.static(effects.armature):
+                total += joints.armature[dof]
+            if wp.static(effects.joint_friction):
+                total += joints.friction[dof]
+        if wp.static(effects.drives):
+            for i in range(joints.coord_start[joint], joints.coord_start[joint + 1]):
+                total += control.target_q[i]
+        if wp.static(effects.mimics):
+            total += joints.mimic_coefficients[joint][0] + joints.mimic_coefficients[joint][1]
+        return frames + wp.vec3(total, 0.0, 0.0)
+
+    @wp.func
+    def is_world_finite(
+        world: int,
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+    ) -> bool:
+        total = wp.vec3(0.0)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.finite[body] == 0:
+                return False
+            if wp.static(effects.joints):
+                if tree.joint[body] >= 0:
+                    total += joint_sum(tree.joint[body], joints, control)
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                total += joint_sum(loops.joints[i], joints, control)
+        return wp.isfinite(total)
+
+    return is_world_finite
+
+
+@wp.func
+def is_solution_finite(world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork]) -> bool:
+    """Whether the sweeps ended in finite increments."""
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        if not wp.isfinite(vector_sum(work.increment[worlds.bodies[i]])):
+            return False
+    return True
+
+
+@wp.func
+def hold_world(
+    world: int,
+    body_q: wp.array[wp.transform],
+    body_qd: wp.array[wp.spatial_vector],
+    worlds: wp.ref[WorldWork],
+    rows: wp.ref[RowWork],
+    history: wp.ref[History],
+    body_q_out: wp.array[wp.transform],
+    body_qd_out: wp.array[wp.spatial_vector],
+):
+    """Passes a world through unchanged, counts it, and forgets its contacts."""
+    report_held(worlds, worlds.of_body[worlds.bodies[worlds.body_start[world]]])
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        body_q_out[body] = body_q[body]
+        body_qd_out[body] = body_qd[body]
+        rows.owned_end[body] = rows.owned_start[body]
+        history.falling[body] = 0.0
+        for side in range(2):
+            history.start[side, body] = 0
+            history.end[side, body] = 0
+    history.age[world] = 0
+    history.filling[world, 0] = 0
+    # all worlds stay on the same side: their records lie in one array
+    history.parity[world] = 1 - history.parity[world]

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The seed document's sweep, ``formulation="ramp"``: penalties that grow, and no multipliers."""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from ..algebra.block import factor_block, solve_block
+from ..data import (
+    BodyModel,
+    BodyWork,
+    RowWork,
+)
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from ..rows import ramp as ramp_rows
+
+
+class RampedFunctions(NamedTuple):
+    """Device functions of a sweep, compiled for the effects of a scene."""
+
+    sweep_body_ramped: wp.Function
+    sweep_duals_ramped: wp.Function
+
+
+def make_ramped(effects: Effects) -> RampedFunctions:
+    """Device functions that sweep as the seed document does."""
+
+    @wp.func
+    def sweep_body_ramped(
+        body: int, h: float, model: wp.ref[BodyModel], work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+    ):
+        """The seed document's body update: assemble at the current pose, factor, solve."""
+        increment = work.increment[body]
+        away = work.target[body] - increment
+        inv_h2 = 1.0 / (h * h)
+        f = (model.mass[body] * inv_h2) * wp.spatial_top(away)
+        tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
+        h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2))
+        h_al = wp.mat33(0.0)
+        h_aa = work.inertia[body] * inv_h2
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            row = rows.rows[i]
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, increment, work.increment[row.b], span)
+            if wp.static(effects.drift):
+                u += rows.drift[i]
+            push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
+            f -= push
+            tau -= wp.cross(row.arm, push)
+            h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm, h_ll, h_al, h_aa)
+        if wp.static(effects.pairs):
+            for j in range(rows.other_start[body], rows.other_end[body]):
+                i = rows.other_rows[j]
+                row = rows.rows[i]
+                span = work.com[row.a] - work.com[body]
+                u = contact_rows.slip(row, work.increment[row.a], increment, span)
+                if wp.static(effects.drift):
+                    u += rows.drift[i]
+                push, k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
+                f += push
+                tau += wp.cross(row.arm + span, push)
+                h_ll, h_al, h_aa = ramp_rows.add_stiffness(k, row.arm + span, h_ll, h_al, h_aa)
+        work.increment[body] = increment + solve_block(factor_block(h_ll, h_al, h_aa), f, tau)
+
+    @wp.func
+    def sweep_duals_ramped(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
+        """The seed document's dual update: the penalties of the rows that a body owns grow."""
+        for i in range(rows.owned_start[body], rows.owned_end[body]):
+            row = rows.rows[i]
+            span = work.com[body] - work.com[row.b]
+            u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
+            rows.rows[i].k_n = ramp_rows.grown_penalty(
+                row.k_n, ramp_rows.penetration(row, u), rows.stiffness[i]
+            )
+
+    return RampedFunctions(sweep_body_ramped, sweep_duals_ramped)

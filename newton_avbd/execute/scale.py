@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""How far things may go in a step, what counts as rest, and how many sweeps a step may take."""
+
+import warp as wp
+
+from ..data import (
+    BodyModel,
+    BodyWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+
+SLOP_SHARE = wp.constant(0.05)
+"""Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
+SETTLED = wp.constant(5.0e-6)
+"""Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
+ROUNDED = wp.constant(1.0e-7)
+"""Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
+JOINT_PASSES = wp.constant(8)
+"""Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
+LOOP_PASSES = wp.constant(24)
+"""Likewise where joints close loops: a four-bar that lands is not closed by fewer."""
+COLD_STEPS = wp.constant(3)
+"""Steps after a reset that sweep more, because the multipliers start from nothing."""
+COLD_FACTOR = wp.constant(4)
+"""How many times more those steps sweep: a stack of 20 boxes then starts without a wave."""
+LONGER = wp.constant(1.5)
+"""A step this many times as long as the last one is as the first after a reset."""
+
+
+def make_measure_world(effects: Effects) -> wp.Function:
+    """Device function: how far things may go in this step, and how much could rest on a contact."""
+
+    @wp.func
+    def measure_world(
+        world: int,
+        h: float,
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+    ) -> WorldScale:
+        scale = WorldScale()
+        scale.h = h
+        scale.step = h
+        scale.blend = 1.0
+        scale.lag = 0.5
+        scale.static_slot = work.inv_mass.shape[0] - 1
+        farthest = float(0.0)
+        if wp.static(effects.sleeping):
+            farthest = worlds.pace[world]
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            gravity = float(0.0)
+            if work.inv_mass[body] > 0.0:
+                gravity = wp.length_sq(model.gravity[model.world[body]])
+                scale.gravity = wp.max(scale.gravity, gravity)
+            if wp.static(effects.contact) or gravity == 0.0:
+                target = work.target[body]
+                move = wp.length(wp.spatial_top(target))
+                if work.inv_mass[body] > 0.0:
+                    mass = model.mass[body]
+                    scale.mass += mass
+                    # radius of a solid body from its gyration, generously
+                    radius = 2.0 * wp.sqrt(wp.trace(work.inertia[body]) / mass)
+                    move += radius * wp.length(wp.spatial_bottom(target))
+                farthest = wp.max(farthest, move)
+        scale.gravity = wp.sqrt(scale.gravity)
+        # an impact can at most double the speed of the faster body
+        scale.reach = 2.0 * farthest
+        scale.slop = SLOP_SHARE * scale.gravity * h * h
+        return scale
+
+    return measure_world
+
+
+@wp.func
+def settled_update(scale: WorldScale) -> float:
+    """Update [m] from which a sweep is the last one."""
+    if scale.gravity == 0.0:
+        return 0.5 * ROUNDED * scale.reach
+    return SETTLED * scale.gravity * scale.h * scale.h
+
+
+@wp.func
+def unsettled_update(scale: WorldScale) -> float:
+    """Update [m] of a last sweep beyond which joints are closed again."""
+    return wp.max(scale.slop, settled_update(scale))
+
+
+def make_count_passes(effects: Effects) -> wp.Function:
+    """Device function: how many sweeps the recovery of a world takes at most."""
+
+    @wp.func
+    def count_passes(
+        sweeps: int, update: float, deepest: float, is_open: bool, scale: WorldScale
+    ) -> int:
+        """Takes the sweeps of the motion, the square of their last update [m^2], the deepest
+        penetration [m], and whether joints were open at the start of the step."""
+        passes = int(0)
+        if wp.static(not effects.compliance):
+            if sweeps > 0 and deepest > scale.slop:
+                passes = 1
+        if wp.static(effects.joints):
+            # joints close even where impacts keep the sweeps from settling
+            unsettled = unsettled_update(scale)
+            is_unsettled = update > unsettled * unsettled
+            if is_unsettled:
+                # what that leaves open in trees is put together after it
+                passes = 1
+            if is_open or (is_unsettled and wp.static(effects.loops)):
+                passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
+        return passes
+
+    return count_passes

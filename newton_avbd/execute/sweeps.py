@@ -1,0 +1,237 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""A sweep: each block of a world in turn goes to the minimum of its quadratic model."""
+
+import warp as wp
+
+from ..algebra.block import solve_block
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import Effects
+from .beginning import is_tree
+from .bodies import has_rows, moved_by
+from .loops import has_loops
+from .piles import in_pile
+from .ramped import make_ramped
+from .trees import place_body
+
+
+def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
+    """Device function that moves one body to the minimum of its quadratic model (block descent)."""
+
+    @wp.func
+    def sweep(
+        body: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> float:
+        """Returns the square of how far that moved it [m^2], a turn by its radius of gyration."""
+        wrench = gather(
+            body,
+            has_dual,
+            recovery,
+            slop,
+            h,
+            model,
+            joints,
+            control,
+            work,
+            rows,
+            tree,
+            loops,
+            history,
+        )
+        update = solve_block(work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
+        work.increment[body] = work.increment[body] + update
+        if wp.static(effects.loops):
+            place_body(body, work, tree)
+        return moved_by(body, update, work)
+
+    return sweep
+
+
+def make_sweep_block(
+    effects: Effects, sweep_body: wp.Function, sweep_tree: wp.Function
+) -> wp.Function:
+    """Device function that moves one block: a tree, or a body that something holds."""
+
+    @wp.func
+    def sweep_block(
+        first: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> float:
+        """Returns the square of how far one of its bodies moved [m^2]."""
+        body = worlds.bodies[first]
+        if wp.static(effects.joints):
+            end = worlds.block_end[first]
+            if is_tree(first, end, body, tree):
+                return sweep_tree(
+                    first,
+                    end,
+                    has_dual,
+                    recovery,
+                    slop,
+                    h,
+                    body_q,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+        is_held = bool(False)
+        if wp.static(effects.contact):
+            is_held = has_rows(rows, body)
+        if wp.static(effects.loops):
+            is_held = is_held or has_loops(loops, body)
+        if wp.static(effects.piles):
+            is_held = is_held and not in_pile(rows, body)
+        if work.inv_mass[body] > 0.0 and is_held:
+            return sweep_body(
+                body,
+                has_dual,
+                recovery,
+                slop,
+                h,
+                model,
+                joints,
+                control,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+        return 0.0
+
+    return sweep_block
+
+
+def make_sweep_world(
+    effects: Effects,
+    sweep_block: wp.Function,
+    sweep_piles: wp.Function,
+    loop_wrench: wp.Function,
+) -> wp.Function:
+    """Device function: one sweep over a world."""
+    sweep_body_ramped, sweep_duals_ramped = make_ramped(effects)
+
+    @wp.func(inline=effects.inline)
+    def sweep_world(
+        world: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> float:
+        """Visits all blocks; returns the square of how far one of their bodies moved [m^2].
+
+        With a ``recovery`` above zero what was wrong at the start of the step goes, too: that share
+        of the penetration beyond ``slop``, and all misfit of joints.
+        """
+        farthest = float(0.0)
+        first = int(worlds.body_start[world])
+        while first < worlds.body_start[world + 1]:
+            if wp.static(effects.ramp):
+                body = worlds.bodies[first]
+                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
+                    sweep_body_ramped(body, h, model, work, rows)
+            else:
+                farthest = wp.max(
+                    farthest,
+                    sweep_block(
+                        first,
+                        has_dual,
+                        recovery,
+                        slop,
+                        h,
+                        body_q,
+                        model,
+                        joints,
+                        control,
+                        worlds,
+                        work,
+                        rows,
+                        tree,
+                        loops,
+                        history,
+                    ),
+                )
+            first = worlds.block_end[first]
+        if wp.static(effects.piles):
+            farthest = wp.max(
+                farthest,
+                sweep_piles(
+                    world,
+                    has_dual,
+                    recovery,
+                    slop,
+                    h,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                ),
+            )
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                loop_wrench(
+                    i, recovery, h, model, joints, control, work, tree, loops, history, True
+                )
+        if wp.static(effects.ramp):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                sweep_duals_ramped(worlds.bodies[i], work, rows)
+        return farthest
+
+    return sweep_world
