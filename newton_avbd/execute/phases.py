@@ -1,0 +1,604 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The phases of a world's step, in the order in which ``world.solve_world`` runs them."""
+
+from typing import NamedTuple
+
+import warp as wp
+
+from ..data import (
+    BodyModel,
+    BodyWork,
+    ContactInput,
+    ControlInput,
+    History,
+    IslandWork,
+    JointModel,
+    LoopWork,
+    RowWork,
+    ShapeModel,
+    TreeWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from .bdf2 import make_bdf2
+from .beginning import make_begin
+from .breaking import make_break_joints
+from .closures import make_closures
+from .contacts import make_rows
+from .ending import make_end, make_remember
+from .gathering import make_assemble, make_gather
+from .impacts import free_share, make_impacts
+from .islands import join_islands, keep_momentum, keep_spin
+from .loops import make_loops, parent_slot
+from .piles import make_piles
+from .scale import (
+    COLD_FACTOR,
+    COLD_STEPS,
+    LONGER,
+    make_count_passes,
+    make_measure_world,
+    settled_update,
+    unsettled_update,
+)
+from .sweeps import make_sweep, make_sweep_block, make_sweep_world
+from .trees import is_linked, make_trees
+from .weights import make_weigh
+
+
+class Phases(NamedTuple):
+    """Device functions in the order of the step, compiled for the effects of a scene."""
+
+    begin_world: wp.Function
+    build_rows: wp.Function
+    begin_second_order: wp.Function
+    begin_joints: wp.Function
+    begin_sweeps: wp.Function
+    sweep_to_rest: wp.Function
+    keep_forces: wp.Function
+    break_joints: wp.Function
+    end_velocities: wp.Function
+    begin_recovery: wp.Function
+    end_recovery: wp.Function
+    end_poses: wp.Function
+
+
+def make_phases(effects: Effects) -> Phases:
+    """Makes the device functions of the phases, and all that they call."""
+    measure_world = make_measure_world(effects)
+    find_rows, penalise_rows = make_rows(effects)
+    weigh_blocks = make_weigh(effects)
+    bdf2 = make_bdf2(effects)
+    remember_motion, remember_loops = bdf2.remember_motion, bdf2.remember_loops
+    remember_state = bdf2.remember_state
+    impacts = make_impacts(effects)
+    find_impacts, find_wait = impacts.find_impacts, impacts.find_wait
+    release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
+    loop_functions = make_loops(effects)
+    loop_wrench = loop_functions.loop_wrench
+    contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
+    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+    gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
+    assemble_body = make_assemble(effects, loop_functions.loop_curvature)
+    piles = make_piles(effects, gather)
+    link_piles, factor_piles = piles.link_piles, piles.factor_piles
+    closures = make_closures(effects)
+    trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
+    put_together = trees.put_together
+    measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
+        effects, trees, loop_functions, closures.begin_closures, assemble_body
+    )
+    sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
+    sweep_world = make_sweep_world(effects, sweep_block, piles.sweep_piles, loop_wrench)
+    remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
+    end_velocity, end_armature, end_pose = make_end(effects)
+    count_passes = make_count_passes(effects)
+
+    @wp.func
+    def begin_world(
+        world: int,
+        h: float,
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        history: wp.ref[History],
+    ) -> WorldScale:
+        """How far things may go in the step; takes a much longer step than the last as a start."""
+        scale = measure_world(world, h, model, worlds, work)
+        # forces that stopped something within a short step would push too long in a longer one
+        if h > LONGER * history.step[world]:
+            history.age[world] = 0
+        if wp.static(effects.bdf2):
+            if worlds.step[world] < history.step[world]:
+                scale.lag = 0.0
+        history.step[world] = h
+        return scale
+
+    @wp.func
+    def build_rows(
+        world: int,
+        scale: WorldScale,
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
+        joints: wp.ref[JointModel],
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """Rows of the contacts: linearised at state_in, warm-started from the last step, penalised.
+
+        Returns the deepest penetration [m], and whether impacts bounce.
+        """
+        body_start = worlds.body_start[world]
+        body_end = worlds.body_start[world + 1]
+        deepest = float(0.0)
+        has_impacts = bool(False)
+        contact_count = int(0)
+        for i in range(body_start, body_end):
+            body = worlds.bodies[i]
+            contact_count += rows.owned_end[body] - rows.owned_start[body]
+        if contact_count > 0:
+            for i in range(body_start, body_end):
+                find_rows(
+                    world,
+                    worlds.bodies[i],
+                    scale,
+                    body_q,
+                    model,
+                    shapes,
+                    contacts,
+                    worlds,
+                    work,
+                    rows,
+                    history,
+                )
+        if wp.static(effects.piles):
+            link_piles(world, scale.slop, model, worlds, work, rows, tree)
+        if contact_count > 0:
+            if wp.static(effects.light_links):
+                weigh_blocks(body_start, body_end, body_q, model, joints, worlds, work, rows, tree)
+            for i in range(body_start, body_end):
+                body = worlds.bodies[i]
+                depth = penalise_rows(
+                    world, body, scale, shapes, contacts, work, rows, tree, history
+                )
+                deepest = wp.max(deepest, depth)
+            if wp.static(effects.restitution):
+                has_impacts = find_impacts(
+                    world,
+                    1 - history.parity[world],
+                    scale,
+                    body_qd,
+                    shapes,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                )
+        history.filling[world, 0] = 0
+        if wp.static(effects.matching):
+            history.filling[world, 0] = contacts.buffer
+            history.filling[world, 1] = contacts.generation[0]
+        return deepest, has_impacts
+
+    @wp.func
+    def begin_joints(
+        world: int,
+        scale: WorldScale,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Misfit and coordinates of joints, where bodies start; whether a joint is open."""
+        body_start = worlds.body_start[world]
+        body_end = worlds.body_start[world + 1]
+        is_open = measure_blocks(
+            body_start,
+            body_end,
+            scale,
+            body_q,
+            body_qd,
+            model,
+            joints,
+            worlds,
+            work,
+            rows,
+            tree,
+            loops,
+            history,
+        )
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                if measure_loop(
+                    i, scale, body_q, body_qd, model, joints, work, tree, loops, history
+                ):
+                    is_open = True
+        if place_blocks(
+            body_start, body_end, scale.static_slot, body_q, model, joints, worlds, work, tree
+        ):
+            is_open = True
+        return is_open
+
+    @wp.func
+    def begin_sweeps(
+        world: int,
+        iterations: int,
+        scale: WorldScale,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+    ) -> int:
+        """Sums and factors the blocks; returns how many sweeps the world takes at most.
+
+        A body that nothing touches is at its target at once.
+        """
+        sweeps = int(0)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0:
+                if begin_body(
+                    i,
+                    scale.step,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    islands,
+                    history,
+                ):
+                    sweeps = iterations
+                if wp.static(effects.joints and effects.pairs):
+                    if tree.joint[body] >= 0:
+                        join_islands(islands, worlds, work, body, tree.parent[body])
+        if wp.static(effects.piles):
+            factor_piles(world, worlds, work, rows)
+        if wp.static(not effects.ramp):
+            if history.age[world] < COLD_STEPS:
+                sweeps = COLD_FACTOR * sweeps
+        return sweeps
+
+    @wp.func
+    def sweep_to_rest(
+        world: int,
+        sweeps: int,
+        recovery: float,
+        tolerance: float,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """At most so many sweeps, fewer where one moves nothing by more than ``tolerance``.
+
+        With a ``recovery`` above zero what was wrong at the start of the step goes, too, and
+        multipliers stay. Returns how many it took, and the square of the last update [m^2].
+        """
+        enough = wp.max(tolerance, settled_update(scale))
+        most = int(sweeps)
+        update = float(0.0)
+        sweep = int(0)
+        while sweep < most:
+            update = sweep_world(
+                world,
+                sweep > 0 and recovery == 0.0,
+                recovery,
+                scale.slop,
+                scale.step,
+                body_q,
+                model,
+                joints,
+                control,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+            sweep += 1
+            if wp.static(not effects.ramp):
+                if update <= enough * enough:
+                    most = sweep
+        return most, update
+
+    @wp.func
+    def keep_forces(
+        world: int,
+        sweeps: int,
+        update: float,
+        tolerance: float,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """What rows and loops push with is kept for the next step; islands keep their momentum.
+
+        Takes the sweeps of the motion and the square of their last update [m^2]. Returns whether
+        there are islands that push nothing fixed.
+        """
+        settled = settled_update(scale)
+        if wp.static(effects.bdf2):
+            enough = wp.max(tolerance, settled)
+            if update > enough * enough:
+                # what does not settle tells nothing of the next step
+                history.smooth[world] = 0
+            remember_loops(world, scale, joints, loops, history)
+        worlds.sweeps[world] = sweeps
+        worlds.update[world] = wp.sqrt(update)
+        worlds.settled[world] = settled
+        has_islands = bool(False)
+        if wp.static(effects.contact):
+            side = 1 - history.parity[world]
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                remember_rows(
+                    worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
+                )
+            if wp.static(effects.loops):
+                for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                    joint = loops.joints[i]
+                    parent = parent_slot(joints, joint, scale.static_slot)
+                    join_islands(islands, worlds, work, joints.child[joint], parent)
+            if wp.static(effects.pairs and not effects.ramp):
+                if sweeps > 0:
+                    has_islands = keep_momentum(world, model, worlds, work, islands)
+        return has_islands
+
+    @wp.func
+    def end_armatures(
+        world: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """How fast the coordinates of joints have changed, which armature goes on with."""
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0 and tree.joint[body] >= 0:
+                end_armature(
+                    tree.joint[body],
+                    tree.axis_start[body],
+                    tree.coordinate,
+                    tree.start_coordinate,
+                    scale,
+                    body_qd,
+                    body_qd_out,
+                    joints,
+                    work,
+                    tree,
+                    history,
+                )
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                joint = loops.joints[i]
+                end_armature(
+                    joint,
+                    joints.dof_start[joint],
+                    loops.coordinate,
+                    loops.start_coordinate,
+                    scale,
+                    body_qd,
+                    body_qd_out,
+                    joints,
+                    work,
+                    tree,
+                    history,
+                )
+
+    @wp.func
+    def end_velocities(
+        world: int,
+        has_impacts: bool,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Velocities, from the increments themselves; bodies that bounce leave their impacts."""
+        body_start = worlds.body_start[world]
+        body_end = worlds.body_start[world + 1]
+        for i in range(body_start, body_end):
+            body = worlds.bodies[i]
+            velocity = body_qd[body]
+            if work.inv_mass[body] > 0.0:
+                velocity = end_velocity(
+                    i,
+                    scale.step,
+                    body_q,
+                    body_qd,
+                    model,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    islands,
+                    history,
+                )
+                if wp.static(effects.bdf2):
+                    remember_motion(body, body_qd[body], scale, joints, work, rows, tree, history)
+            body_qd_out[body] = velocity
+        if wp.static(effects.restitution):
+            if has_impacts:
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
+                for i in range(body_start, body_end):
+                    release_impacts(worlds.bodies[i], scale.h, work, rows)
+                for i in range(body_start, body_end):
+                    body = worlds.bodies[i]
+                    if rows.struck_at[body] >= 0.0:
+                        history.falling[body] = free_share(body, scale, work)
+        if wp.static(effects.armature):
+            end_armatures(
+                world, scale, body_qd, joints, worlds, work, tree, loops, history, body_qd_out
+            )
+
+    @wp.func
+    def begin_recovery(
+        world: int,
+        sweeps: int,
+        update: float,
+        deepest: float,
+        is_open: bool,
+        scale: WorldScale,
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> int:
+        """How many sweeps take out what was wrong before; what closes loops in them is no force."""
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                loops.kept_force[i] = history.loop_force[i]
+                loops.kept_torque[i] = history.loop_torque[i]
+        return count_passes(sweeps, update, deepest, is_open, scale)
+
+    @wp.func
+    def end_recovery(
+        world: int,
+        update: float,
+        has_impacts: bool,
+        scale: WorldScale,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """Closes the joints of a world that did not settle, and goes back to the impacts.
+
+        Takes the square of the last update of all sweeps [m^2].
+        """
+        if wp.static(effects.joints):
+            unsettled = unsettled_update(scale)
+            if update > unsettled * unsettled:
+                # after impacts that no iteration settles joints are closed all the same
+                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                    body = worlds.bodies[i]
+                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                        put_together(body, scale.static_slot, model, joints, work, tree)
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                history.loop_force[i] = loops.kept_force[i]
+                history.loop_torque[i] = loops.kept_torque[i]
+        if wp.static(effects.restitution):
+            if has_impacts:
+                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                    restore_impacts(worlds.bodies[i], scale.h, work, rows)
+
+    @wp.func
+    def end_poses(
+        world: int,
+        has_islands: bool,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Poses by the increments; islands get back the momentum that turns and recovery took."""
+        body_start = worlds.body_start[world]
+        body_end = worlds.body_start[world + 1]
+        for i in range(body_start, body_end):
+            body = worlds.bodies[i]
+            pose = body_q[body]
+            if work.inv_mass[body] > 0.0:
+                pose = end_pose(i, body_q, model, worlds, work, rows, tree, loops, islands, history)
+            body_q_out[body] = pose
+        if wp.static(effects.gyroscopic and effects.contact):
+            if has_islands:
+                keep_spin(world, scale.step, body_q_out, model, worlds, work, islands, body_qd_out)
+        if wp.static(effects.bdf2):
+            for i in range(body_start, body_end):
+                body = worlds.bodies[i]
+                if work.inv_mass[body] > 0.0:
+                    remember_state(
+                        body,
+                        body_q_out[body],
+                        body_qd_out[body],
+                        scale,
+                        body_q,
+                        model,
+                        work,
+                        history,
+                    )
+
+    return Phases(
+        begin_world,
+        build_rows,
+        bdf2.begin_step,
+        begin_joints,
+        begin_sweeps,
+        sweep_to_rest,
+        keep_forces,
+        make_break_joints(effects, gather),
+        end_velocities,
+        begin_recovery,
+        end_recovery,
+        end_poses,
+    )
