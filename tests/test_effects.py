@@ -17,6 +17,7 @@ import newton_avbd
 from newton_avbd import Effects, SolverAVBD
 from newton_avbd.__main__ import main
 from newton_avbd.effects import CAUSES
+from newton_avbd.execute.colored import make_colored
 from newton_avbd.execute.world import make_step
 from newton_avbd.rows.joint import JointKinds
 from newton_avbd.study.effects_full import SETTINGS, add_everything
@@ -275,6 +276,17 @@ SLEEPER, SLEEPING_CONTACT = 176, 100
 """Of each body and each contact with sleeping, beside those."""
 BY_CONTACT = {"restitution": 80, "angular_friction": 52, "compliance": 4, "ramp": 8}
 """Of each contact, where the effect is on."""
+
+
+def test_a_large_world_has_no_kernels_of_absent_effects() -> None:
+    flags = SolverAVBD(boxes(2, contacts=8), parallel="bodies").effects.flags
+    kernels = make_colored(flags)._asdict()
+    made = {name for name, kernel in kernels.items() if kernel is not None}
+    assert set(kernels) - made == {
+        *("weigh", "measure_joints", "measure_loops", "place_joints", "close_joints"),
+        *("sweep_loops", "keep_loops", "give_loops_back", "end_armatures", "end_loop_armatures"),
+    }
+    assert set(kernels["sweep_color"].module.kernels) == {kernels[name].key for name in made}
 
 
 def test_memory_is_as_documented() -> None:

@@ -11,6 +11,7 @@ launches that are left return at once.
 
 import functools
 import hashlib
+from collections.abc import Callable
 from typing import NamedTuple
 
 import warp as wp
@@ -59,28 +60,28 @@ from .weights import make_weigh
 
 
 class Colored(NamedTuple):
-    """Kernels in the order of the step."""
+    """Kernels in the order of the step; None for those of effects that the scene does without."""
 
     measure_lanes: wp.Kernel
     begin_step: wp.Kernel
     build_rows: wp.Kernel
     recall_rows: wp.Kernel
-    weigh: wp.Kernel
+    weigh: wp.Kernel | None
     penalise: wp.Kernel
-    measure_joints: wp.Kernel
-    measure_loops: wp.Kernel
-    place_joints: wp.Kernel
+    measure_joints: wp.Kernel | None
+    measure_loops: wp.Kernel | None
+    place_joints: wp.Kernel | None
     assemble: wp.Kernel
     sweep_color: wp.Kernel
-    sweep_loops: wp.Kernel
+    sweep_loops: wp.Kernel | None
     remember: wp.Kernel
     end_velocities: wp.Kernel
-    end_armatures: wp.Kernel
-    end_loop_armatures: wp.Kernel
+    end_armatures: wp.Kernel | None
+    end_loop_armatures: wp.Kernel | None
     end_sweeps: wp.Kernel
-    keep_loops: wp.Kernel
-    close_joints: wp.Kernel
-    give_loops_back: wp.Kernel
+    keep_loops: wp.Kernel | None
+    close_joints: wp.Kernel | None
+    give_loops_back: wp.Kernel | None
     end_poses: wp.Kernel
 
 
@@ -193,7 +194,13 @@ def make_colored(effects: Effects) -> Colored:
     end_velocity, end_armature, end_pose = make_end(effects)
     count_passes = make_count_passes(effects)
 
-    @wp.kernel(enable_backward=False, module=module)
+    def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
+        """Decorator: makes a kernel of the module, or nothing where the scene does without it."""
+        if not is_called_for:
+            return lambda function: None
+        return wp.kernel(enable_backward=False, module=module)
+
+    @kernel()
     def measure_lanes(
         # Model:
         model: BodyModel,
@@ -217,7 +224,7 @@ def make_colored(effects: Effects) -> Colored:
             colors.is_cold[0] = 0
             colors.is_apart[0] = 0
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def begin_step(
         # In:
         h: float,
@@ -254,7 +261,7 @@ def make_colored(effects: Effects) -> Colored:
             colors.most[world] = is_finite * COLD_FACTOR * iterations
             colors.is_cold[0] = 1
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def build_rows(
         # Model:
         model: BodyModel,
@@ -293,7 +300,7 @@ def make_colored(effects: Effects) -> Colored:
             history,
         )
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def recall_rows(
         # Model:
         shapes: ShapeModel,
@@ -311,7 +318,7 @@ def make_colored(effects: Effects) -> Colored:
         side = history.parity[worlds.of_body[body]]
         recall(body, side, static_slot, shapes, worlds, work, rows, history)
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.light_links)
     def weigh(
         # Model:
         model: BodyModel,
@@ -333,7 +340,7 @@ def make_colored(effects: Effects) -> Colored:
             end = worlds.block_end[first]
             weigh_blocks(first, end, body_q, model, joints, worlds, work, rows, tree)
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def penalise(
         # Model:
         shapes: ShapeModel,
@@ -356,7 +363,7 @@ def make_colored(effects: Effects) -> Colored:
         if depth > colors.deepest[world]:
             wp.atomic_max(colors.deepest, world, depth)
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.joints)
     def measure_joints(
         # Model:
         model: BodyModel,
@@ -396,7 +403,7 @@ def make_colored(effects: Effects) -> Colored:
             ):
                 colors.is_open[world] = 1
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.loops)
     def measure_loops(
         # Model:
         model: BodyModel,
@@ -421,7 +428,7 @@ def make_colored(effects: Effects) -> Colored:
             if measure_loop(i, scale, body_q, body_qd, model, joints, work, tree, loops, history):
                 colors.is_open[world] = 1
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.joints)
     def place_joints(
         # Model:
         model: BodyModel,
@@ -453,7 +460,7 @@ def make_colored(effects: Effects) -> Colored:
             ):
                 colors.is_open[world] = 1
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def assemble(
         # Model:
         model: BodyModel,
@@ -539,7 +546,7 @@ def make_colored(effects: Effects) -> Colored:
                 if far > moved[sweep + 1, world]:
                     wp.atomic_max(moved, sweep + 1, world, far)
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def sweep_color(
         # Model:
         model: wp.array[BodyModel],
@@ -591,7 +598,7 @@ def make_colored(effects: Effects) -> Colored:
             moved,
         )
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.loops)
     def sweep_loops(
         # Model:
         model: BodyModel,
@@ -619,7 +626,7 @@ def make_colored(effects: Effects) -> Colored:
             h = colors.scale[world].h
             loop_wrench(i, recovery, h, model, joints, control, work, tree, loops, history, True)
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def remember(
         # Model:
         joints: JointModel,
@@ -654,7 +661,7 @@ def make_colored(effects: Effects) -> Colored:
         if not wp.isfinite(vector_sum(work.increment[body])):
             colors.is_finite[world] = 0
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def end_velocities(
         # Model:
         model: BodyModel,
@@ -697,7 +704,7 @@ def make_colored(effects: Effects) -> Colored:
             )
         body_qd_out[body] = velocity
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.armature)
     def end_armatures(
         # Model:
         joints: JointModel,
@@ -731,7 +738,7 @@ def make_colored(effects: Effects) -> Colored:
                     history,
                 )
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.armature and effects.loops)
     def end_loop_armatures(
         # Model:
         joints: JointModel,
@@ -766,7 +773,7 @@ def make_colored(effects: Effects) -> Colored:
                 history,
             )
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def end_sweeps(
         # Work out:
         colors: ColorWork,
@@ -790,7 +797,7 @@ def make_colored(effects: Effects) -> Colored:
         if passes > 1:
             colors.is_apart[0] = 1
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.loops)
     def keep_loops(
         # In:
         history: History,
@@ -802,7 +809,7 @@ def make_colored(effects: Effects) -> Colored:
         loops.kept_force[i] = history.loop_force[i]
         loops.kept_torque[i] = history.loop_torque[i]
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.joints)
     def close_joints(
         # Model:
         model: BodyModel,
@@ -828,7 +835,7 @@ def make_colored(effects: Effects) -> Colored:
                     if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                         put_together(body, scale.static_slot, model, joints, work, tree)
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel(effects.loops)
     def give_loops_back(
         # Work:
         loops: LoopWork,
@@ -840,7 +847,7 @@ def make_colored(effects: Effects) -> Colored:
         history.loop_force[i] = loops.kept_force[i]
         history.loop_torque[i] = loops.kept_torque[i]
 
-    @wp.kernel(enable_backward=False, module=module)
+    @kernel()
     def end_poses(
         # Model:
         model: BodyModel,
