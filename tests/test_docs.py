@@ -1,0 +1,29 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The documentation names what there is."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "newton_avbd"
+STEP = (ROOT / "docs" / "algorithm.md").read_text().split("| what | function | file |")[1]
+STAGES = [line for line in STEP.split("\n\n")[0].splitlines() if ".py" in line]
+
+
+@pytest.mark.parametrize("line", STAGES)
+def test_the_functions_of_the_step_are_where_the_docs_say(line: str) -> None:
+    _, _, functions, files, _ = line.split("|")
+    sources = [(PACKAGE / file).read_text() for file in re.findall(r"`(.+?)`", files)]
+    sources.append((PACKAGE / "execute" / "phases.py").read_text())
+    for function in re.findall(r"`(.+?)`", functions):
+        assert any(f"def {function}(" in source for source in sources), function
+
+
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.stem)
+def test_the_files_that_a_page_names_exist(page: Path) -> None:
+    for name in re.findall(r"`([a-z0-9_/]+\.py)`", page.read_text()):
+        places = (ROOT / name, PACKAGE / name, PACKAGE / "execute" / name, PACKAGE / "rows" / name)
+        assert any(place.exists() for place in places), name
