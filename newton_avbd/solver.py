@@ -29,7 +29,7 @@ from .execute.bodies import (
     report_freed,
 )
 from .execute.breaking import enable_joints
-from .execute.contacts import make_sort_contacts, reset_bodies
+from .execute.contacts import make_sort_contacts
 from .execute.launch import Compiler, Launcher
 from .execute.observables import (
     count_turns,
@@ -37,6 +37,7 @@ from .execute.observables import (
     export_contact_force,
     make_export_parent_force,
 )
+from .execute.resetting import reset_bodies
 from .execute.sleeping import (
     AWAKE,
     STILL,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The step of large worlds: the kernels that :class:`.large.LargeWorlds` launches.
 
-What ``world.solve`` does in one thread, one kernel does here for one stage and all bodies: the
-mathematics is the same functions. A tree of joints is one thread's work, as in ``world.solve``. A
+What ``world.solve_world`` does in one thread, a kernel does here for one phase and all bodies: the
+mathematics is the same functions. A tree of joints is one thread's work, as in a world. A
 sweep takes a launch for each color, and as blocks of a color share no contact and no joint, that is
 what a sweep of one thread in the order of the colors computes. Where nothing moves any more, the
 launches that are left return at once.

@@ -24,7 +24,8 @@ from ..data import (
     ShapeModel,
     WorldWork,
 )
-from .contacts import body_slot, is_across, is_selected, report_dropped
+from .contacts import body_slot, is_across, report_dropped
+from .resetting import is_selected
 
 COLORS = 12
 """Colors. Walls and piles take six or seven; a block whose neighbors have them all goes to the last

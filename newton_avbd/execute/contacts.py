@@ -4,7 +4,6 @@
 
 import functools
 
-import newton
 import warp as wp
 
 from ..data import (
@@ -14,11 +13,8 @@ from ..data import (
     ContactRecord,
     ContactRow,
     History,
-    JointModel,
-    LoopWork,
     RowWork,
     ShapeModel,
-    SleepWork,
     SpinRow,
     TreeWork,
     WorldScale,
@@ -28,8 +24,6 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
-from .bodies import forget_pose
-from .islands import disturb
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
 from .weights import mass_to_stop
@@ -546,87 +540,3 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             recall_multipliers(world, body, rows, history)
 
     return find_rows, penalise_rows
-
-
-@wp.func
-def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
-    """Whether a reset mask, whose last entry stands for global bodies, selects a Newton world."""
-    return mask[wp.where(world < 0, mask.shape[0] - 1, world)]
-
-
-@wp.func
-def forget_axes(
-    joint: int, joints: wp.ref[JointModel], rest_angle: wp.array[float], history: wp.ref[History]
-):
-    """Mends a joint, lets go its limits, and puts the turns of its angles back."""
-    if joint >= 0:
-        if history.broken.shape[0] > 0:
-            history.broken[joint] = False
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            history.piece[dof] = wp.vec3i(0, 0, 0)
-            history.limit_force[dof] = 0.0
-            history.friction_force[dof] = 0.0
-            history.held_at[dof] = 0.0
-            history.joint_angle[dof] = rest_angle[dof]
-
-
-@wp.kernel(**KERNEL)
-def reset_bodies(
-    # Model:
-    body_world: wp.array[wp.int32],
-    rest_q: wp.array[wp.transform],
-    rest_qd: wp.array[wp.spatial_vector],
-    # In:
-    mask: wp.array[wp.bool],
-    flags: int,
-    worlds: WorldWork,
-    joints: JointModel,
-    tree: TreeWork,
-    loops: LoopWork,
-    rest_angle: wp.array[float],
-    sleep: SleepWork,
-    # Work out:
-    work: BodyWork,
-    # Out:
-    history: History,
-    body_q: wp.array[wp.transform],
-    body_qd: wp.array[wp.spatial_vector],
-):
-    """Puts the bodies of the masked worlds back and forgets what held them; one thread a body."""
-    body = wp.tid()
-    world = body_world[body]
-    if mask.shape[0] == 0:
-        worlds.overflow[0] = 0
-        worlds.dropped[0] = 0
-    else:
-        if not is_selected(world, mask):
-            return
-    if (flags & wp.static(int(newton.StateFlags.BODY_Q))) != 0:
-        body_q[body] = rest_q[body]
-    if (flags & wp.static(int(newton.StateFlags.BODY_QD))) != 0:
-        body_qd[body] = rest_qd[body]
-    for side in range(2):
-        history.start[side, body] = 0
-        history.end[side, body] = 0
-    history.falling[body] = 0.0
-    if work.put.shape[0] > 0:
-        forget_pose(body, work)
-    if sleep.still.shape[0] > 0:
-        disturb(body, worlds, sleep)
-        sleep.end[body] = sleep.start[body]
-    if tree.joint.shape[0] > 0:
-        history.joint_force[body] = wp.vec3(0.0)
-        history.left_q[body] = wp.transform()
-        history.lost[body] = wp.vec3(0.0)
-        history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        forget_axes(tree.joint[body], joints, rest_angle, history)
-    if loops.joints.shape[0] > 0:
-        for i in range(loops.body_start[body], loops.body_start[body + 1]):
-            loop = loops.items[i] / 2
-            history.loop_force[loop] = wp.vec3(0.0)
-            history.loop_torque[loop] = wp.vec3(0.0)
-            forget_axes(loops.joints[loop], joints, rest_angle, history)
-    history.age[worlds.of_body[body]] = 0
-    history.filling[worlds.of_body[body], 0] = 0
-    worlds.held[worlds.of_body[body]] = 0
-    worlds.repaired[worlds.of_body[body]] = 0
