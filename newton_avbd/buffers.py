@@ -39,6 +39,40 @@ def body_work(slots: int, bdf2: bool) -> Any:
     return work
 
 
+def world_work(topology: Topology, bdf2: bool) -> Any:
+    """Which bodies are those of a world, and what becomes of it."""
+    groups = topology.worlds
+    count = int(groups.max(initial=0)) + 1
+    worlds = data.WorldWork()
+    starts = np.searchsorted(groups[topology.order], np.arange(count + 1))
+    worlds.body_start = wp.array(starts, dtype=wp.int32)
+    worlds.bodies = wp.array(topology.order, dtype=wp.int32)
+    worlds.block_end = wp.array(np.append(topology.block_end, -1), dtype=wp.int32)
+    worlds.rank = wp.array(np.append(topology.rank, topology.rank.size), dtype=wp.int32)
+    worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
+    worlds.held = wp.zeros(count, dtype=wp.int32)
+    worlds.sweeps = wp.zeros(count, dtype=wp.int32)
+    worlds.update = wp.zeros(count, dtype=float)
+    worlds.settled = wp.zeros(count, dtype=float)
+    worlds.overflow = wp.zeros(1, dtype=wp.int32)
+    worlds.dropped = wp.zeros(1, dtype=wp.int32)
+    worlds.repaired = wp.zeros(count, dtype=wp.int32)
+    if bdf2:
+        worlds.step = wp.zeros(count, dtype=float)
+    return worlds
+
+
+def add_world_history(history: Any, count: int, bdf2: bool) -> None:
+    """What is remembered of worlds."""
+    history.parity = wp.zeros(count, dtype=wp.int32)
+    history.filling = wp.zeros((count, 2), dtype=wp.int32)
+    history.step = wp.zeros(count, dtype=float)
+    history.age = wp.zeros(count, dtype=wp.int32)
+    if bdf2:
+        history.smooth = wp.zeros(count, dtype=wp.int32)
+        history.slope_age = wp.zeros(count, dtype=float)
+
+
 def add_put_work(work: Any) -> None:
     """What a step works out of bodies that are put, by body slot."""
     slots = work.com.shape[0]

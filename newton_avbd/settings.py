@@ -102,6 +102,16 @@ class Settings:
     blocks: str
     sleeping: bool
 
+    @property
+    def ramp(self) -> bool:
+        """Whether penalties grow, as in the seed document."""
+        return self.formulation == "ramp"
+
+    @property
+    def second_order(self) -> bool:
+        """Whether the scheme is of second order in time."""
+        return self.scheme in SCHEMES
+
     @classmethod
     def resolve(cls, model: newton.Model, **arguments: Any) -> "Settings":
         """Settings from explicit arguments, None where not given, and the scene.

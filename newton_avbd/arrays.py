@@ -1,0 +1,484 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a solver's kernels see of the model, and the arrays they work on: when which are made."""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import newton
+import numpy as np
+import warp as wp
+
+from . import buffers, data, views
+from .attributes import BREAK_LIMITS, break_limits
+from .checks import check_array
+from .effects import Callers, Effects, pushing_joints
+from .execute.beginning import UNKNOWN
+from .execute.launch import Launcher
+from .execute.sleeping import AWAKE, STILL
+from .large import LARGE, LargeWorlds, obstacles
+from .rows.joint import KINDS, PUSHED_AT_COM
+from .settings import Settings
+from .topology import Topology, mimics
+
+_BOUND = ("body_", "joint_", "shape_material_", "shape_body", "gravity")
+"""How the arrays of a model begin that the kernels read."""
+_CONTACT_ARRAYS = ("shape0", "shape1", "point0", "point1", "normal", "margin0", "margin1")
+_EXTRA_CONTACT_ARRAYS = ("surface_velocity", "stiffness", "damping", "friction", "match_index")
+"""Some buffers have these."""
+
+
+@dataclass
+class SeenWorlds:
+    """What the solve sees of worlds."""
+
+    worlds: data.WorldWork
+    history: data.History
+    tree: data.TreeWork
+    loops: data.LoopWork
+
+
+class SolverArrays:
+    """Arrays of a solver, made when its model, the grouping of bodies or contacts call for them.
+
+    :class:`.solver.SolverAVBD` is one. Which body belongs to which world and block, and which
+    effects there are, is found out here, too, since all arrays follow from that.
+    """
+
+    model: newton.Model
+    device: wp.Device
+    contacts: newton.Contacts | None
+    settings: Settings
+    iterations: int
+    _launch: Launcher
+    _without: frozenset[str]
+    _parallel: str | None
+
+    def _make_arrays(self) -> None:
+        """Makes all arrays that can be made before the first step."""
+        self._flags: Effects
+        self._callers: Callers
+        self._worlds: data.WorldWork
+        self._topology: Topology | None = None
+        self._large: LargeWorlds | None = None
+        self._colors: data.ColorWork | None = None
+        self._sleep = data.SleepWork()
+        self._seen: SeenWorlds | None = None
+        self._seen_worlds = data.WorldWork()
+        self._seen_history = data.History()
+        self._inputs: WeakKeyDictionary[newton.Contacts, data.ContactInput] = WeakKeyDictionary()
+        self._buffer_count = 0
+        self._moving_surfaces = False
+        self._capacity = 0
+        # what graphs that were captured before arrays were made anew go on using
+        self._retired: list[tuple] = []
+        self._allocate_bodies()
+        self._bind_model()
+        self._group_worlds()
+        if self._flags.contact and self.contacts is not None:
+            self._contact_input(self.contacts)
+        elif self._flags.contact and self.model.rigid_contact_max:
+            self._allocate_contacts(self.model.rigid_contact_max)
+
+    def _allocate_bodies(self) -> None:
+        """Buffers by body slot; the last slot is the static world, which stays zero."""
+        model = self.model
+        slots = model.body_count + 1
+        free_dof = np.full(model.body_count, -1, dtype=np.int32)
+        if model.joint_count:
+            kinds = model.joint_type.numpy()
+            free = np.isin(kinds, [int(kind) for kind in PUSHED_AT_COM])
+            free_dof[model.joint_child.numpy()[free]] = model.joint_qd_start.numpy()[:-1][free]
+        self._no_contacts = data.ContactInput()
+        self._control = data.ControlInput()
+        self._control_arrays: tuple[wp.array | None, ...] = (None, None, None)
+        with wp.ScopedDevice(self.device):
+            self._no_mask = wp.empty(0, dtype=wp.bool)
+            self._free_dof = wp.array(free_dof, dtype=wp.int32)
+            self._pushing = wp.array(pushing_joints(model), dtype=wp.int32)
+            self._work = buffers.body_work(slots, self.settings.second_order)
+            self._islands = buffers.island_work(slots)
+            self._rows = buffers.row_work(slots)
+            self._history = buffers.history(model, self.settings.second_order)
+            self._rest_angle = wp.array(self._initial_angles(), dtype=float)
+
+    def _initial_angles(self) -> np.ndarray:
+        """Coordinate of each joint axis in the model, with its turns, shape (joint_dof_count,)."""
+        model = self.model
+        angles = np.zeros(model.joint_dof_count, dtype=np.float32)
+        if model.joint_count:
+            joint_q, types = model.joint_q.numpy(), model.joint_type.numpy().tolist()
+            q_start, qd_start = model.joint_q_start.numpy(), model.joint_qd_start.numpy()
+            for joint in np.flatnonzero([KINDS[kind].has_axes for kind in types]):
+                count = qd_start[joint + 1] - qd_start[joint]
+                angles[qd_start[joint] :][:count] = joint_q[q_start[joint] :][:count]
+        return angles
+
+    def _bind_model(self) -> None:
+        """Points the kernels to the model's arrays."""
+        self._forget_launches()
+        model = self.model
+        self._bound = {
+            name: array
+            for name, array in vars(model).items()
+            if name.startswith(_BOUND) and isinstance(array, wp.array)
+        }
+        self._bodies = views.body_model(model, self._free_dof)
+        self._joints = views.joint_model(model)
+        self._shapes = views.shape_model(model)
+        if model.constraint_mimic_count:
+            if not self.device.is_capturing:
+                _, coefficients = mimics(model)
+                self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
+            self._joints.mimic_coefficients = self._mimics
+        if model.joint_count:
+            self._bind_break_limits()
+
+    def _bind_break_limits(self) -> None:
+        """Joints that can break are enabled by an array of the solver's own."""
+        if not self.device.is_capturing:
+            left = "breaking" in self._without
+            self._break_limits = {} if left else break_limits(self.model)
+        if not self._break_limits:
+            return
+        if self._history.broken is None:
+            count = self.model.joint_count
+            with wp.ScopedDevice(self.device):
+                self._history.broken = wp.zeros(count, dtype=wp.bool)
+                self._is_whole = wp.zeros(count, dtype=wp.bool)
+                self._unbreakable = wp.full(count, float("inf"), dtype=float)
+        names = list(BREAK_LIMITS)
+        self._joints.break_force = self._break_limits.get(names[0], self._unbreakable)
+        self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
+        self._joints.enabled = self._is_whole
+
+    def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects, Callers]:
+        """Which world each body belongs to, what is solved together, and with which effects."""
+        groups = _solver_worlds(self.model)
+        topology = Topology.of_model(
+            self.model, groups, trees=self.settings.blocks == "articulation"
+        )
+        flags, callers = Effects.of_model(
+            self.model,
+            topology,
+            piles=self.settings.blocks == "articulation",
+            compliance=self.settings.compliant_contacts,
+            ramp=self.settings.ramp,
+            friction_mix=self.settings.friction_mix_mode,
+            angular_friction=self.settings.angular_friction,
+            scheme=self.settings.scheme,
+            sleeping=self.settings.sleeping,
+            without=self._without,
+        )
+        if self._takes_bodies(groups, flags):
+            flags = flags.leaving_out(frozenset({"piles"}))
+        return groups, topology, flags, callers
+
+    def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:
+        """Whether the bodies are solved color by color, as one large world.
+
+        Raises:
+            NotImplementedError: If that is asked for and cannot be.
+        """
+        if self._parallel == "worlds" or not flags.contact:
+            return False
+        if self._parallel is None:
+            largest = np.bincount(groups).max(initial=0)
+            if not self.device.is_cuda or largest < LARGE:
+                return False
+        found = obstacles(flags)
+        if found and self._parallel == "bodies":
+            raise NotImplementedError(
+                f"parallel='bodies' solves bodies and joints color by color, without "
+                f"{' and '.join(found)}, which this model has. Leave parallel out."
+            )
+        return not found
+
+    def _group_worlds(self) -> None:
+        """Decides which bodies one thread solves, and with which effects.
+
+        A group is a Newton world, or, where global bodies that move tie the worlds together, all
+        bodies at once.
+        """
+        groups, topology, self._flags, self._callers = self._look_at_model()
+        self._flags_apart = self._flags.without_contact()
+        if self._flags.put_bodies and self._work.put is None:
+            self._forget_launches()
+            with wp.ScopedDevice(self.device):
+                buffers.add_put_work(self._work)
+        elif not self._flags.put_bodies and self._work.put is not None:
+            self._work.put_from.zero_()
+        if self._capacity:
+            self._allocate_contact_effects()
+        if not self._flags.armature and self._history.axis_velocity is not None:
+            self._history.axis_velocity.fill_(UNKNOWN)
+        is_large = self._takes_bodies(groups, self._flags)
+        # one kernel makes the whole step of a single world, where launches cost most
+        is_special = is_large or self._flags.sleeping or self._flags.reaction
+        self._at_once = self.device.is_cpu and not (is_special or groups.any())
+        if topology == self._topology and is_large == (self._large is not None):
+            return
+        if self._topology is not None:
+            self._forget_contacts()
+            # graphs that were captured before go on using the old arrays
+            self._retired.append((self._worlds, self._history.parity))
+            self._retired.append((self._history.filling, self._history.step, self._history.age))
+            self._retired.append((self._tree, self._loops, self._history.smooth))
+            self._retired.append((self._history.loop_force, self._history.loop_torque))
+        self._forget_launches()
+        self._topology = topology
+        self._world_count = int(groups.max(initial=0)) + 1
+        with wp.ScopedDevice(self.device):
+            self._worlds = buffers.world_work(topology, self.settings.second_order)
+            # bodies that would be grouped otherwise, and joints held, if these bodies moved
+            self._taken_as_fixed = wp.array(
+                topology.idle | (groups == self.model.world_count), dtype=wp.bool
+            )
+            buffers.add_world_history(self._history, self._world_count, self.settings.second_order)
+
+        self._retired.append((self._large,))
+        self._large, self._colors = None, None
+        self._allocate_piles()
+        self._allocate_trees(topology)
+        self._allocate_loops(topology, groups)
+        self._allocate_closures(topology)
+        if is_large:
+            self._large = LargeWorlds(
+                self._worlds, self._loops, topology, self.iterations, self.device
+            )
+            self._colors = self._large.colors
+        if self._capacity:
+            self._allocate_large_contacts()
+        self._allocate_sleep()
+
+    def _allocate_piles(self) -> None:
+        """Buffers for the piles of free bodies."""
+        if self._flags.piles:
+            slots = self.model.body_count + 1
+            count = slots if self.settings.sleeping else self._world_count
+            with wp.ScopedDevice(self.device):
+                self._rows.piles = buffers.pile_work(slots, count)
+
+    def _allocate_trees(self, topology: Topology) -> None:
+        """Buffers for the trees of joints."""
+        self._tree = data.TreeWork()
+        if self._flags.joints:
+            with wp.ScopedDevice(self.device):
+                self._tree = buffers.tree_work(self.model, topology)
+                if self._history.joint_force is None:
+                    buffers.add_joint_history(self._history, self.model, self._rest_angle)
+
+    def _allocate_loops(self, topology: Topology, groups: np.ndarray) -> None:
+        """Buffers for the joints outside of trees."""
+        self._loops = data.LoopWork()
+        if self._flags.loops:
+            with wp.ScopedDevice(self.device):
+                self._loops = buffers.loop_work(self.model, topology, groups)
+                self._history.loop_force = wp.zeros(topology.loops.size, dtype=wp.vec3)
+                self._history.loop_torque = wp.zeros(topology.loops.size, dtype=wp.vec3)
+
+    def _allocate_closures(self, topology: Topology) -> None:
+        """Buffers for the equations that are solved with trees."""
+        if self._flags.closures:
+            joints = self._loops.joints.numpy().tolist() if self._flags.loops else []
+            with wp.ScopedDevice(self.device):
+                buffers.add_closures(self._tree.closures, topology, joints)
+
+    def _allocate_sleep(self) -> None:
+        """Buffers for what sleeps; all bodies are awake afterwards."""
+        if not self._flags.sleeping:
+            return
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((self._sleep, self._worlds.island, self._worlds.pace))
+        self._retired.append((self._rows.awake, self._rows.awake_count))
+        self._retired.append((self._seen_worlds, self._seen_history))
+        model, topology = self.model, self._topology
+        assert topology is not None
+        slots, capacity = model.body_count + 1, self._capacity
+        with wp.ScopedDevice(self.device):
+            island = np.append(np.full(slots - 1, AWAKE), STILL)
+            self._worlds.island = wp.array(island, dtype=wp.int32)
+            self._worlds.pace = wp.zeros(self._world_count, dtype=float)
+            self._rows.awake = wp.zeros(capacity, dtype=wp.int32)
+            self._rows.awake_count = wp.zeros(1, dtype=wp.int32)
+            self._sleep = buffers.sleep_work(
+                model, topology, self._flags, capacity, self._loops, self._tree
+            )
+            self._seen_worlds, self._seen_history = buffers.seen_work(
+                slots, self._world_count, self.settings.second_order
+            )
+        self._forget_launches()
+
+    def _forget_launches(self) -> None:
+        """Drops what was packed, after a struct changed its arrays."""
+        self._launch.forget()
+        self._seen = None
+
+    def _see_worlds(self) -> SeenWorlds:
+        """What the solve sees as worlds: with sleeping, the islands that are awake."""
+        if self._seen is None:
+            seen = SeenWorlds(self._worlds, self._history, self._tree, self._loops)
+            if self._flags.sleeping:
+                seen.worlds = data.merged(seen.worlds, self._seen_worlds)
+                seen.history = data.merged(seen.history, self._seen_history)
+            if self._flags.sleeping and self._flags.loops:
+                seen.loops = data.merged(seen.loops)
+                seen.loops.world_start = self._sleep.seen_loop_start
+            if self._flags.sleeping and self._flags.closures:
+                seen.tree = data.merged(seen.tree)
+                seen.tree.closures.block_of = self._sleep.seen_block_of
+            self._seen = seen
+        return self._seen
+
+    def _allocate_contacts(self, capacity: int) -> None:
+        """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""
+        capture = self.device.is_capturing
+        if capture and (self._capacity or self.device.is_cuda):
+            raise RuntimeError(
+                f"SolverAVBD needs buffers for {capacity} contacts, which cannot be allocated "
+                "while a graph is captured: create the collision pipeline before the solver, or "
+                "take one step with these contacts first."
+            )
+        if self._capacity:
+            self._forget_contacts()
+            self._history.age.zero_()
+            self._history.filling.zero_()
+            # graphs that were captured before go on using the old arrays
+            self._retired.append((self._rows.rows, self._rows.owner, self._rows.contacts))
+            self._retired.append((self._rows.other_rows,))
+            self._retired.append((self._history.records, self._history.row_of_contact))
+        self._capacity = capacity
+        with wp.ScopedDevice(self.device):
+            self._rows.owner = wp.empty(capacity, dtype=wp.int32)
+            self._rows.contacts = wp.empty(capacity, dtype=wp.int32)
+            self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
+            self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
+            # what sleeps keeps its records beyond those of the rows
+            room = 2 * capacity if self.settings.sleeping else capacity
+            self._history.records = wp.empty((buffers.SIDES, room), dtype=data.ContactRecord)
+            self._history.row_of_contact = wp.empty((buffers.SIDES, capacity), dtype=wp.int32)
+        self._allocate_large_contacts()
+        self._allocate_contact_effects()
+        self._allocate_sleep()
+
+    def _allocate_large_contacts(self) -> None:
+        """Buffers by contact of a large world."""
+        if self._large is not None:
+            self._retired.append(self._large.allocate_contacts(self._capacity))
+            self._retired.append((self._rows.other_rows,))
+            size = 2 * self._capacity
+            self._rows.other_rows = wp.empty(size, dtype=wp.int32, device=self.device)
+
+    def _allocate_contact_effects(self) -> None:
+        """Buffers by contact that only some effects need, where they are missing or too small."""
+        effects, rows, history = self._flags, self._rows, self._history
+        by_contact: tuple[tuple[Any, str, Any, bool], ...] = (
+            (rows, "drift", wp.vec3, self._moving_surfaces or effects.drift),
+            (rows, "impacts", data.Impact, effects.restitution),
+            (rows, "spin", data.SpinRow, effects.angular_friction),
+            (history, "torque", wp.vec3, effects.angular_friction),
+            (rows, "share", float, effects.compliance),
+            (rows, "stiffness", float, effects.ramp),
+            (rows, "damping", float, effects.ramp),
+        )
+        with wp.ScopedDevice(self.device):
+            for owner, name, dtype, is_wanted in by_contact:
+                old = getattr(owner, name)
+                of_history = owner is history
+                room = self._history.records.shape[1] if of_history else self._capacity
+                if is_wanted and (old is None or old.shape[-1] < room):
+                    # graphs that were captured before go on using the old array
+                    self._retired.append((old,))
+                    shape = [buffers.SIDES, room] if of_history else [room]
+                    setattr(owner, name, wp.zeros(shape, dtype=dtype))
+            if effects.restitution and rows.struck_qd is None:
+                rows.struck_qd = wp.zeros(self.model.body_count + 1, dtype=wp.spatial_vector)
+                rows.struck_at = wp.zeros(self.model.body_count + 1, dtype=float)
+        self._forget_launches()
+
+    def _forget_contacts(self) -> None:
+        """Drops all multipliers and rows, on the device."""
+        if self._capacity:
+            for array in (
+                self._history.start,
+                self._history.end,
+                self._rows.owned_start,
+                self._rows.owned_end,
+            ):
+                array.zero_()
+
+    def _contact_input(self, contacts: newton.Contacts) -> data.ContactInput:
+        """What the kernels see of a contact buffer; made once for each buffer."""
+        source = self._inputs.get(contacts)
+        if source is not None:
+            return source
+        surfaces = contacts.rigid_contact_surface_velocity
+        if "moving_surfaces" in self._without:
+            surfaces = None
+        new_surfaces = surfaces is not None and not self._moving_surfaces
+        if contacts.rigid_contact_max > self._capacity or new_surfaces:
+            self._moving_surfaces |= new_surfaces
+            self._allocate_contacts(max(contacts.rigid_contact_max, self._capacity))
+        for name in (*_CONTACT_ARRAYS, *_EXTRA_CONTACT_ARRAYS):
+            array = getattr(contacts, f"rigid_contact_{name}")
+            if array is not None or name in _CONTACT_ARRAYS:
+                count = contacts.rigid_contact_max
+                check_array(f"contacts.rigid_contact_{name}", array, count, self.device)
+        self._buffer_count += 1
+        source = views.contact_input(contacts, self._buffer_count, surfaces)
+        self._inputs[contacts] = source
+        return source
+
+    def _control_input(self, source: newton.Control | newton.Model) -> data.ControlInput:
+        """What the kernels see of the control; made anew only where its arrays are others."""
+        arrays = (source.joint_f, source.joint_target_q, source.joint_target_qd)
+        if all(a is b for a, b in zip(arrays, self._control_arrays, strict=True)):
+            return self._control
+        for name in ("joint_f", "joint_target_q", "joint_target_qd") if self._flags.joints else ():
+            count = getattr(self.model, name).shape[0]
+            check_array(f"control.{name}", getattr(source, name), count, self.device)
+        self._control_arrays = arrays
+        self._control = data.ControlInput()
+        if arrays[0] is not None:
+            self._control.joint_f = arrays[0]
+        if arrays[1] is not None:
+            self._control.target_q, self._control.target_qd = arrays[1], arrays[2]
+        return self._control
+
+    def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
+        """The scene's effects, with those that a contact buffer adds."""
+        if contacts is None:
+            # kernels of a large world are many, and find no contacts in no time
+            return self._flags_apart if self._large is None else self._flags
+        # large worlds find contacts again by their anchors
+        matching = contacts.rigid_contact_match_index is not None and self._large is None
+        surfaces = contacts.rigid_contact_surface_velocity is not None
+        materials = contacts.rigid_contact_friction is not None
+        if not (matching or surfaces or materials):
+            return self._flags
+        return dataclasses.replace(
+            self._flags,
+            matching=matching,
+            moving_surfaces=surfaces,
+            contact_materials=materials,
+        ).leaving_out(self._without)
+
+
+def _solver_worlds(model: newton.Model) -> np.ndarray:
+    """Which world, as the solver sees it, each body belongs to, shape (body_count,)."""
+    if model.body_count == 0:
+        return np.zeros(0, dtype=np.int32)
+    world = model.body_world.numpy()
+    is_global = world < 0
+    if np.any(is_global & _moving(model)) or np.all(is_global):
+        return np.zeros(model.body_count, dtype=np.int32)
+    # global bodies that do not move get a world of their own, which only passes them through
+    return np.where(is_global, model.world_count, world).astype(np.int32)
+
+
+def _moving(model: newton.Model) -> np.ndarray:
+    """Whether the solver moves each body, shape (body_count,)."""
+    is_kinematic = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    return (model.body_inv_mass.numpy() > 0.0) & ~is_kinematic
