@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""What each type of joint locks and leaves free: the only file that knows joint types.
+"""What each type of joint locks and leaves free.
 
 A joint compares two anchor frames, one on its parent and one on its child. It locks directions,
 in which the frames must not part (the misfit), and leaves axes free, each a degree of freedom.
@@ -16,7 +16,9 @@ Newton's types differ only in how many linear and angular axes they leave free:
 
 A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the
 distance of the anchors, or, where that is to be 0, locks what a ball locks. A new type is a line in
-``KINDS`` and a case in these functions.
+``KINDS`` and a case in these functions. Three types are told from the others elsewhere, too: where
+coordinates act, since a BALL has none but a turn (``rows.axis``, ``execute.trees``, ``.loops``) and
+those of a ROD are springs (there as well), and where loops are held, as a DISTANCE (``.loops``).
 """
 
 import functools
