@@ -39,7 +39,7 @@ from .impacts import free_share, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
 from .launch import KERNEL, uncollected
 from .loops import has_loops, make_loops, parent_slot
-from .piles import in_pile, is_link, make_piles
+from .piles import in_pile, is_link, lasting_share, make_piles, stiffen_rows
 from .trees import is_linked, make_trees, place_body
 from .weights import make_weigh
 
@@ -56,7 +56,10 @@ LOOP_PASSES = wp.constant(24)
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
-"""How many times more those steps sweep: a stack of 20 boxes then starts without a wave."""
+"""How many times more those steps sweep: a stack of 20 boxes then starts without a wave. So do
+those in which impacts go through piles."""
+STRUCK = wp.constant(0.5)
+"""Update of a last sweep that tells of impacts, as a share of g h^2."""
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
@@ -173,6 +176,13 @@ def settled_update(scale: WorldScale) -> float:
 def unsettled_update(scale: WorldScale) -> float:
     """Update [m] of a last sweep beyond which joints are closed again."""
     return wp.max(scale.slop, settled_update(scale))
+
+
+@wp.func
+def is_struck(update: float, scale: WorldScale) -> bool:
+    """Whether the square of a sweep's update [m^2] is that of a world in which impacts go on."""
+    struck = wp.max(STRUCK * scale.gravity * scale.h * scale.h, settled_update(scale))
+    return update > struck * struck
 
 
 def make_count_passes(effects: Effects) -> wp.Function:
@@ -654,6 +664,8 @@ def make_remember(
                             work.inv_inertia[row.b],
                         )
                         push = contact_rows.lasting_force(row.normal, push, mass, change, h)
+                    if wp.static(effects.piles):
+                        push *= lasting_share(row, work, rows)
                 if wp.static(effects.restitution):
                     if rows.impacts[i].total > 0.0:
                         push = wp.vec3(0.0)
@@ -690,10 +702,11 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     sweep_body = make_sweep(effects, gather)
-    piles = make_piles(effects, gather)
+    piles = make_piles(effects, gather, make_coasting(effects))
     link_piles = piles.link_piles
     factor_piles = piles.factor_piles
     sweep_piles = piles.sweep_piles
+    spend_impacts = piles.spend_impacts
     break_joints = make_break_joints(effects, gather)
     closures = make_closures(effects)
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
@@ -1038,6 +1051,30 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 if wp.static(not effects.ramp):
                     if update <= enough * enough:
                         sweeps = sweep
+                if wp.static(effects.piles):
+                    if sweep == iterations and recovery == 0.0 and is_struck(update, scale):
+                        if rows.piles.end[world] > body_start:
+                            # impacts that go through piles
+                            sweeps = COLD_FACTOR * iterations
+                            for i in range(body_start, rows.piles.end[world]):
+                                stiffen_rows(rows.piles.order[i], scale, rows)
+                            for i in range(body_start, body_end):
+                                if in_pile(rows, worlds.bodies[i]):
+                                    begin_body(
+                                        i,
+                                        step,
+                                        model,
+                                        joints,
+                                        control,
+                                        worlds,
+                                        work,
+                                        rows,
+                                        tree,
+                                        loops,
+                                        islands,
+                                        history,
+                                    )
+                            factor_piles(world, worlds, work, rows)
             if recovery > 0.0:
                 break
             if wp.static(effects.bdf2):
@@ -1050,6 +1087,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             worlds.settled[world] = settled
             side = 1 - history.parity[world]
             if wp.static(effects.contact):
+                if wp.static(effects.piles):
+                    spend_impacts(world, scale, body_qd, model, worlds, work, rows)
                 for i in range(body_start, body_end):
                     remember_rows(
                         worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
