@@ -111,7 +111,8 @@ def lasting_share(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
     if not in_pile(rows, row.a):
         return 1.0
     if work.inv_mass[row.b] == 0.0:
-        return rows.piles.lasting[row.a]
+        # of a body that carries nothing its rows tell
+        return wp.where(rows.piles.held[row.a] > 0.0, rows.piles.lasting[row.a], 1.0)
     if not in_pile(rows, row.b) or rows.piles.level[row.a] == rows.piles.level[row.b]:
         return 1.0
     is_upper = rows.piles.level[row.a] > rows.piles.level[row.b]

@@ -665,7 +665,11 @@ def make_remember(
                         )
                         push = contact_rows.lasting_force(row.normal, push, mass, change, h)
                     if wp.static(effects.piles):
-                        push *= lasting_share(row, work, rows)
+                        f_n = wp.dot(row.normal, rows.rows[i].force)
+                        most = f_n * lasting_share(row, work, rows)
+                        kept = wp.dot(row.normal, push)
+                        if kept > most:
+                            push *= most / kept
                 if wp.static(effects.restitution):
                     if rows.impacts[i].total > 0.0:
                         push = wp.vec3(0.0)
