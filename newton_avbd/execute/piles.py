@@ -433,6 +433,7 @@ def make_piles(
         piles = rows.piles
         first = worlds.body_start[world]
         at = int(piles.end[world])
+        least = contact_rows.STRUCK * scale.gravity * scale.step * scale.step
         for i in range(first, at):
             body = piles.order[i]
             mass = model.mass[body]
@@ -447,7 +448,7 @@ def make_piles(
             change = wp.spatial_top(handed)
             along = wp.dot(change, change - wp.spatial_bottom(handed))
             spent = float(0.0)
-            if along > 0.0 and wp.length(change) > scale.slop * piles.mass[body]:
+            if along > 0.0 and wp.length(change) > least * piles.mass[body]:
                 spent = wp.length_sq(change) / along
             rows.piles.lasting[body] = wp.max(1.0 - spent, 0.0)
             if piles.supports[body] > 0:

@@ -58,8 +58,6 @@ COLD_STEPS = wp.constant(3)
 COLD_FACTOR = wp.constant(4)
 """How many times more those steps sweep: a stack of 20 boxes then starts without a wave. So do
 those in which impacts go through piles."""
-STRUCK = wp.constant(0.5)
-"""Update of a last sweep that tells of impacts, as a share of g h^2."""
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
@@ -181,7 +179,8 @@ def unsettled_update(scale: WorldScale) -> float:
 @wp.func
 def is_struck(update: float, scale: WorldScale) -> bool:
     """Whether the square of a sweep's update [m^2] is that of a world in which impacts go on."""
-    struck = wp.max(STRUCK * scale.gravity * scale.h * scale.h, settled_update(scale))
+    expected = contact_rows.STRUCK * scale.gravity * scale.h * scale.h
+    struck = wp.max(expected, settled_update(scale))
     return update > struck * struck
 
 
@@ -1058,7 +1057,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 if wp.static(effects.piles):
                     if sweep == iterations and recovery == 0.0 and is_struck(update, scale):
                         if rows.piles.end[world] > body_start:
-                            # impacts that go through piles
+                            # impacts through piles: levels knew too little of what they stop
                             sweeps = COLD_FACTOR * iterations
                             for i in range(body_start, rows.piles.end[world]):
                                 stiffen_rows(rows.piles.order[i], scale, rows)
