@@ -598,6 +598,8 @@ class PileWork:
     """Mass of the body's pile [kg], 0 for one on the ground."""
     held: wp.array[float]
     """Mass that the contacts with lower levels, or the ground, have to hold [kg]."""
+    lasting: wp.array[float]
+    """Share of their force that the next step can expect again: what stopped something ends."""
     ll: wp.array[wp.mat33]
     """Block of the body and of what is linked behind it, without the link to its parent."""
     al: wp.array[wp.mat33]

@@ -118,8 +118,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             model: The model. Its arrays are read live in every step; after changing which bodies
                 move, masses, or materials call :meth:`notify_model_changed`.
             iterations: Most sweeps over the bodies in each step, 10 by default: more for taller
-                stacks and larger mass ratios. The first three steps after a reset take four times
-                as many.
+                stacks and larger mass ratios. The first three steps after a reset, and those in
+                which impacts go through piles of free bodies, take up to four times as many.
             tolerance: A world's sweeps end early when one moves no body by more than this [m], a
                 turn counted by its radius of gyration; with 0, the default, only where nothing
                 moves any more.

@@ -35,6 +35,7 @@ QUICK = {
     "joint_grid_8": 2.1,
     "net": 0.25,
     "breakable_wall": 0.3,
+    "chain_mail": 1.0,
     "crushed_stack": 1.5,
     "thin_plate": 1.0,
     "top_10": 1.0,

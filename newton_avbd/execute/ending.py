@@ -28,6 +28,7 @@ from .beginning import UNKNOWN, is_tree, make_coasting
 from .bodies import has_rows, pose_sum, report_held
 from .islands import is_alone
 from .loops import has_loops
+from .piles import lasting_share
 from .slopes import end_axis
 
 
@@ -104,6 +105,12 @@ def make_remember(
                             work.inv_inertia[row.b],
                         )
                         push = contact_rows.lasting_force(row.normal, push, mass, change, h)
+                    if wp.static(effects.piles):
+                        f_n = wp.dot(row.normal, rows.rows[i].force)
+                        most = f_n * lasting_share(row, work, rows)
+                        kept = wp.dot(row.normal, push)
+                        if kept > most:
+                            push *= most / kept
                 if wp.static(effects.restitution):
                     if rows.impacts[i].total > 0.0:
                         push = wp.vec3(0.0)

@@ -24,7 +24,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .bdf2 import make_bdf2
-from .beginning import make_begin
+from .beginning import make_begin, make_coasting
 from .breaking import make_break_joints
 from .closures import make_closures
 from .contacts import make_rows
@@ -56,6 +56,7 @@ class Phases(NamedTuple):
     begin_second_order: wp.Function
     begin_joints: wp.Function
     begin_sweeps: wp.Function
+    stiffen_piles: wp.Function
     sweep_to_rest: wp.Function
     keep_forces: wp.Function
     break_joints: wp.Function
@@ -82,8 +83,9 @@ def make_phases(effects: Effects) -> Phases:
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
-    piles = make_piles(effects, gather)
+    piles = make_piles(effects, gather, make_coasting(effects))
     link_piles, factor_piles = piles.link_piles, piles.factor_piles
+    stiffen_piles, spend_impacts = piles.stiffen_piles, piles.spend_impacts
     closures = make_closures(effects)
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     put_together = trees.put_together
@@ -371,6 +373,8 @@ def make_phases(effects: Effects) -> Phases:
         has_islands = bool(False)
         if wp.static(effects.contact):
             side = 1 - history.parity[world]
+            if wp.static(effects.piles):
+                spend_impacts(world, scale, body_qd, model, worlds, work, rows)
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 remember_rows(
                     worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
@@ -594,6 +598,7 @@ def make_phases(effects: Effects) -> Phases:
         bdf2.begin_step,
         begin_joints,
         begin_sweeps,
+        stiffen_piles,
         sweep_to_rest,
         keep_forces,
         make_break_joints(effects, gather),

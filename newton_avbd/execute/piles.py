@@ -40,6 +40,7 @@ from ..data import (
     LoopWork,
     RowWork,
     TreeWork,
+    WorldScale,
     WorldWork,
 )
 from ..effects import Effects
@@ -86,6 +87,36 @@ def mass_to_hold(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork])
             upper = wp.where(piles.level[row.a] > piles.level[row.b], row.a, row.b)
             return SHARE_WEIGHT * piles.held[upper] / float(piles.supports[upper])
     return 0.0
+
+
+@wp.func
+def stiffen_rows(body: int, scale: WorldScale, rows: wp.ref[RowWork]):
+    """Makes the rows that a body owns as stiff as an impact needs them.
+
+    A force f that stops a speed v within the step says that a mass f h/v is behind the row. Levels
+    do not know it of a body that others pull apart; v is the fastest of the world.
+    """
+    unit = contact_rows.PENALTY / wp.max(0.5 * scale.reach, 1.0e-30)
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        k_n = unit * wp.dot(row.normal, row.force)
+        if k_n > row.k_n and row.k_n > 0.0:
+            rows.rows[i].k_t = row.k_t * (k_n / row.k_n)
+            rows.rows[i].k_n = k_n
+
+
+@wp.func
+def lasting_share(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> float:
+    """Share of the force of a row that holds a pile which the next step can expect again."""
+    if not in_pile(rows, row.a):
+        return 1.0
+    if work.inv_mass[row.b] == 0.0:
+        # of a body that carries nothing its rows tell
+        return wp.where(rows.piles.held[row.a] > 0.0, rows.piles.lasting[row.a], 1.0)
+    if not in_pile(rows, row.b) or rows.piles.level[row.a] == rows.piles.level[row.b]:
+        return 1.0
+    is_upper = rows.piles.level[row.a] > rows.piles.level[row.b]
+    return rows.piles.lasting[wp.where(is_upper, row.a, row.b)]
 
 
 @wp.func
@@ -173,10 +204,19 @@ class PileFunctions:
 
     Returns the square of how far that moved a body [m^2], a turn by its radius of gyration.
     """
+    stiffen_piles: wp.Function
+    """Makes the rows of all bodies of piles as stiff as an impact needs them."""
+    spend_impacts: wp.Function
+    """Finds which share of what holds each body has stopped something and ends with the step."""
 
 
-def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
-    """Device functions that solve piles; ``gather`` sums what pulls a body."""
+def make_piles(
+    effects: Effects, gather: wp.Function, coasting_increment: wp.Function
+) -> PileFunctions:
+    """Device functions that solve piles.
+
+    ``gather`` sums what pulls a body, ``coasting_increment`` says where it goes if nothing does.
+    """
 
     @wp.func(inline=effects.inline)
     def link_piles(
@@ -380,4 +420,54 @@ def make_piles(effects: Effects, gather: wp.Function) -> PileFunctions:
             at += 1
         return farthest
 
-    return PileFunctions(link_piles, factor_piles, sweep_piles)
+    @wp.func
+    def stiffen_piles(
+        world: int, scale: WorldScale, worlds: wp.ref[WorldWork], rows: wp.ref[RowWork]
+    ):
+        for i in range(worlds.body_start[world], rows.piles.end[world]):
+            stiffen_rows(rows.piles.order[i], scale, rows)
+
+    @wp.func
+    def spend_impacts(
+        world: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+    ):
+        """What holds a body and what rests on it makes the change c of their momentum, less what
+        pulls them, p. Of c - p the part along c, |c|^2 / (c.(c - p)), ends with the step."""
+        piles = rows.piles
+        first = worlds.body_start[world]
+        at = int(piles.end[world])
+        least = contact_rows.STRUCK * scale.gravity * scale.step * scale.step
+        for i in range(first, at):
+            body = piles.order[i]
+            mass = model.mass[body]
+            coasting = coasting_increment(work, body_qd, body, scale.step)
+            change = mass * wp.spatial_top(work.increment[body] - coasting)
+            pull = mass * wp.spatial_top(work.target[body] - coasting)
+            rows.piles.update[body] = wp.spatial_vector(change, pull)
+        while at > first:
+            at -= 1
+            body = piles.order[at]
+            handed = piles.update[body]
+            change = wp.spatial_top(handed)
+            along = wp.dot(change, change - wp.spatial_bottom(handed))
+            spent = float(0.0)
+            if along > 0.0 and wp.length(change) > least * piles.mass[body]:
+                spent = wp.length_sq(change) / along
+            rows.piles.lasting[body] = wp.max(1.0 - spent, 0.0)
+            if piles.supports[body] > 0:
+                share = handed / float(piles.supports[body])
+                before = int(-1)
+                for k in range(row_count(body, rows)):
+                    row = rows.rows[row_of(body, k, rows)]
+                    other = row.a + row.b - body
+                    if other != before and supports(other, body, rows):
+                        rows.piles.update[other] = rows.piles.update[other] + share
+                    before = other
+
+    return PileFunctions(link_piles, factor_piles, sweep_piles, stiffen_piles, spend_impacts)

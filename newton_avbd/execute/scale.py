@@ -11,6 +11,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
+from ..rows.contact import STRUCK
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
@@ -25,7 +26,8 @@ LOOP_PASSES = wp.constant(24)
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
-"""How many times more those steps sweep: a stack of 20 boxes then starts without a wave."""
+"""How many times more those steps sweep: a stack of 20 boxes then starts without a wave. So do
+those in which impacts go through piles."""
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
@@ -87,6 +89,14 @@ def settled_update(scale: WorldScale) -> float:
 def unsettled_update(scale: WorldScale) -> float:
     """Update [m] of a last sweep beyond which joints are closed again."""
     return wp.max(scale.slop, settled_update(scale))
+
+
+@wp.func
+def is_struck(update: float, scale: WorldScale) -> bool:
+    """Whether the square of a sweep's update [m^2] is that of a world in which impacts go on."""
+    expected = STRUCK * scale.gravity * scale.h * scale.h
+    struck = wp.max(expected, settled_update(scale))
+    return update > struck * struck
 
 
 def make_count_passes(effects: Effects) -> wp.Function:

@@ -28,7 +28,7 @@ from .denormals import flush_denormals, restore_denormals
 from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .phases import make_phases
-from .scale import COLD_STEPS
+from .scale import COLD_FACTOR, COLD_STEPS, is_struck
 
 
 @functools.cache
@@ -41,6 +41,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         begin_second_order,
         begin_joints,
         begin_sweeps,
+        stiffen_piles,
         sweep_to_rest,
         keep_forces,
         break_joints,
@@ -135,31 +136,37 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 loops,
                 history,
             )
-        sweeps = begin_sweeps(
-            world,
-            iterations,
-            scale,
-            model,
-            joints,
-            control,
-            worlds,
-            work,
-            rows,
-            tree,
-            loops,
-            islands,
-            history,
-        )
 
-        # Two rounds of sweeps, the motion and the recovery, by one call: it is most of the code.
+        # Rounds of sweeps by one call, which is most of the code: the motion, once more where
+        # impacts go on through piles, and the recovery.
+        most = int(0)
+        sweeps = int(0)
         update = float(0.0)
         recovery = float(0.0)
         has_islands = bool(False)
-        rounds = int(wp.static(1 if effects.ramp else 2))
+        rounds = int(wp.static(1 if effects.ramp else 3 if effects.piles else 2))
         for _round in range(rounds):
-            sweeps, update = sweep_to_rest(
+            if recovery == 0.0:
+                most = begin_sweeps(
+                    world,
+                    iterations,
+                    scale,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    islands,
+                    history,
+                )
+                if sweeps > 0:
+                    most = (COLD_FACTOR - 1) * iterations
+            taken, update = sweep_to_rest(
                 world,
-                sweeps,
+                most,
                 recovery,
                 tolerance,
                 scale,
@@ -176,6 +183,12 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             )
             if recovery > 0.0:
                 break
+            sweeps += taken
+            if wp.static(effects.piles):
+                if sweeps == iterations and is_struck(update, scale):
+                    if rows.piles.end[world] > worlds.body_start[world]:
+                        stiffen_piles(world, scale, worlds, rows)
+                        continue
 
             # After the motion: forces and velocities.
             has_islands = keep_forces(
@@ -233,7 +246,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
 
             # Recovery: old errors go, without entering the velocity.
             if wp.static(not effects.ramp):
-                sweeps = begin_recovery(
+                most = begin_recovery(
                     world, sweeps, update, deepest, is_open, scale, loops, history
                 )
                 recovery = RECOVERY
