@@ -144,6 +144,7 @@ def run(
 def _try_settings(scene: AccuracyScene, solver: str, results: Results) -> Iterator[Point]:
     """Try the settings of a solver on a scene, until there is no time left; presets in any case."""
     effort, spent = results.effort, 0.0
+    whole = scene.patience * effort.budget
     over = {True: False, False: False}
     worker: Runner | None = None
     settings = MEASURED[solver].settings(
@@ -155,11 +156,11 @@ def _try_settings(scene: AccuracyScene, solver: str, results: Results) -> Iterat
         is_first = is_coarse(setting)
         if over[is_first] and not is_preset:
             continue
-        budget = effort.budget * (share if is_first else 1.0)
+        budget = whole * (share if is_first else 1.0)
         point = results.get((scene.name, solver, setting))
         if point is None:
             worker = worker or runner(scene, solver)
-            left = effort.budget if is_preset else budget - spent
+            left = whole if is_preset else budget - spent
             point = measure(worker, solver, setting, repeats=effort.repeats, budget=left)
             results.add(point)
         yield point

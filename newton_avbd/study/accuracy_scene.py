@@ -89,6 +89,7 @@ class AccuracyScene:
             the bodies; constant in each frame.
         vbd_ke: Contact stiffness for SolverVBD [N/m], see :class:`Scene`.
         resolution: Relative error of the reference itself; smaller ones mean nothing.
+        patience: How many times the time of other scenes each solver has.
     """
 
     name: str
@@ -104,6 +105,7 @@ class AccuracyScene:
     wrench: Callable[[float, Bodies], Array] | None = None
     vbd_ke: float | None = None
     resolution: float = 0.0
+    patience: float = 1.0
 
     @property
     def frames(self) -> int:

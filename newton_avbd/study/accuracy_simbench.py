@@ -284,6 +284,8 @@ SIMBENCH: tuple[AccuracyScene, ...] = (
         2.0,
         energy_error,
         _of_many(RESTITUTION),
+        # a hundredth takes steps of 2 ms with several iterations, or of 1 ms
+        patience=3.0,
     ),
     AccuracyScene(
         "momentum",
