@@ -119,7 +119,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 move, masses, or materials call :meth:`notify_model_changed`.
             iterations: Most sweeps over the bodies in each step, 10 by default: more for taller
                 stacks and larger mass ratios. The first three steps after a reset, and those in
-                which impacts go through piles of free bodies, take up to four times as many.
+                which impacts do not settle, take up to four times as many.
             tolerance: A world's sweeps end early when one moves no body by more than this [m], a
                 turn counted by its radius of gyration; with 0, the default, only where nothing
                 moves any more.

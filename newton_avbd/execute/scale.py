@@ -27,7 +27,7 @@ COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
 COLD_FACTOR = wp.constant(4)
 """How many times more those steps sweep: a stack of 20 boxes then starts without a wave. So do
-those in which impacts go through piles."""
+those in which impacts do not settle."""
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
@@ -96,7 +96,7 @@ def is_struck(update: float, scale: WorldScale) -> bool:
     """Whether the square of a sweep's update [m^2] is that of a world in which impacts go on."""
     expected = STRUCK * scale.gravity * scale.h * scale.h
     struck = wp.max(expected, settled_update(scale))
-    return update > struck * struck
+    return update > struck * struck and wp.isfinite(update)
 
 
 def make_count_passes(effects: Effects) -> wp.Function:

@@ -138,13 +138,13 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             )
 
         # Rounds of sweeps by one call, which is most of the code: the motion, once more where
-        # impacts go on through piles, and the recovery.
+        # impacts go on, and the recovery.
         most = int(0)
         sweeps = int(0)
         update = float(0.0)
         recovery = float(0.0)
         has_islands = bool(False)
-        rounds = int(wp.static(1 if effects.ramp else 3 if effects.piles else 2))
+        rounds = int(wp.static(1 if effects.ramp else 3 if effects.contact else 2))
         for _round in range(rounds):
             if recovery == 0.0:
                 most = begin_sweeps(
@@ -184,11 +184,11 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             if recovery > 0.0:
                 break
             sweeps += taken
-            if wp.static(effects.piles):
+            if wp.static(effects.contact and not effects.ramp):
                 if sweeps == iterations and is_struck(update, scale):
-                    if rows.piles.end[world] > worlds.body_start[world]:
+                    if wp.static(effects.piles):
                         stiffen_piles(world, scale, worlds, rows)
-                        continue
+                    continue
 
             # After the motion: forces and velocities.
             has_islands = keep_forces(
