@@ -71,8 +71,8 @@ def make_remember(
             else:
                 push = contact_force(row, u, gap_of(row.gap, 0.0, 0.0))
                 rows.rows[i].force = push
+                f_n = wp.dot(row.normal, push)
                 if wp.static(effects.angular_friction):
-                    f_n = wp.dot(row.normal, push)
                     turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
                     if wp.static(effects.bdf2):
                         turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
@@ -106,7 +106,6 @@ def make_remember(
                         )
                         push = contact_rows.lasting_force(row.normal, push, mass, change, h)
                     if wp.static(effects.piles):
-                        f_n = wp.dot(row.normal, rows.rows[i].force)
                         most = f_n * lasting_share(row, work, rows)
                         kept = wp.dot(row.normal, push)
                         if kept > most:
