@@ -40,6 +40,21 @@ def geometric_stiffness(force: wp.vec3, arm: wp.vec3) -> wp.mat33:
 
 
 @wp.func
+def buckling(force: wp.vec3, arm: wp.vec3, mass: float, inertia: wp.mat33, h: float) -> wp.mat33:
+    """Angular curvature [N m] that keeps a body from overturning under a force [N] at an arm [m].
+
+    A force that pushes along its arm has a curvature down to -(|f| |r| - f.r) / 2, for which
+    :func:`geometric_stiffness` has none. Where that is more than the inertia of the body about the
+    end of the arm, over h^2, the body turns over within the step, and each iteration would send it
+    many turns around. With as much of the opposite sign the force has no more energy at any turn
+    than the model says (majorisation), so that iterations lead down.
+    """
+    push = 0.5 * (wp.length(force) * wp.length(arm) - wp.dot(force, arm))
+    inert = (wp.trace(inertia) / 3.0 + mass * wp.length_sq(arm)) / (h * h)
+    return wp.diag(wp.vec3(wp.max(push - inert, 0.0)))
+
+
+@wp.func
 def combined_turn(theta: wp.vec3, delta: wp.vec3) -> wp.vec3:
     """Rotation vector of exp(delta) exp(theta) [rad], to second order in theta."""
     across = wp.cross(theta, delta)

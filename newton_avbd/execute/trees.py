@@ -609,6 +609,7 @@ def make_trees(
             mismatch = change / resistance
         history.joint_force[body] = -wp.spatial_top(load)
         h_aa += algebra.geometric_stiffness(force, arm_c)
+        h_aa += algebra.buckling(force, arm_c, model.mass[body], work.inertia[body], h)
 
         push -= algebra.times_block(h_ll, h_al, h_aa, closing)
         if wp.static(effects.tilting):
@@ -779,6 +780,7 @@ def make_trees(
                 arm = arm_p
             h_ll, h_al, h_aa = algebra.span_block(arm, h_ll, h_al, h_aa)
             h_aa += algebra.geometric_stiffness(-force, arm_p)
+            h_aa += algebra.buckling(-force, arm_p, model.mass[parent], work.inertia[parent], h)
             tree.h_ll[parent] = tree.h_ll[parent] + h_ll
             tree.h_al[parent] = tree.h_al[parent] + h_al
             tree.h_aa[parent] = tree.h_aa[parent] + h_aa
