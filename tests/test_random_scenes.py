@@ -358,12 +358,32 @@ WEDGED_ROOT = Scene(
 )
 """16 g that a ball of 818 kg, which spins, whirls about and then wedges against the ground."""
 
+OVERTURNED_ROOT = Scene(
+    (
+        Body(
+            *("sphere", 0.25, 1.0, (0.0, 0.0, -0.875), (0.0, 0.6, 0.0, 0.8)),
+            *((-1.5, 0.0, 0.0), (-14.0, 6.0, 0.0), None),
+        ),
+        Body(
+            *("sphere", 0.25, 1e5, (0.0,) * 3, (0.0, 0.0, 0.0, 1.0), (0.0,) * 3, (0.0,) * 3),
+            Joint(
+                *("ball", 0, (1.0, 0.0, 0.0)),
+                *((0.0, 0.1875, 0.0625), (-0.5, 0.0, 0.0), 0.0, False),
+            ),
+        ),
+    ),
+    ground=True,
+    gravity=False,
+)
+"""8 g on the ground that the arm of a ball of 818 kg comes down on, and turns over in a step."""
+
 
 @hypothesis.seed(SEED)
 @random_scenes
 @hypothesis.given(scenes())
 @hypothesis.example(SLIDING_ROOT)
 @hypothesis.example(WEDGED_ROOT)
+@hypothesis.example(OVERTURNED_ROOT)
 def test_everything_stays_finite(scene: Scene) -> None:
     """And no body flies: nothing in these scenes can push one to more than 100 m/s."""
     sim, indices = build(scene)
