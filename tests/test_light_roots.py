@@ -56,6 +56,7 @@ def test_a_torque_of_the_joint_reacts_on_the_ball() -> None:
     np.testing.assert_allclose(sim.velocity[BALL, 3:], [0.0, expected, 0.0], atol=1.0e-4)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 @pytest.mark.parametrize(
     "axis", [{"friction": 1.0e-5}, {"target_kd": 1.0, "target_qd": 30.0, "effort_limit": 1.0e-5}]
 )
@@ -69,6 +70,7 @@ def test_what_acts_along_a_hinge_reacts_on_the_ball(axis: dict[str, float]) -> N
     np.testing.assert_allclose(sim.velocity[BALL, 3:], [expected, 0.0, 0.0], atol=1.0e-3)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 def test_about_its_axis_a_hinge_does_not_turn_the_ball() -> None:
     sim = carrying("revolute")
     sim.set_velocity(BALL, angular=(10.0, 0.0, 0.0))
@@ -76,6 +78,7 @@ def test_about_its_axis_a_hinge_does_not_turn_the_ball() -> None:
     np.testing.assert_allclose(sim.velocity[:, 3:], [[10.0, 0, 0], [0, 0, 0]], atol=1.0e-4)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 def test_along_its_axis_a_slide_does_not_push_the_ball() -> None:
     sim = carrying("prismatic")
     sim.set_velocity(BALL, (1.0, 0.0, 0.0))
