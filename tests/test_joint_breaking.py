@@ -14,8 +14,6 @@ from joint_scenes import WORLD, add_link, anchor_gaps, simulate, transform
 
 from newton_avbd import SolverAVBD
 
-pytestmark = pytest.mark.usefixtures("shared_kernels")
-
 MASS = 2.0
 ARM = 0.5
 HINGE = (0.0, 1.0, 0.0)
