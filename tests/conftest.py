@@ -1,14 +1,48 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""What all tests have in common: they make Newton's collision kernels once.
+"""What saves all tests time: kernels take longer to make than most scenes to run.
 
-Newton makes them anew for each pipeline, which takes four times as long as the rest of a small
-simulation, and longer the more there are.
+Newton's kernels are compiled without derivatives, which no test takes, and its collision kernels
+are made once: Newton makes them anew for each pipeline, which takes four times as long as the rest
+of a small simulation, and longer the more there are.
 """
 
+import dataclasses
 import functools
 
-from newton._src.geometry import narrow_phase
+import pytest
+import warp as wp
+
+wp.config.enable_backward = False  # before Newton is imported: its modules look once
+
+from newton._src.geometry import narrow_phase  # noqa: E402
+
+from newton_avbd.effects import Effects  # noqa: E402
+from newton_avbd.rows.joint import JointKinds  # noqa: E402
 
 for _make in ("create_narrow_phase_kernel_gjk_mpr", "create_narrow_phase_primitive_kernel"):
     setattr(narrow_phase, _make, functools.cache(getattr(narrow_phase, _make)))
+
+_ALL_KINDS = JointKinds(
+    (0, 1, 2, 3), (0, 1, 2, 3), euler=True, balls=True, rods=True, distances=True
+)
+
+
+@pytest.fixture
+def shared_kernels(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Kernels hold what other values and other types of joints would call for, too.
+
+    So scenes that differ in these share them, as if beside one that has it all. For tests of what
+    the numbers are; that kernels without the others give those as well is seen in
+    ``test_properties``, each effect by itself, and where this is not used.
+    """
+    of_model = Effects.of_model
+
+    def widened(*args, **settings):
+        effects, callers = of_model(*args, **settings)
+        if effects.joints:
+            effects = dataclasses.replace(effects, kinds=_ALL_KINDS, joint_force=True)
+        without = settings.get("without", frozenset())
+        return effects.for_any_values().leaving_out(without), callers
+
+    monkeypatch.setattr(Effects, "of_model", widened)

@@ -58,6 +58,7 @@ def test_a_projectile_falls_short_by_the_first_step_only(scheme: str, short: flo
         assert sim.velocity[0, 2] == pytest.approx(5.0 - G, rel=200 * EPS)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 @both
 @pytest.mark.parametrize("armature", [0.0, 0.5])
 def test_a_damped_oscillator_converges_with_order_two(armature: float, scheme: str) -> None:
@@ -117,6 +118,7 @@ def test_an_asymmetric_top_converges_with_order_two_and_keeps_its_momentum() -> 
     assert_second_order(error)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 def test_an_asymmetric_body_on_a_ball_joint_converges_with_order_two() -> None:
     """It swings and spins about its pivot: Euler's equations there, with the torque of gravity."""
     mass, moments = 2.0, np.array([0.4, 0.15, 0.3])
@@ -178,6 +180,7 @@ def test_a_free_chain_keeps_its_energy_where_backward_euler_loses_it() -> None:
     assert abs(lost[ALPHA]) < 0.1 * lost["euler"]
 
 
+@pytest.mark.usefixtures("shared_kernels")
 @pytest.mark.parametrize("moments", [(0.1, 0.1, 0.1), (0.1, 0.2, 0.25)])
 def test_a_free_chain_keeps_its_momentum(moments: tuple[float, ...]) -> None:
     """Three bodies on hinges in no gravity: linear momentum to rounding."""
@@ -236,6 +239,7 @@ def test_a_box_that_lands_stays(dt: float, scheme: str) -> None:
     assert sim.pose[0, 2] == pytest.approx(0.25, abs=0.1 * G * dt**2)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 def test_an_arm_that_falls_on_its_limit_stays() -> None:
     """At 5 rad/s: from the landing on it is within 1e-3 of the limit."""
     builder = newton.ModelBuilder()

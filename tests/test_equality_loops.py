@@ -10,6 +10,8 @@ from joint_scenes import anchor_gaps, euler_period, simulate, swing_period
 
 from newton_avbd import SolverAVBD
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 LENGTH, ROD, COUPLER, PAYLOAD = 0.5, 0.3, 0.8, 1.5
 """Of the four-bar: length of the two rods [m] and masses of its parts [kg]."""
 

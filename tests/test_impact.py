@@ -17,6 +17,8 @@ from helpers import (
     surface,
 )
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 
 @pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0, 1.0 / 1000.0])
 @pytest.mark.parametrize("height", [0.01, 1.0, 20.0])

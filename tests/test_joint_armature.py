@@ -12,6 +12,8 @@ from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 Axis = newton.ModelBuilder.JointDofConfig
 DT = 1.0 / 2000.0
 

@@ -9,6 +9,8 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 DT = 1.0 / 240.0
 ANCHOR = wp.transform(wp.vec3(0.1, -0.2, 0.3), wp.quat_rpy(0.3, 0.5, -0.4))
 END = wp.transform(wp.vec3(-0.3, 0.1, 0.2), wp.quat_rpy(-0.2, 0.1, 0.6))

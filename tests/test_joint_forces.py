@@ -20,6 +20,8 @@ from joint_scenes import (
 from newton.solvers import SolverBase
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 Dof = newton.ModelBuilder.JointDofConfig
 PARENT_F = SolverBase.ObservableKind.BODY_PARENT_F
 TURN_P = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])

@@ -18,6 +18,8 @@ from joint_scenes import (
     transform,
 )
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 FRICTION = 3.0
 
 

@@ -17,6 +17,8 @@ from joint_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 TURNED = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
 CLOSE = 1.0e-4  # [m] or [rad]: how far past its limit a joint may be found, ever
 

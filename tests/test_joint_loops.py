@@ -22,6 +22,8 @@ from joint_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 HINGE = (0.0, 1.0, 0.0)
 AT_END = pytest.mark.filterwarnings("ignore:.*another joint already connects.*")
 

@@ -18,6 +18,8 @@ from joint_scenes import (
 )
 from scipy.integrate import solve_ivp
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 HINGE = (0.0, 1.0, 0.0)
 
 

@@ -19,6 +19,8 @@ from joint_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 Dof = newton.ModelBuilder.JointDofConfig
 TURN_P = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
 TURN_C = Rotation.from_euler("xyz", [-2.0, 0.4, 0.9])

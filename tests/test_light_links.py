@@ -87,6 +87,7 @@ def mass_without_turning(sim: Simulation, foot: int, kinds: tuple[str, ...], ste
     return float(motion @ metric @ motion)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 @pytest.mark.parametrize("foot", [0, -1])
 @pytest.mark.parametrize(
     "kinds",

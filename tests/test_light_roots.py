@@ -16,14 +16,16 @@ SPIN = np.array([6.0, -12.0, 8.0])
 STEPS = 48
 
 
-def carrying(kind: str, held: Any = (0.0, 0.0, 0.0), box_mass: float = 1500.0) -> Simulation:
+def carrying(
+    kind: str, held: Any = (0.0, 0.0, 0.0), box_mass: float = 1500.0, **axis: float
+) -> Simulation:
     """The joint is in the center of the ball and at ``held`` [m] in the box; no gravity."""
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     ball = add_link(builder, mass=5.0e-4, inertia=[BALL_MOMENT] * 3)
     box = add_link(builder, mass=box_mass, inertia=box_mass * np.array([0.007, 0.022, 0.026]))
     free = builder.add_joint_free(ball)
     add = getattr(builder, f"add_joint_{kind}")
-    builder.add_articulation([free, add(ball, box, child_xform=transform(held))])
+    builder.add_articulation([free, add(ball, box, child_xform=transform(held), **axis)])
     return simulate(builder)
 
 
@@ -54,6 +56,21 @@ def test_a_torque_of_the_joint_reacts_on_the_ball() -> None:
     np.testing.assert_allclose(sim.velocity[BALL, 3:], [0.0, expected, 0.0], atol=1.0e-4)
 
 
+@pytest.mark.usefixtures("shared_kernels")
+@pytest.mark.parametrize(
+    "axis", [{"friction": 1.0e-5}, {"target_kd": 1.0, "target_qd": 30.0, "effort_limit": 1.0e-5}]
+)
+def test_what_acts_along_a_hinge_reacts_on_the_ball(axis: dict[str, float]) -> None:
+    """Friction that slips and a drive at its limit slow it by f t / I."""
+    sim = carrying("revolute", box_mass=10.0, **axis)
+    assert sim.solver.effects.flags.light_roots
+    sim.set_velocity(BALL, angular=(10.0, 0.0, 0.0))
+    sim.step(STEPS)
+    expected = 10.0 - 1.0e-5 * STEPS * sim.dt / BALL_MOMENT
+    np.testing.assert_allclose(sim.velocity[BALL, 3:], [expected, 0.0, 0.0], atol=1.0e-3)
+
+
+@pytest.mark.usefixtures("shared_kernels")
 def test_about_its_axis_a_hinge_does_not_turn_the_ball() -> None:
     sim = carrying("revolute")
     sim.set_velocity(BALL, angular=(10.0, 0.0, 0.0))
@@ -61,6 +78,7 @@ def test_about_its_axis_a_hinge_does_not_turn_the_ball() -> None:
     np.testing.assert_allclose(sim.velocity[:, 3:], [[10.0, 0, 0], [0, 0, 0]], atol=1.0e-4)
 
 
+@pytest.mark.usefixtures("shared_kernels")
 def test_along_its_axis_a_slide_does_not_push_the_ball() -> None:
     sim = carrying("prismatic")
     sim.set_velocity(BALL, (1.0, 0.0, 0.0))

@@ -12,6 +12,8 @@ from helpers import IDENTITY, NO_GRAVITY, G, Simulation, add_box, add_ground, ad
 
 from newton_avbd.study.scenes import add_dominoes
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 ADD = {"sphere": add_sphere, "box": add_box}
 
 

@@ -20,6 +20,8 @@ from joint_scenes import (
 from scipy.integrate import solve_ivp
 from test_bdf2 import STEPS, assert_second_order, both
 
+pytestmark = pytest.mark.usefixtures("shared_kernels")
+
 HINGE = (0.0, 1.0, 0.0)
 alpha = pytest.mark.parametrize("scheme", ["generalized_alpha"])
 """BDF2 is the same code with another constant."""

@@ -736,6 +736,8 @@ def make_trees(
             if wp.static(effects.light_roots):
                 if pivot == inert and axis.pivot == 0.0:
                     pushed = control.joint_f[index]
+                    if wp.static(effects.laws):
+                        pushed += pull  # of friction that slips, or a drive at its limit
                     if dof < linear:
                         shifting, thrust = algebra.freed(shifting, thrust, axis.linear, pushed)
                     else:

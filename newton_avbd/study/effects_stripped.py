@@ -20,6 +20,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import warp as wp
 from warp._src.context import ModuleBuilder
 
 import newton_avbd
@@ -121,6 +122,12 @@ def _canonical(function: str) -> str:
     return re.sub(r"\s+", " ", code)
 
 
+def source(kernel: wp.Kernel) -> str:
+    """C++ code of a kernel's module, which Warp has no public way to generate without compiling."""
+    options = kernel.module.options | {"output_arch": None, "block_dim": 1}
+    return ModuleBuilder(kernel.module, options, target="cpu").codegen("cpu")
+
+
 def main(folder: Path) -> None:
     """Write the code of the kernels for the effects on standard input."""
     from newton_avbd.execute.bodies import make_integrate, make_predict
@@ -129,11 +136,8 @@ def main(folder: Path) -> None:
 
     effects: Effects = pickle.load(sys.stdin.buffer)
     for make in (make_predict, make_integrate, make_solve, make_export_parent_force):
-        module = make(effects).module
-        # Warp has no public way to generate code without compiling it
-        options = module.options | {"output_arch": None, "block_dim": 1}
-        source = ModuleBuilder(module, options, target="cpu").codegen("cpu")
-        (folder / f"{module.name}.cpp").write_text(source)
+        kernel = make(effects)
+        (folder / f"{kernel.module.name}.cpp").write_text(source(kernel))
 
 
 if __name__ == "__main__":
