@@ -13,6 +13,7 @@ import warp as wp
 from . import data
 from .effects import Effects
 from .execute import coloring, joining, scan
+from .execute.barrier import block_size
 from .execute.colored import make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
@@ -26,7 +27,6 @@ thread that would do it alone is some 30 times as slow as a core of a CPU, which
 
 _UNSUPPORTED: dict[str, str] = {
     "breaking": "joints that break (effects={'breaking': False} leaves that out)",
-    "restitution": "restitution (effects={'restitution': False} leaves it out)",
     "bdf2": "scheme='bdf2' or 'generalized_alpha'",
     "ramp": "formulation='ramp'",
     "sleeping": "sleeping=True",
@@ -103,7 +103,7 @@ class LargeWorlds:
             colors.scale = wp.zeros(self._world_count, dtype=data.WorldScale)
             colors.is_finite = wp.zeros(self._world_count, dtype=wp.int32)
             colors.deepest = wp.zeros(self._world_count, dtype=float)
-            for name in ("most", "passes", "is_open"):
+            for name in ("most", "passes", "is_open", "has_impacts"):
                 setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
@@ -227,6 +227,19 @@ class LargeWorlds:
             kernels.penalise, bodies, [shapes, contacts, worlds, work, rows, tree, history, colors]
         )
 
+        # What bounces; without a contact buffer nothing does.
+        if effects.restitution and places:
+            launch(kernels.begin_rounds, bodies, [body_qd, rows])
+            launch(kernels.find_impacts, bodies, [shapes, worlds, work, history, rows, colors])
+            block = block_size(self._device)
+            wave = self._islands.bodies  # of no use before the sweeps have ended
+            launch(
+                kernels.strike_worlds,
+                self._world_count * block,
+                [block, turns, work, rows, colors, wave],
+            )
+            launch(kernels.end_rounds, bodies, [worlds, colors, work, rows])
+
         # Joints, and the blocks of bodies.
         start = [model, joints, body_q, body_qd, worlds, work]
         if effects.joints:
@@ -291,6 +304,8 @@ class LargeWorlds:
             bodies,
             [model, body_q, body_qd, h, worlds, *end, history, body_qd_out],
         )
+        if effects.restitution and places:
+            launch(kernels.leave_impacts, bodies, [worlds, colors, work, rows, history])
         if effects.armature:
             armatures = [joints, body_qd, body_qd_out, worlds, work, tree]
             launch(kernels.end_armatures, bodies, [*armatures, colors, history])

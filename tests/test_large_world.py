@@ -184,17 +184,9 @@ def test_a_cpu_takes_worlds() -> None:
     assert SolverAVBD(model, parallel="bodies").parallel == "bodies"
 
 
-def bouncing() -> newton.ModelBuilder:
-    """A pile, and a sphere that bounces."""
-    builder = pile()
-    add_sphere(builder, (3.0, 0.0, 1.0), restitution=0.5)
-    return builder
-
-
 @pytest.mark.parametrize(
     ("builder", "settings", "message"),
     [
-        (bouncing, {}, "restitution"),
         (pile, {"scheme": "bdf2"}, "scheme='bdf2'"),
         (pile, {"formulation": "ramp"}, "formulation='ramp'"),
     ],

@@ -37,11 +37,13 @@ from ..rows import contact as contact_rows
 from .beginning import make_begin
 from .bodies import report_held, vector_sum
 from .closures import make_closures
+from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
 from .ending import make_end, make_remember
 from .finite import make_is_world_finite
 from .gathering import make_assemble, make_gather
+from .impacts import make_impacts
 from .joining import join_at_once
 from .launch import KERNEL, uncollected
 from .loops import make_loops
@@ -68,6 +70,10 @@ class Colored(NamedTuple):
     recall_rows: wp.Kernel
     weigh: wp.Kernel | None
     penalise: wp.Kernel
+    begin_rounds: wp.Kernel | None
+    find_impacts: wp.Kernel | None
+    strike_worlds: wp.Kernel | None
+    end_rounds: wp.Kernel | None
     measure_joints: wp.Kernel | None
     measure_loops: wp.Kernel | None
     place_joints: wp.Kernel | None
@@ -76,6 +82,7 @@ class Colored(NamedTuple):
     sweep_loops: wp.Kernel | None
     remember: wp.Kernel
     end_velocities: wp.Kernel
+    leave_impacts: wp.Kernel | None
     end_armatures: wp.Kernel | None
     end_loop_armatures: wp.Kernel | None
     end_sweeps: wp.Kernel
@@ -192,6 +199,8 @@ def make_colored(effects: Effects) -> Colored:
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
     end_velocity, end_armature, end_pose = make_end(effects)
+    impacts = make_impacts(effects)
+    release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     count_passes = make_count_passes(effects)
 
     def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
@@ -249,6 +258,7 @@ def make_colored(effects: Effects) -> Colored:
         colors.is_finite[world] = is_finite
         colors.deepest[world] = 0.0
         colors.is_open[world] = 0
+        colors.has_impacts[world] = 0
         for i in range(colors.moved.shape[0]):
             colors.moved[i, world] = wp.where(i == 0, wp.inf, -1.0)
         for i in range(colors.recovered.shape[0]):
@@ -684,8 +694,9 @@ def make_colored(effects: Effects) -> Colored:
     ):
         """Velocities; one thread a body."""
         body = wp.tid()
+        world = worlds.of_body[body]
         velocity = body_qd[body]
-        if colors.is_finite[worlds.of_body[body]] == 0:
+        if colors.is_finite[world] == 0:
             history.falling[body] = 0.0
         elif work.inv_mass[body] > 0.0:
             velocity = end_velocity(
@@ -702,6 +713,9 @@ def make_colored(effects: Effects) -> Colored:
                 islands,
                 history,
             )
+            if wp.static(effects.restitution):
+                if colors.has_impacts[world] == 1:
+                    release_impacts(body, worlds, rows, tree, loops)
         body_qd_out[body] = velocity
 
     @kernel(effects.armature)
@@ -877,6 +891,9 @@ def make_colored(effects: Effects) -> Colored:
                 history.start[side, body] = 0
                 history.end[side, body] = 0
         elif work.inv_mass[body] > 0.0:
+            if wp.static(effects.restitution):
+                if colors.has_impacts[world] == 1:
+                    restore_impacts(body, colors.scale[world].h, work, rows)
             pose = end_pose(
                 worlds.rank[body], body_q, model, worlds, work, rows, tree, loops, islands, history
             )
@@ -888,6 +905,7 @@ def make_colored(effects: Effects) -> Colored:
                 history.age[world] = 0
             history.parity[world] = 1 - history.parity[world]
 
+    strikes = make_colored_impacts(effects, kernel)
     return Colored(
         measure_lanes,
         begin_step,
@@ -895,6 +913,10 @@ def make_colored(effects: Effects) -> Colored:
         recall_rows,
         weigh,
         penalise,
+        strikes.begin_rounds,
+        strikes.find_impacts,
+        strikes.strike_worlds,
+        strikes.end_rounds,
         measure_joints,
         measure_loops,
         place_joints,
@@ -903,6 +925,7 @@ def make_colored(effects: Effects) -> Colored:
         sweep_loops,
         remember,
         end_velocities,
+        strikes.leave_impacts,
         end_armatures,
         end_loop_armatures,
         end_sweeps,

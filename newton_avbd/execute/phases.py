@@ -30,7 +30,7 @@ from .closures import make_closures
 from .contacts import make_rows
 from .ending import make_end, make_remember
 from .gathering import make_assemble, make_gather
-from .impacts import free_share, make_impacts
+from .impacts import leave_impacts, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
 from .loops import make_loops, parent_slot
 from .piles import make_piles
@@ -75,7 +75,7 @@ def make_phases(effects: Effects) -> Phases:
     remember_motion, remember_loops = bdf2.remember_motion, bdf2.remember_loops
     remember_state = bdf2.remember_state
     impacts = make_impacts(effects)
-    find_impacts, find_wait = impacts.find_impacts, impacts.find_wait
+    find_impacts = impacts.find_impacts
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     loop_functions = make_loops(effects)
     loop_wrench = loop_functions.loop_wrench
@@ -481,14 +481,9 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
+                    release_impacts(worlds.bodies[i], worlds, rows, tree, loops)
                 for i in range(body_start, body_end):
-                    release_impacts(worlds.bodies[i], scale.h, work, rows)
-                for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    if rows.struck_at[body] >= 0.0:
-                        history.falling[body] = free_share(body, scale, work)
+                    leave_impacts(worlds.bodies[i], scale, work, rows, history)
         if wp.static(effects.armature):
             end_armatures(
                 world, scale, body_qd, joints, worlds, work, tree, loops, history, body_qd_out
