@@ -26,7 +26,6 @@ LARGE = 256
 thread that would do it alone is some 30 times as slow as a core of a CPU, which takes 0.3 ms."""
 
 _UNSUPPORTED: dict[str, str] = {
-    "breaking": "joints that break (effects={'breaking': False} leaves that out)",
     "bdf2": "scheme='bdf2' or 'generalized_alpha'",
     "ramp": "formulation='ramp'",
     "sleeping": "sleeping=True",
@@ -298,6 +297,15 @@ class LargeWorlds:
             self._scan(launch, colors.count, bodies, self._islands.body_start)
             launch(joining.list_members, bodies, [work, islands, self._islands, colors])
             launch(joining.keep_island, bodies, [model, self._islands, islands, work])
+        if effects.breaking:
+            load = [h, worlds, work, rows, loops, colors, tree, history]
+            launch(kernels.break_trees, bodies, [model, joints, control, *load])
+            if effects.loops:
+                launch(
+                    kernels.break_loops,
+                    self._loop_count,
+                    [joints, worlds, work, loops, colors, history],
+                )
         end = [work, rows, tree, loops, islands, colors]
         launch(
             kernels.end_velocities,

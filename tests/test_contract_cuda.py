@@ -84,7 +84,7 @@ LARGE_VARIANTS = {
     "articulations": with_all(
         JOINTED,
         "pairs flipped light_roots light_links reaction mimics springs armature joint_friction "
-        "effort_limits velocity_limits restitution",
+        "effort_limits velocity_limits restitution breaking",
     ),
 }
 """Effects of one large world."""

@@ -36,6 +36,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from .beginning import make_begin
 from .bodies import report_held, vector_sum
+from .breaking import make_break_joints
 from .closures import make_closures
 from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
@@ -81,6 +82,8 @@ class Colored(NamedTuple):
     sweep_color: wp.Kernel
     sweep_loops: wp.Kernel | None
     remember: wp.Kernel
+    break_trees: wp.Kernel | None
+    break_loops: wp.Kernel | None
     end_velocities: wp.Kernel
     leave_impacts: wp.Kernel | None
     end_armatures: wp.Kernel | None
@@ -199,6 +202,7 @@ def make_colored(effects: Effects) -> Colored:
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
     end_velocity, end_armature, end_pose = make_end(effects)
+    break_blocks, break_loop = make_break_joints(effects, gather)
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     count_passes = make_count_passes(effects)
@@ -671,6 +675,59 @@ def make_colored(effects: Effects) -> Colored:
         if not wp.isfinite(vector_sum(work.increment[body])):
             colors.is_finite[world] = 0
 
+    @kernel(effects.breaking)
+    def break_trees(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        # Work out:
+        tree: TreeWork,
+        history: History,
+    ):
+        """Breaks the joints of a block's tree; one thread a body, for a first one."""
+        block = wp.tid()
+        if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
+            first = worlds.rank[block]
+            break_blocks(
+                first,
+                worlds.block_end[first],
+                h,
+                model,
+                joints,
+                control,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+
+    @kernel(effects.breaking and effects.loops)
+    def break_loops(
+        # Model:
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        # Work out:
+        history: History,
+    ):
+        """Breaks joints outside of the trees; one thread a joint."""
+        i = wp.tid()
+        if colors.is_finite[loop_world(i, joints, worlds, work, loops)] == 1:
+            break_loop(i, joints, loops, history)
+
     @kernel()
     def end_velocities(
         # Model:
@@ -924,6 +981,8 @@ def make_colored(effects: Effects) -> Colored:
         sweep_color,
         sweep_loops,
         remember,
+        break_trees,
+        break_loops,
         end_velocities,
         strikes.leave_impacts,
         end_armatures,

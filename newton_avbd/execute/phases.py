@@ -95,6 +95,7 @@ def make_phases(effects: Effects) -> Phases:
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     sweep_world = make_sweep_world(effects, sweep_block, piles.sweep_piles, loop_wrench)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
+    break_blocks, break_loop = make_break_joints(effects, gather)
     end_velocity, end_armature, end_pose = make_end(effects)
     count_passes = make_count_passes(effects)
 
@@ -389,6 +390,39 @@ def make_phases(effects: Effects) -> Phases:
                     has_islands = keep_momentum(world, model, worlds, work, islands)
         return has_islands
 
+    @wp.func(inline=effects.inline)
+    def break_joints(
+        world: int,
+        h: float,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """Breaks joints that carry more than they may."""
+        break_blocks(
+            worlds.body_start[world],
+            worlds.body_start[world + 1],
+            h,
+            model,
+            joints,
+            control,
+            worlds,
+            work,
+            rows,
+            tree,
+            loops,
+            history,
+        )
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                break_loop(i, joints, loops, history)
+
     @wp.func
     def end_armatures(
         world: int,
@@ -596,7 +630,7 @@ def make_phases(effects: Effects) -> Phases:
         stiffen_piles,
         sweep_to_rest,
         keep_forces,
-        make_break_joints(effects, gather),
+        break_joints,
         end_velocities,
         begin_recovery,
         end_recovery,
