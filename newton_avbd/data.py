@@ -899,8 +899,11 @@ class ColorWork:
     """1 for each world with a joint that is open at the start of the step."""
     has_impacts: wp.array[wp.int32]
     """1 for each world in which something bounces in the step."""
-    is_cold: wp.array[wp.int32]
-    """1 where a world is in its first steps after a reset, which sweep more, shape (1,)."""
+    begin: wp.array[wp.int32]
+    """Sweep with which the last round of sweeps of each world begins."""
+    has_more: wp.array[wp.int32]
+    """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, or where
+    impacts go on."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
 

@@ -52,6 +52,7 @@ from .scale import (
     COLD_FACTOR,
     COLD_STEPS,
     LONGER,
+    is_struck,
     make_count_passes,
     make_measure_world,
     settled_update,
@@ -81,6 +82,7 @@ class Colored(NamedTuple):
     assemble: wp.Kernel
     sweep_color: wp.Kernel
     sweep_loops: wp.Kernel | None
+    begin_round: wp.Kernel
     remember: wp.Kernel
     break_trees: wp.Kernel | None
     break_loops: wp.Kernel | None
@@ -234,7 +236,7 @@ def make_colored(effects: Effects) -> Colored:
         is_finite = is_world_finite(lane, joints, control, worlds, work, tree, loops)
         colors.lane_finite[lane] = int(is_finite)
         if lane == 0:
-            colors.is_cold[0] = 0
+            colors.has_more[0] = 0
             colors.is_apart[0] = 0
 
     @kernel()
@@ -263,6 +265,7 @@ def make_colored(effects: Effects) -> Colored:
         colors.deepest[world] = 0.0
         colors.is_open[world] = 0
         colors.has_impacts[world] = 0
+        colors.begin[world] = 0
         for i in range(colors.moved.shape[0]):
             colors.moved[i, world] = wp.where(i == 0, wp.inf, -1.0)
         for i in range(colors.recovered.shape[0]):
@@ -273,7 +276,7 @@ def make_colored(effects: Effects) -> Colored:
         colors.most[world] = is_finite * iterations
         if history.age[world] < COLD_STEPS:
             colors.most[world] = is_finite * COLD_FACTOR * iterations
-            colors.is_cold[0] = 1
+            colors.has_more[0] = 1
 
     @kernel()
     def build_rows(
@@ -480,20 +483,26 @@ def make_colored(effects: Effects) -> Colored:
         model: BodyModel,
         joints: JointModel,
         control: ControlInput,
+        # In:
         h: float,
+        begin: int,
         # Work:
         worlds: WorldWork,
         rows: RowWork,
         tree: TreeWork,
         loops: LoopWork,
+        colors: ColorWork,
         history: History,
         # Work out:
         work: BodyWork,
         islands: IslandWork,
     ):
-        """Sums the block of a body, or puts it to its target; one thread a body."""
+        """Sums the block of a body, or puts it to its target; one thread a body.
+
+        Those of worlds whose round of sweeps begins with the sweep ``begin``.
+        """
         body = wp.tid()
-        if work.inv_mass[body] > 0.0:
+        if work.inv_mass[body] > 0.0 and colors.begin[worlds.of_body[body]] == begin:
             begin_body(
                 worlds.rank[body],
                 h,
@@ -541,7 +550,7 @@ def make_colored(effects: Effects) -> Colored:
                 scale = colors.scale[world]
                 far = sweep_block(
                     worlds.rank[body],
-                    sweep > 0 and recovery == 0.0,
+                    sweep > colors.begin[world] and recovery == 0.0,
                     recovery,
                     scale.slop,
                     scale.h,
@@ -639,6 +648,21 @@ def make_colored(effects: Effects) -> Colored:
         if goes_on(sweep, world, tolerance, moved, most, colors):
             h = colors.scale[world].h
             loop_wrench(i, recovery, h, model, joints, control, work, tree, loops, history, True)
+
+    @kernel()
+    def begin_round(
+        # In:
+        iterations: int,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """Another round of sweeps where impacts go on after the first; one thread a world."""
+        world = wp.tid()
+        if colors.most[world] == iterations:
+            if is_struck(colors.moved[iterations, world], colors.scale[world]):
+                colors.most[world] = COLD_FACTOR * iterations
+                colors.begin[world] = iterations
+                colors.has_more[0] = 1
 
     @kernel()
     def remember(
@@ -980,6 +1004,7 @@ def make_colored(effects: Effects) -> Colored:
         assemble,
         sweep_color,
         sweep_loops,
+        begin_round,
         remember,
         break_trees,
         break_loops,
