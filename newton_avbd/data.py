@@ -858,7 +858,8 @@ class ColorWork:
     priority: wp.array[wp.int32]
     """By body slot: of two blocks with the same color, that of higher priority keeps it."""
     count: wp.array[wp.int32]
-    """By body slot: contacts of the body, then contacts that it owns, then bodies of its island."""
+    """By body slot: contacts of the body, then contacts that it owns, then the highest priority of
+    what strikes it, then bodies of its island."""
     incident_start: wp.array[wp.int32]
     """By body slot: first of the body's contacts in ``incident``."""
     incident: wp.array[wp.int32]
@@ -896,8 +897,13 @@ class ColorWork:
     """Deepest penetration of each world at the start of the step [m]."""
     is_open: wp.array[wp.int32]
     """1 for each world with a joint that is open at the start of the step."""
-    is_cold: wp.array[wp.int32]
-    """1 where a world is in its first steps after a reset, which sweep more, shape (1,)."""
+    has_impacts: wp.array[wp.int32]
+    """1 for each world in which something bounces in the step."""
+    begin: wp.array[wp.int32]
+    """Sweep with which the last round of sweeps of each world begins."""
+    has_more: wp.array[wp.int32]
+    """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, or where
+    impacts go on."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
 

@@ -13,10 +13,11 @@ import warp as wp
 from . import data
 from .effects import Effects
 from .execute import coloring, joining, scan
+from .execute.barrier import block_size
 from .execute.colored import make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
-from .execute.scale import COLD_FACTOR, COLD_STEPS, JOINT_PASSES, LONGER, LOOP_PASSES
+from .execute.scale import COLD_FACTOR, JOINT_PASSES, LOOP_PASSES
 from .rows.contact import RECOVERY
 from .topology import Topology
 
@@ -25,8 +26,6 @@ LARGE = 256
 thread that would do it alone is some 30 times as slow as a core of a CPU, which takes 0.3 ms."""
 
 _UNSUPPORTED: dict[str, str] = {
-    "breaking": "joints that break (effects={'breaking': False} leaves that out)",
-    "restitution": "restitution (effects={'restitution': False} leaves it out)",
     "bdf2": "scheme='bdf2' or 'generalized_alpha'",
     "ramp": "formulation='ramp'",
     "sleeping": "sleeping=True",
@@ -62,8 +61,6 @@ class LargeWorlds:
         body_start, bodies = worlds.body_start.numpy(), worlds.bodies.numpy()
         self._body_count, self._world_count = bodies.size, body_start.size - 1
         self._device = device
-        self._cold = float(COLD_STEPS)
-        self._last_dt = 0.0
         slots = bodies.size + 1
         lane_start, world_lane = _lanes(body_start)
         self._lanes = lanes = lane_start.size - 1
@@ -103,11 +100,11 @@ class LargeWorlds:
             colors.scale = wp.zeros(self._world_count, dtype=data.WorldScale)
             colors.is_finite = wp.zeros(self._world_count, dtype=wp.int32)
             colors.deepest = wp.zeros(self._world_count, dtype=float)
-            for name in ("most", "passes", "is_open"):
+            for name in ("most", "passes", "is_open", "has_impacts", "begin"):
                 setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
-            colors.is_cold = wp.zeros(1, dtype=wp.int32)
+            colors.has_more = wp.zeros(1, dtype=wp.int32)
             colors.is_apart = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
             self._turns.rank = wp.zeros(slots, dtype=wp.int32)
@@ -133,26 +130,12 @@ class LargeWorlds:
 
     def forget(self, launch: Launcher, body_world: wp.array, mask: wp.array) -> None:
         """Starts the masked worlds from no colors; all, with an empty mask."""
-        # a replay that resets is not seen here: from then on any step may be cold
-        self._cold = math.inf if self._device.is_capturing else max(self._cold, float(COLD_STEPS))
         launch(coloring.forget_colors, self._body_count, [body_world, mask, self.colors])
 
     def found(self) -> tuple[int, int]:
         """How many colors the last step took, and how many blocks found none."""
         sizes = np.diff(self.colors.start.numpy()[:: self._lanes])
         return int(np.count_nonzero(sizes[:COLORS])), int(sizes[COLORS])
-
-    def _may_be_cold(self, dt: float) -> bool:
-        """Whether the step may be one of the first after a reset, as far as the host can tell.
-
-        The device knows for certain, and sweeps no more than it has to.
-        """
-        if dt > LONGER * self._last_dt:
-            self._cold = float(COLD_STEPS)
-        self._last_dt = dt
-        is_cold = self._cold > 0
-        self._cold = max(self._cold - 1, 0)
-        return is_cold
 
     def _scan(self, launch: Launcher, counts: wp.array, count: int, starts: wp.array) -> None:
         """Prefix sums of the first ``count`` counts."""
@@ -227,6 +210,19 @@ class LargeWorlds:
             kernels.penalise, bodies, [shapes, contacts, worlds, work, rows, tree, history, colors]
         )
 
+        # What bounces; without a contact buffer nothing does.
+        if effects.restitution and places:
+            launch(kernels.begin_rounds, bodies, [body_qd, rows])
+            launch(kernels.find_impacts, bodies, [shapes, worlds, work, history, rows, colors])
+            block = block_size(self._device)
+            wave = self._islands.bodies  # of no use before the sweeps have ended
+            launch(
+                kernels.strike_worlds,
+                self._world_count * block,
+                [block, turns, work, rows, colors, wave],
+            )
+            launch(kernels.end_rounds, bodies, [worlds, colors, work, rows])
+
         # Joints, and the blocks of bodies.
         start = [model, joints, body_q, body_qd, worlds, work]
         if effects.joints:
@@ -237,11 +233,10 @@ class LargeWorlds:
             launch(
                 kernels.place_joints, bodies, [model, joints, body_q, worlds, work, tree, colors]
             )
-        launch(
-            kernels.assemble,
-            bodies,
-            [model, joints, control, h, worlds, rows, tree, loops, history, work, islands],
-        )
+
+        def assemble(begin: int) -> None:
+            numbers, state = [h, begin], [worlds, rows, tree, loops, colors, history, work, islands]
+            launch(kernels.assemble, bodies, [model, joints, control, *numbers, *state])
 
         threads = -(-bodies // _SHARE)
 
@@ -271,9 +266,14 @@ class LargeWorlds:
                         [model, joints, control, *numbers, *state],
                     )
 
+        def sweep_on() -> None:
+            assemble(iterations)
+            sweep(iterations, most)
+
+        assemble(0)
         sweep(0, iterations)
-        may_be_cold = not self._device.is_capturing and self._may_be_cold(h)
-        self._launch_if(colors.is_cold, lambda: sweep(iterations, most), otherwise=may_be_cold)
+        launch(kernels.begin_round, self._world_count, [iterations, colors])
+        self._launch_if(colors.has_more, sweep_on)
         launch(
             kernels.remember,
             bodies,
@@ -285,12 +285,23 @@ class LargeWorlds:
             self._scan(launch, colors.count, bodies, self._islands.body_start)
             launch(joining.list_members, bodies, [work, islands, self._islands, colors])
             launch(joining.keep_island, bodies, [model, self._islands, islands, work])
+        if effects.breaking:
+            load = [h, worlds, work, rows, loops, colors, tree, history]
+            launch(kernels.break_trees, bodies, [model, joints, control, *load])
+            if effects.loops:
+                launch(
+                    kernels.break_loops,
+                    self._loop_count,
+                    [joints, worlds, work, loops, colors, history],
+                )
         end = [work, rows, tree, loops, islands, colors]
         launch(
             kernels.end_velocities,
             bodies,
             [model, body_q, body_qd, h, worlds, *end, history, body_qd_out],
         )
+        if effects.restitution and places:
+            launch(kernels.leave_impacts, bodies, [worlds, colors, work, rows, history])
         if effects.armature:
             armatures = [joints, body_qd, body_qd_out, worlds, work, tree]
             launch(kernels.end_armatures, bodies, [*armatures, colors, history])
@@ -309,7 +320,7 @@ class LargeWorlds:
             recover(0, 1)
         if effects.joints:
             passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
-            self._launch_if(colors.is_apart, lambda: recover(1, passes), otherwise=True)
+            self._launch_if(colors.is_apart, lambda: recover(1, passes))
             launch(kernels.close_joints, bodies, [model, joints, worlds, colors, work, tree])
         if effects.loops:
             launch(kernels.give_loops_back, self._loop_count, [loops, history])
@@ -325,18 +336,16 @@ class LargeWorlds:
                 [model, h, body_q_out, self._islands, work, islands, body_qd_out],
             )
 
-    def _launch_if(
-        self, condition: wp.array, launches: Callable[[], None], *, otherwise: bool
-    ) -> None:
+    def _launch_if(self, condition: wp.array, launches: Callable[[], None]) -> None:
         """Launches what a number on the device calls for.
 
-        Where the host cannot leave that to the device, ``otherwise`` says whether it may be called
-        for: kernels that are not needed return at once.
+        Where the host cannot leave that to the device it launches all: kernels that are not needed
+        return at once.
         """
         is_graph = self._device.is_capturing and wp.is_conditional_graph_supported()
         if self._device.is_cpu or is_graph:
             wp.capture_if(condition, launches)
-        elif self._device.is_capturing or otherwise:
+        else:
             launches()
 
 

@@ -80,10 +80,11 @@ LARGE_VARIANTS = {
     "all contacts": with_all(
         BODIES, "compliance angular_friction moving_surfaces contact_materials put_bodies"
     ),
+    "bouncing": with_all(BODIES, "pairs restitution angular_friction"),
     "articulations": with_all(
         JOINTED,
         "pairs flipped light_roots light_links reaction mimics springs armature joint_friction "
-        "effort_limits velocity_limits",
+        "effort_limits velocity_limits restitution breaking",
     ),
 }
 """Effects of one large world."""
@@ -167,6 +168,7 @@ def test_the_variants_hold_all_effects() -> None:
     "variant",
     [
         "bodies",
+        "bouncing",
         *(pytest.param(name, marks=LONG) for name in ("hinges", "all contacts", "articulations")),
     ],
 )

@@ -285,6 +285,8 @@ def test_a_large_world_has_no_kernels_of_absent_effects() -> None:
     assert set(kernels) - made == {
         *("weigh", "measure_joints", "measure_loops", "place_joints", "close_joints"),
         *("sweep_loops", "keep_loops", "give_loops_back", "end_armatures", "end_loop_armatures"),
+        *("begin_rounds", "find_impacts", "strike_worlds", "end_rounds", "leave_impacts"),
+        *("break_trees", "break_loops"),
     }
     assert set(kernels["sweep_color"].module.kernels) == {kernels[name].key for name in made}
 

@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints that break under what they carry; from the next step on they are as if disabled."""
 
+from typing import NamedTuple
+
 import warp as wp
 
 from ..blocks.tree import handed_down
@@ -51,8 +53,15 @@ def break_joint(
         history.broken[joint] = True
 
 
-def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
-    """Device function that breaks the joints of a world, after the sweeps.
+class BreakFunctions(NamedTuple):
+    """Device functions that break joints, after the sweeps."""
+
+    break_blocks: wp.Function
+    break_loop: wp.Function
+
+
+def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
+    """Device functions for the joints of trees, and for one outside of them.
 
     Args:
         effects: What the kernel is compiled with.
@@ -90,8 +99,9 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
         )
 
     @wp.func(inline=effects.inline)
-    def break_joints(
-        world: int,
+    def break_blocks(
+        first: int,
+        end: int,
         h: float,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
@@ -103,11 +113,12 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ):
-        """What a joint of a tree holds is what all bodies above it lack: momentum that no other
-        force gave. What one outside of trees holds is its multiplier."""
+        """Breaks joints of the trees of the bodies from ``first`` to ``end``.
+
+        What a joint of a tree holds is what all bodies above it lack: momentum that no other force
+        gave.
+        """
         static_slot = work.inv_mass.shape[0] - 1
-        first = worlds.body_start[world]
-        end = worlds.body_start[world + 1]
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
@@ -134,13 +145,17 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> wp.Function:
                 break_joint(tree.joint[body], force, torque, joints, history)
             # the sweeps start from zero
             tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                joint = loops.joints[i]
-                if loops.k_l[i] > 0.0:
-                    force = history.loop_force[i]
-                    if joints.type[joint] == joint_rows.DISTANCE:
-                        force[0] = history.limit_force[joints.dof_start[joint]]
-                    break_joint(joint, force, history.loop_torque[i], joints, history)
 
-    return break_joints
+    @wp.func
+    def break_loop(
+        i: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork], history: wp.ref[History]
+    ):
+        """Breaks a joint outside of trees, which holds its multiplier."""
+        joint = loops.joints[i]
+        if loops.k_l[i] > 0.0:
+            force = history.loop_force[i]
+            if joints.type[joint] == joint_rows.DISTANCE:
+                force[0] = history.limit_force[joints.dof_start[joint]]
+            break_joint(joint, force, history.loop_torque[i], joints, history)
+
+    return BreakFunctions(break_blocks, break_loop)

@@ -36,12 +36,15 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from .beginning import make_begin
 from .bodies import report_held, vector_sum
+from .breaking import make_break_joints
 from .closures import make_closures
+from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
 from .ending import make_end, make_remember
 from .finite import make_is_world_finite
 from .gathering import make_assemble, make_gather
+from .impacts import make_impacts
 from .joining import join_at_once
 from .launch import KERNEL, uncollected
 from .loops import make_loops
@@ -49,6 +52,7 @@ from .scale import (
     COLD_FACTOR,
     COLD_STEPS,
     LONGER,
+    is_struck,
     make_count_passes,
     make_measure_world,
     settled_update,
@@ -68,14 +72,22 @@ class Colored(NamedTuple):
     recall_rows: wp.Kernel
     weigh: wp.Kernel | None
     penalise: wp.Kernel
+    begin_rounds: wp.Kernel | None
+    find_impacts: wp.Kernel | None
+    strike_worlds: wp.Kernel | None
+    end_rounds: wp.Kernel | None
     measure_joints: wp.Kernel | None
     measure_loops: wp.Kernel | None
     place_joints: wp.Kernel | None
     assemble: wp.Kernel
     sweep_color: wp.Kernel
     sweep_loops: wp.Kernel | None
+    begin_round: wp.Kernel
     remember: wp.Kernel
+    break_trees: wp.Kernel | None
+    break_loops: wp.Kernel | None
     end_velocities: wp.Kernel
+    leave_impacts: wp.Kernel | None
     end_armatures: wp.Kernel | None
     end_loop_armatures: wp.Kernel | None
     end_sweeps: wp.Kernel
@@ -192,6 +204,9 @@ def make_colored(effects: Effects) -> Colored:
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
     end_velocity, end_armature, end_pose = make_end(effects)
+    break_blocks, break_loop = make_break_joints(effects, gather)
+    impacts = make_impacts(effects)
+    release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     count_passes = make_count_passes(effects)
 
     def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
@@ -221,7 +236,7 @@ def make_colored(effects: Effects) -> Colored:
         is_finite = is_world_finite(lane, joints, control, worlds, work, tree, loops)
         colors.lane_finite[lane] = int(is_finite)
         if lane == 0:
-            colors.is_cold[0] = 0
+            colors.has_more[0] = 0
             colors.is_apart[0] = 0
 
     @kernel()
@@ -249,6 +264,8 @@ def make_colored(effects: Effects) -> Colored:
         colors.is_finite[world] = is_finite
         colors.deepest[world] = 0.0
         colors.is_open[world] = 0
+        colors.has_impacts[world] = 0
+        colors.begin[world] = 0
         for i in range(colors.moved.shape[0]):
             colors.moved[i, world] = wp.where(i == 0, wp.inf, -1.0)
         for i in range(colors.recovered.shape[0]):
@@ -259,7 +276,7 @@ def make_colored(effects: Effects) -> Colored:
         colors.most[world] = is_finite * iterations
         if history.age[world] < COLD_STEPS:
             colors.most[world] = is_finite * COLD_FACTOR * iterations
-            colors.is_cold[0] = 1
+            colors.has_more[0] = 1
 
     @kernel()
     def build_rows(
@@ -466,20 +483,26 @@ def make_colored(effects: Effects) -> Colored:
         model: BodyModel,
         joints: JointModel,
         control: ControlInput,
+        # In:
         h: float,
+        begin: int,
         # Work:
         worlds: WorldWork,
         rows: RowWork,
         tree: TreeWork,
         loops: LoopWork,
+        colors: ColorWork,
         history: History,
         # Work out:
         work: BodyWork,
         islands: IslandWork,
     ):
-        """Sums the block of a body, or puts it to its target; one thread a body."""
+        """Sums the block of a body, or puts it to its target; one thread a body.
+
+        Those of worlds whose round of sweeps begins with the sweep ``begin``.
+        """
         body = wp.tid()
-        if work.inv_mass[body] > 0.0:
+        if work.inv_mass[body] > 0.0 and colors.begin[worlds.of_body[body]] == begin:
             begin_body(
                 worlds.rank[body],
                 h,
@@ -527,7 +550,7 @@ def make_colored(effects: Effects) -> Colored:
                 scale = colors.scale[world]
                 far = sweep_block(
                     worlds.rank[body],
-                    sweep > 0 and recovery == 0.0,
+                    sweep > colors.begin[world] and recovery == 0.0,
                     recovery,
                     scale.slop,
                     scale.h,
@@ -627,6 +650,21 @@ def make_colored(effects: Effects) -> Colored:
             loop_wrench(i, recovery, h, model, joints, control, work, tree, loops, history, True)
 
     @kernel()
+    def begin_round(
+        # In:
+        iterations: int,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """Another round of sweeps where impacts go on after the first; one thread a world."""
+        world = wp.tid()
+        if colors.most[world] == iterations:
+            if is_struck(colors.moved[iterations, world], colors.scale[world]):
+                colors.most[world] = COLD_FACTOR * iterations
+                colors.begin[world] = iterations
+                colors.has_more[0] = 1
+
+    @kernel()
     def remember(
         # Model:
         joints: JointModel,
@@ -661,6 +699,59 @@ def make_colored(effects: Effects) -> Colored:
         if not wp.isfinite(vector_sum(work.increment[body])):
             colors.is_finite[world] = 0
 
+    @kernel(effects.breaking)
+    def break_trees(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        # Work out:
+        tree: TreeWork,
+        history: History,
+    ):
+        """Breaks the joints of a block's tree; one thread a body, for a first one."""
+        block = wp.tid()
+        if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
+            first = worlds.rank[block]
+            break_blocks(
+                first,
+                worlds.block_end[first],
+                h,
+                model,
+                joints,
+                control,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                history,
+            )
+
+    @kernel(effects.breaking and effects.loops)
+    def break_loops(
+        # Model:
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        # Work out:
+        history: History,
+    ):
+        """Breaks joints outside of the trees; one thread a joint."""
+        i = wp.tid()
+        if colors.is_finite[loop_world(i, joints, worlds, work, loops)] == 1:
+            break_loop(i, joints, loops, history)
+
     @kernel()
     def end_velocities(
         # Model:
@@ -684,8 +775,9 @@ def make_colored(effects: Effects) -> Colored:
     ):
         """Velocities; one thread a body."""
         body = wp.tid()
+        world = worlds.of_body[body]
         velocity = body_qd[body]
-        if colors.is_finite[worlds.of_body[body]] == 0:
+        if colors.is_finite[world] == 0:
             history.falling[body] = 0.0
         elif work.inv_mass[body] > 0.0:
             velocity = end_velocity(
@@ -702,6 +794,9 @@ def make_colored(effects: Effects) -> Colored:
                 islands,
                 history,
             )
+            if wp.static(effects.restitution):
+                if colors.has_impacts[world] == 1:
+                    release_impacts(body, worlds, rows, tree, loops)
         body_qd_out[body] = velocity
 
     @kernel(effects.armature)
@@ -877,6 +972,9 @@ def make_colored(effects: Effects) -> Colored:
                 history.start[side, body] = 0
                 history.end[side, body] = 0
         elif work.inv_mass[body] > 0.0:
+            if wp.static(effects.restitution):
+                if colors.has_impacts[world] == 1:
+                    restore_impacts(body, colors.scale[world].h, work, rows)
             pose = end_pose(
                 worlds.rank[body], body_q, model, worlds, work, rows, tree, loops, islands, history
             )
@@ -888,6 +986,7 @@ def make_colored(effects: Effects) -> Colored:
                 history.age[world] = 0
             history.parity[world] = 1 - history.parity[world]
 
+    strikes = make_colored_impacts(effects, kernel)
     return Colored(
         measure_lanes,
         begin_step,
@@ -895,14 +994,22 @@ def make_colored(effects: Effects) -> Colored:
         recall_rows,
         weigh,
         penalise,
+        strikes.begin_rounds,
+        strikes.find_impacts,
+        strikes.strike_worlds,
+        strikes.end_rounds,
         measure_joints,
         measure_loops,
         place_joints,
         assemble,
         sweep_color,
         sweep_loops,
+        begin_round,
         remember,
+        break_trees,
+        break_loops,
         end_velocities,
+        strikes.leave_impacts,
         end_armatures,
         end_loop_armatures,
         end_sweeps,

@@ -52,6 +52,18 @@ def mixed_restitution(shapes: wp.ref[ShapeModel], shape0: int, shape1: int) -> f
 
 
 @wp.func
+def noise_of(scale: WorldScale) -> float:
+    """Closing speed that is none [m/s]."""
+    return NOISE * scale.reach / scale.h
+
+
+@wp.func
+def threshold_of(scale: WorldScale) -> float:
+    """Closing speed from which a contact bounces [m/s]."""
+    return wp.max(THRESHOLD * scale.gravity * scale.h, noise_of(scale))
+
+
+@wp.func
 def current_qd(
     work: wp.ref[BodyWork], rows: wp.ref[RowWork], slot: int, h: float
 ) -> wp.spatial_vector:
@@ -83,12 +95,17 @@ def response(
 
 
 @wp.func
+def begin_rounds(body: int, body_qd: wp.array[wp.spatial_vector], rows: wp.ref[RowWork]):
+    """A body before the rounds: nothing has struck it."""
+    rows.struck_qd[body] = body_qd[body]
+    rows.struck_at[body] = -1.0
+
+
+@wp.func
 def begin_impacts(
     body: int,
-    threshold: float,
     side: int,
-    lag: float,
-    h: float,
+    scale: WorldScale,
     shapes: wp.ref[ShapeModel],
     work: wp.ref[BodyWork],
     rows: wp.ref[RowWork],
@@ -97,8 +114,10 @@ def begin_impacts(
     """Rows that a body owns and that close in this step; returns if there is one.
 
     A gap g closes at the speed sqrt((v + a h/2)^2 - 2 a g), after 2 g over the sum of the speeds at
-    its start and end; ``lag`` h takes the place of h/2.
+    its start and end; ``scale.lag`` h takes the place of h/2.
     """
+    h = scale.h
+    threshold = threshold_of(scale)
     found = bool(False)
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
@@ -114,7 +133,7 @@ def begin_impacts(
         v = parting_speed(row, work, rows, h)
         if v < -threshold and row.gap + u_n < 0.0:
             a = (u_n / h - v) / h
-            start = v + lag * a * h
+            start = v + scale.lag * a * h
             gap = wp.max(row.gap, 0.0)
             hit = wp.sqrt(wp.max(start * start - 2.0 * a * gap, 0.0))
             impact.acceleration = a
@@ -245,23 +264,34 @@ def aim_rows(
 
 
 @wp.func
-def add_target(
-    slot: int,
-    arm: wp.vec3,
-    force: wp.vec3,
-    torque: wp.vec3,
-    h: float,
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-) -> wp.spatial_vector:
-    """Adds to a body's target what an impact's force does from its time on.
+def owned_last(body: int, k: int, rows: wp.ref[RowWork]) -> int:
+    """The k-th row of a body in the order of their owners, itself last."""
+    owned = rows.owned_end[body] - rows.owned_start[body]
+    return row_of(body, (k + owned) % row_count(body, rows), rows)
 
-    Returns by how much the force has moved it before.
+
+@wp.func
+def add_target(
+    body: int, i: int, sign: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+) -> wp.spatial_vector:
+    """Adds to a body's target ``sign`` times what the impact of a row does from its time on.
+
+    Returns by how much its force has moved the body before.
     """
-    change = h * response(work, slot, arm, force, torque)
-    wait = rows.struck_at[slot]
-    work.target[slot] = work.target[slot] + (h - wait) * change
-    return wait * change
+    impact = rows.impacts[i]
+    early = wp.spatial_vector()
+    if impact.total > 0.0:
+        row = rows.rows[i]
+        arm = row.arm
+        side = float(-1.0)
+        if body != row.a:
+            arm += work.com[row.a] - work.com[row.b]
+            side = 1.0
+        change = h * response(work, body, arm, side * impact.force, side * impact.torque)
+        wait = rows.struck_at[body]
+        work.target[body] = work.target[body] + (sign * (h - wait)) * change
+        early = wait * change
+    return early
 
 
 @wp.func
@@ -272,12 +302,32 @@ def free_share(body: int, scale: WorldScale, work: wp.ref[BodyWork]) -> float:
     return 1.0 - wp.min(lacking / wp.max(fall, 1.0e-30), 1.0)
 
 
+@wp.func
+def leave_impacts(
+    body: int,
+    scale: WorldScale,
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
+    history: wp.ref[History],
+):
+    """Puts a body to where its rebounds are, of which its target takes what they did.
+
+    The sweeps let the force of an impact act all step long, though it acts from its time on.
+    What it has done goes to the target of the body, so that the recovery leaves it alone.
+    """
+    if work.inv_mass[body] > 0.0 and rows.struck_at[body] >= 0.0:
+        for k in range(row_count(body, rows)):
+            early = add_target(body, owned_last(body, k, rows), 1.0, scale.h, work, rows)
+            work.increment[body] = work.increment[body] - early
+        history.falling[body] = free_share(body, scale, work)
+
+
 @dataclass(frozen=True)
 class ImpactFunctions:
     """Device functions that make of a world's impacts what restitution says."""
 
     find_impacts: wp.Function
-    find_wait: wp.Function
+    end_rounds: wp.Function
     release_impacts: wp.Function
     restore_impacts: wp.Function
 
@@ -298,6 +348,14 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             result = result or has_loops(loops, slot)
         return result
 
+    @wp.func
+    def end_rounds(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
+        """A body after the rounds: where it starts from, and how its rows are to part."""
+        lag = wp.static(0.0 if effects.bdf2 else 0.5)
+        aim_rows(body, noise_of(scale), lag, scale.h, work, rows)
+        if rows.struck_at[body] >= 0.0:
+            work.increment[body] = scale.h * rows.struck_qd[body]
+
     @wp.func(inline=effects.inline)
     def find_impacts(
         world: int,
@@ -316,17 +374,12 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         h = scale.h
         first = worlds.body_start[world]
         end = worlds.body_start[world + 1]
-        noise = NOISE * scale.reach / h
-        threshold = wp.max(THRESHOLD * scale.gravity * h, noise)
+        noise = noise_of(scale)
         for i in range(first, end):
-            body = worlds.bodies[i]
-            rows.struck_qd[body] = body_qd[body]
-            rows.struck_at[body] = -1.0
+            begin_rounds(worlds.bodies[i], body_qd, rows)
         is_active = bool(False)
         for i in range(first, end):
-            if begin_impacts(
-                worlds.bodies[i], threshold, side, scale.lag, h, shapes, work, rows, history
-            ):
+            if begin_impacts(worlds.bodies[i], side, scale, shapes, work, rows, history):
                 is_active = True
         if not is_active:
             return False
@@ -337,13 +390,10 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             while change > noise and sweeps < SETTLE:
                 change = strike_world(world, h, worlds, work, rows)
                 sweeps += 1
-            is_active = continue_world(world, threshold, h, worlds, work, rows)
+            is_active = continue_world(world, threshold_of(scale), h, worlds, work, rows)
             rounds += 1
         for i in range(first, end):
-            body = worlds.bodies[i]
-            aim_rows(body, noise, wp.static(0.0 if effects.bdf2 else 0.5), h, work, rows)
-            if rows.struck_at[body] >= 0.0:
-                work.increment[body] = h * rows.struck_qd[body]
+            end_rounds(worlds.bodies[i], scale, work, rows)
         return True
 
     @wp.func
@@ -370,17 +420,19 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         return wp.where(is_held, wp.min(wait, 0.0), wait)
 
     @wp.func
-    def release_impacts(body: int, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
-        """Puts bodies where their rebounds are; the rows that a body owns go back to their gaps.
-
-        The sweeps let the force of an impact act all step long, though it acts from its time on.
-        What it has done goes to the targets of the bodies, so that the recovery leaves it alone.
-        """
+    def release_impacts(
+        body: int,
+        worlds: wp.ref[WorldWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+    ):
+        """Says for how long a body's impacts waited; rows that it owns go back to their gaps."""
+        rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
         for i in range(rows.owned_start[body], rows.owned_end[body]):
-            if rows.impacts[i].total > 0.0:
-                row = rows.rows[i]
-                impact = rows.impacts[i]
-                impact.force = row.force
+            impact = rows.impacts[i]
+            if impact.total > 0.0:
+                impact.force = rows.rows[i].force
                 if wp.static(effects.angular_friction):
                     impact.torque = rows.spin[i].torque
                     rows.spin[i].torque = wp.vec3(0.0)
@@ -388,30 +440,18 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
                 rows.drift[i] = impact.drift
                 rows.rows[i].force = wp.vec3(0.0)
                 rows.rows[i].gap = impact.gap
-                force = impact.force
-                torque = impact.torque
-                early = add_target(row.a, row.arm, -force, -torque, h, work, rows)
-                work.increment[row.a] = work.increment[row.a] - early
-                if work.inv_mass[row.b] > 0.0:
-                    arm = row.arm + (work.com[row.a] - work.com[row.b])
-                    early = add_target(row.b, arm, force, torque, h, work, rows)
-                    work.increment[row.b] = work.increment[row.b] - early
 
     @wp.func
     def restore_impacts(body: int, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
-        """Gives the rows that a body owns their forces back, and the bodies their targets."""
+        """Gives the rows that a body owns their forces back, and the body its target."""
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             impact = rows.impacts[i]
             if impact.total > 0.0:
                 rows.rows[i].force = impact.force
                 if wp.static(effects.angular_friction):
                     rows.spin[i].torque = impact.torque
-                row = rows.rows[i]
-                force = impact.force
-                torque = impact.torque
-                add_target(row.a, row.arm, force, torque, h, work, rows)
-                if work.inv_mass[row.b] > 0.0:
-                    arm = row.arm + (work.com[row.a] - work.com[row.b])
-                    add_target(row.b, arm, -force, -torque, h, work, rows)
+        if work.inv_mass[body] > 0.0:
+            for k in range(row_count(body, rows)):
+                add_target(body, owned_last(body, k, rows), -1.0, h, work, rows)
 
-    return ImpactFunctions(find_impacts, find_wait, release_impacts, restore_impacts)
+    return ImpactFunctions(find_impacts, end_rounds, release_impacts, restore_impacts)

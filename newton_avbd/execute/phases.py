@@ -30,7 +30,7 @@ from .closures import make_closures
 from .contacts import make_rows
 from .ending import make_end, make_remember
 from .gathering import make_assemble, make_gather
-from .impacts import free_share, make_impacts
+from .impacts import leave_impacts, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
 from .loops import make_loops, parent_slot
 from .piles import make_piles
@@ -75,7 +75,7 @@ def make_phases(effects: Effects) -> Phases:
     remember_motion, remember_loops = bdf2.remember_motion, bdf2.remember_loops
     remember_state = bdf2.remember_state
     impacts = make_impacts(effects)
-    find_impacts, find_wait = impacts.find_impacts, impacts.find_wait
+    find_impacts = impacts.find_impacts
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     loop_functions = make_loops(effects)
     loop_wrench = loop_functions.loop_wrench
@@ -95,6 +95,7 @@ def make_phases(effects: Effects) -> Phases:
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     sweep_world = make_sweep_world(effects, sweep_block, piles.sweep_piles, loop_wrench)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
+    break_blocks, break_loop = make_break_joints(effects, gather)
     end_velocity, end_armature, end_pose = make_end(effects)
     count_passes = make_count_passes(effects)
 
@@ -389,6 +390,39 @@ def make_phases(effects: Effects) -> Phases:
                     has_islands = keep_momentum(world, model, worlds, work, islands)
         return has_islands
 
+    @wp.func(inline=effects.inline)
+    def break_joints(
+        world: int,
+        h: float,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """Breaks joints that carry more than they may."""
+        break_blocks(
+            worlds.body_start[world],
+            worlds.body_start[world + 1],
+            h,
+            model,
+            joints,
+            control,
+            worlds,
+            work,
+            rows,
+            tree,
+            loops,
+            history,
+        )
+        if wp.static(effects.loops):
+            for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                break_loop(i, joints, loops, history)
+
     @wp.func
     def end_armatures(
         world: int,
@@ -481,14 +515,9 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
+                    release_impacts(worlds.bodies[i], worlds, rows, tree, loops)
                 for i in range(body_start, body_end):
-                    release_impacts(worlds.bodies[i], scale.h, work, rows)
-                for i in range(body_start, body_end):
-                    body = worlds.bodies[i]
-                    if rows.struck_at[body] >= 0.0:
-                        history.falling[body] = free_share(body, scale, work)
+                    leave_impacts(worlds.bodies[i], scale, work, rows, history)
         if wp.static(effects.armature):
             end_armatures(
                 world, scale, body_qd, joints, worlds, work, tree, loops, history, body_qd_out
@@ -601,7 +630,7 @@ def make_phases(effects: Effects) -> Phases:
         stiffen_piles,
         sweep_to_rest,
         keep_forces,
-        make_break_joints(effects, gather),
+        break_joints,
         end_velocities,
         begin_recovery,
         end_recovery,

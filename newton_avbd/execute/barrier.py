@@ -1,0 +1,28 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Where the threads of a block wait for each other. On a CPU a block is one thread."""
+
+import warp as wp
+
+BLOCK = 256
+"""Threads of a block on a GPU; Warp's default."""
+
+
+def block_size(device: wp.Device) -> int:
+    """Threads of a block."""
+    return 1 if device.is_cpu else BLOCK
+
+
+@wp.func_native("""
+#if defined(__CUDA_ARCH__)
+    return __syncthreads_or(value);
+#else
+    return value;
+#endif
+""")
+def any_thread(value: int) -> int:
+    """Whether ``value`` is other than zero in any thread of the block, once all have come here.
+
+    All of them have to; what any wrote before is seen by each after.
+    """
+    ...
