@@ -5,6 +5,7 @@
 import newton
 import numpy as np
 import pytest
+import warp as wp
 from helpers import NO_GRAVITY, G, Simulation
 from joint_scenes import add_hinge_chain, anchor_gaps, coordinates, set_coordinates, simulate
 
@@ -121,6 +122,52 @@ def test_a_spinning_chain_without_gravity_does_not_speed_up() -> None:
         assert sim.energy < energy * (1.0 + 1.0e-5)
         energy = sim.energy
         assert anchor_gaps(sim).max() < 1.0e-5
+
+
+@pytest.mark.parametrize("end", [1.0, 100.0])
+def test_chains_that_collapse_on_themselves_stay_closed(end: float) -> None:
+    """20 balls on ball joints, upright on the first one, fall and pile up from 16 tilts.
+
+    The end weighs as the others or 100 times as much. Joints stay within 1e-5 m throughout, and
+    nothing is faster than 20 m/s, of which a fall from top to bottom gives 9.
+    """
+    builder = newton.ModelBuilder()
+    for tilt in np.radians(np.linspace(0.1, 3.1, 16)):
+        builder.add_world(ball_chain(20, end, tilt))
+    sim = Simulation(builder)
+    widest, fastest, deepest = 0.0, 0.0, 0.0
+    for _ in range(480):
+        sim.step()
+        widest = max(widest, anchor_gaps(sim).max())
+        fastest = max(fastest, np.linalg.norm(sim.velocity[:, :3], axis=1).max())
+        deepest = max(deepest, sim.penetration)
+    assert widest < 1.0e-5
+    assert fastest < 20.0
+    assert 0.0 < deepest < 0.1 * LENGTH  # they do touch
+
+
+def ball_chain(count: int, end: float, tilt: float) -> newton.ModelBuilder:
+    """A chain of balls with a density at the end that is ``end`` times that of the others."""
+    builder = newton.ModelBuilder()
+    turn = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), float(tilt))
+    up, half = wp.quat_rotate(turn, wp.vec3(0.0, 0.0, LENGTH)), wp.vec3(0.0, 0.0, 0.5 * LENGTH)
+    joints: list[int] = []
+    for i in range(count):
+        ball = builder.add_link(xform=wp.transform((i + 0.5) * up, turn))
+        density = 1000.0 * (end if i == count - 1 else 1.0)
+        cfg = newton.ModelBuilder.ShapeConfig(density=density)
+        builder.add_shape_sphere(ball, radius=0.45 * LENGTH, cfg=cfg)
+        frame = wp.transform(half, wp.quat_identity()) if i else wp.transform(wp.vec3(), turn)
+        joints.append(
+            builder.add_joint_ball(
+                parent=ball - 1,
+                child=ball,
+                parent_xform=frame,
+                child_xform=wp.transform(-half, wp.quat_identity()),
+            )
+        )
+    builder.add_articulation(joints)
+    return builder
 
 
 def test_body_by_body_descent_closes_a_short_chain() -> None:
