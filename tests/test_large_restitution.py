@@ -12,8 +12,7 @@ from contract import record, snapshot, worlds
 from helpers import NO_GRAVITY, G, Simulation, add_box, add_ground, add_sphere
 from joint_scenes import WORLD, add_link, transform
 from test_large_joints import in_order_of_colors
-
-ADD = {"sphere": add_sphere, "box": add_box}
+from test_restitution import ADD, gas
 
 
 def energy(simulation: Simulation) -> float:
@@ -109,24 +108,9 @@ def test_a_heap_that_bounces_comes_to_rest() -> None:
     assert not simulation.solver.status.held_steps.any()
 
 
-def gas(shape: str, mu: float, restitution: float) -> Simulation:
-    """64 bodies in empty space that fly at each other, turning."""
-    generator = np.random.default_rng(0)
-    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
-    for i in range(64):
-        cell = np.array([i % 4, i // 4 % 4, i // 16]) - 1.5
-        position = 0.8 * cell + generator.uniform(-0.05, 0.05, 3)
-        ADD[shape](builder, position, 0.2, gap=0.05, mu=mu, restitution=restitution)
-    simulation = Simulation(builder, parallel="bodies")
-    for i in range(64):
-        velocity = -3.0 * simulation.pose[i, :3] + generator.uniform(-1.0, 1.0, 3)
-        simulation.set_velocity(i, velocity, generator.uniform(-2.0, 2.0, 3))
-    return simulation
-
-
 def test_elastic_spheres_without_friction_keep_energy_and_momentum() -> None:
     """After collisions in all directions, within 1e-5 and 1e-6 of what they started with."""
-    simulation = gas("sphere", 0.0, 1.0)
+    simulation = gas("sphere", 0.0, 1.0, side=4, parallel="bodies")
     mass, before, speed = simulation.mass[:, None], simulation.kinetic_energy, simulation.velocity
     simulation.run(1.0)
     assert np.abs(simulation.velocity[:, :3] - speed[:, :3]).max() > 1.0  # they did collide
@@ -138,7 +122,7 @@ def test_elastic_spheres_without_friction_keep_energy_and_momentum() -> None:
 @pytest.mark.parametrize("shape", ["sphere", "box"])
 def test_friction_and_loss_only_take_energy(shape: str) -> None:
     """With mu = 0.5 and e = 0.5 no step adds more than 1e-5 of it."""
-    simulation = gas(shape, 0.5, 0.5)
+    simulation = gas(shape, 0.5, 0.5, side=4, parallel="bodies")
     energies = [simulation.kinetic_energy]
     for _ in range(120):
         simulation.step()

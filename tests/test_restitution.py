@@ -197,16 +197,16 @@ def test_a_hinged_bar_gives_back_what_its_inertia_about_the_hinge_says(restituti
     assert sim.velocity[0, 4] == pytest.approx(-impulse * arm / inertia, rel=2.0e-3)
 
 
-def gas(shape: str, mu: float, restitution: float) -> Simulation:
-    """27 bodies in empty space that fly at each other, turning."""
+def gas(shape: str, mu: float, restitution: float, side: int = 3, **settings: str) -> Simulation:
+    """``side``^3 bodies in empty space that fly at each other, turning."""
     generator = np.random.default_rng(0)
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
-    for i in range(27):
-        cell = np.array([i % 3 - 1, i // 3 % 3 - 1, i // 9 - 1])
+    for i in range(side**3):
+        cell = np.array([i % side, i // side % side, i // side**2]) - 0.5 * (side - 1)
         position = 0.8 * cell + generator.uniform(-0.05, 0.05, 3)
         ADD[shape](builder, position, 0.2, gap=0.05, mu=mu, restitution=restitution)
-    sim = Simulation(builder)
-    for i in range(27):
+    sim = Simulation(builder, **settings)
+    for i in range(side**3):
         velocity = -3.0 * sim.pose[i, :3] + generator.uniform(-1.0, 1.0, 3)
         sim.set_velocity(i, velocity, generator.uniform(-2.0, 2.0, 3))
     return sim
