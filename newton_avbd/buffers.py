@@ -156,6 +156,7 @@ def tree_work(model: newton.Model, topology: Topology) -> Any:
     tree.rotation = wp.array(rotation, dtype=wp.quat)
     tree.turn = wp.zeros(slots, dtype=wp.vec3)
     tree.turned = wp.array(rotation, dtype=wp.quat)
+    tree.swing = wp.array(rotation, dtype=wp.quat)
     tree.apart = wp.zeros(slots, dtype=wp.vec3)
     tree.misfit = wp.zeros(slots, dtype=wp.spatial_vector)
     tree.is_left = wp.zeros(slots, dtype=wp.bool)

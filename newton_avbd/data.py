@@ -504,6 +504,8 @@ class TreeWork:
     """Turn of the increment that goes first [rad]: that of a body that turns fast; else zero."""
     turned: wp.array[wp.quat]
     """Orientation after it."""
+    swing: wp.array[wp.quat]
+    """Turn of the whole increment, world axes."""
     apart: wp.array[wp.vec3]
     """From the COM of the parent to that of the body at the start of the step [m]."""
     misfit: wp.array[wp.spatial_vector]

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..algebra.block import factor_block
+from ..algebra.so3 import exp_quat
 from ..data import (
     BodyModel,
     BodyWork,
@@ -181,6 +182,7 @@ def make_begin(
             tree.update[body] = work.increment[body]
             work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             tree.turn[body] = wp.vec3(0.0)
+            tree.swing[body] = wp.quat_identity()
             if block_end != worlds.block_end[i]:
                 block_end = worlds.block_end[i]
                 is_free = is_tree(i, block_end, body, tree)
@@ -287,6 +289,7 @@ def make_begin(
                         turn = wp.spatial_bottom(work.increment[body])
                 begin_turn(body, turn, body_q, work, tree)
             else:
+                tree.swing[body] = exp_quat(wp.spatial_bottom(work.increment[body]))
                 tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.coordinates):
             for i in range(first, end):

@@ -23,7 +23,7 @@ from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from .loops import loop_geometry, parent_slot
-from .trees import ROUNDING, anchor_shift, is_linked, is_put
+from .trees import ROUNDING, anchor_shift, is_linked, is_put, relative_turn
 
 
 @wp.func
@@ -112,6 +112,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     linear_misfit = joint_functions.linear_misfit
     linear_lock = joint_functions.linear_lock
     angular_misfit = joint_functions.angular_misfit
+    angular_count, locked_turn = joint_functions.angular_count, joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
 
     @wp.func
@@ -173,6 +174,9 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         loops.arms[2 * i] = arm_c
         loops.arms[2 * i + 1] = arm_p
         turn -= wp.spatial_bottom(kept)
+        if angular_count(joints, joint) < 2 and recovery == 0.0:
+            if not is_put(child, work) and not is_put(parent, work):
+                turn = locked_turn(joints, joint, q_p, relative_turn(child, parent, tree))
         angular = closure.rows - linear
         lock_l = linear_lock(joints, joint, q_p)
         lock_a = angular_lock(joints, joint, q_p, q_c)

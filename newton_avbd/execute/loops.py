@@ -161,7 +161,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if wp.static(effects.kinds.balls and effects.coordinates):
             if joints.type[joint] == BALL:
                 parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
-                turn = ball_turn(work, tree, joints.child[joint], parent, q_p)
+                turn = ball_turn(tree, joints.child[joint], parent, q_p)
                 return turn[dof]
         return coordinate(joints, joint, dof, q_p, q_c, offset, known)
 

@@ -140,13 +140,23 @@ def carried_misfit(
 
 
 @wp.func
+def turn_by(body: int, rest: wp.vec3, tree: wp.ref[TreeWork]):
+    """Turns a body after the turn of :func:`begin_turn` [rad], world axes."""
+    swing = exp_quat(rest)
+    tree.rotation[body] = swing * tree.turned[body]
+    turn = tree.turn[body]
+    if wp.length_sq(turn) > 0.0:
+        swing = swing * exp_quat(turn)
+    tree.swing[body] = swing
+
+
+@wp.func
 def place_body(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
     """Orientation of a body after its increment, the turn of :func:`begin_turn` first.
 
     The rest is small, where the increment is many radians.
     """
-    rest = wp.spatial_bottom(work.increment[body]) - tree.turn[body]
-    tree.rotation[body] = exp_quat(rest) * tree.turned[body]
+    turn_by(body, wp.spatial_bottom(work.increment[body]) - tree.turn[body], tree)
 
 
 @wp.func
@@ -161,16 +171,6 @@ def begin_turn(
     tree.turn[body] = turn
     tree.turned[body] = exp_quat(turn) * wp.transform_get_rotation(body_q[body])
     place_body(body, work, tree)
-
-
-@wp.func
-def turn_of(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> wp.quat:
-    """Turn of a body in the step."""
-    turn = tree.turn[body]
-    out = exp_quat(wp.spatial_bottom(work.increment[body]) - turn)
-    if wp.length_sq(turn) > 0.0:
-        out = out * exp_quat(turn)
-    return out
 
 
 @wp.func
@@ -195,17 +195,20 @@ def anchor_shift(
     a taut net make a hundred times as much of it.
     """
     moved = joint_shift(work, child) - joint_shift(work, parent)
-    moved += turned_from(turn_of(child, work, tree), arm_c)
-    return moved - turned_from(turn_of(parent, work, tree), arm_p)
+    moved += turned_from(tree.swing[child], arm_c)
+    return moved - turned_from(tree.swing[parent], arm_p)
 
 
 @wp.func
-def ball_turn(
-    work: wp.ref[BodyWork], tree: wp.ref[TreeWork], child: int, parent: int, q_p: wp.quat
-) -> wp.vec3:
+def relative_turn(child: int, parent: int, tree: wp.ref[TreeWork]) -> wp.quat:
+    """Turn of a body against its parent in the step, world axes."""
+    return tree.swing[child] * wp.quat_inverse(tree.swing[parent])
+
+
+@wp.func
+def ball_turn(tree: wp.ref[TreeWork], child: int, parent: int, q_p: wp.quat) -> wp.vec3:
     """Turn of a ball joint in the step [rad], parent anchor frame."""
-    turn = turn_of(child, work, tree) * wp.quat_inverse(turn_of(parent, work, tree))
-    return wp.quat_rotate_inv(q_p, rotation_vector(turn))
+    return wp.quat_rotate_inv(q_p, rotation_vector(relative_turn(child, parent, tree)))
 
 
 @wp.func
@@ -273,6 +276,8 @@ def make_trees(
     linear_misfit = joint_functions.linear_misfit
     angular_axis = joint_functions.angular_axis
     angular_misfit = joint_functions.angular_misfit
+    locked_turn = joint_functions.locked_turn
+    locked_turn = joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
     axes = axis_rows.make_axis(effects)
     linear_force, law_of, next_piece = axes.linear_force, axes.law_of, axes.next_piece
@@ -391,7 +396,7 @@ def make_trees(
             q_p, q_c = in_joint_order(sign, q_p, q_c)
         if wp.static(effects.kinds.balls):
             if joints.type[joint] == BALL:
-                turn = sign * ball_turn(work, tree, body, parent, q_p)
+                turn = sign * ball_turn(tree, body, parent, q_p)
                 return turn[dof]
         offset = wp.vec3(0.0)
         if dof < linear_count(joints, joint):
@@ -582,17 +587,23 @@ def make_trees(
             q_p, q_c = in_joint_order(sign, q_p, q_c)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-        offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-        misfit = linear_misfit(joints, joint, q_p, offset)
-        tilt = sign * angular_misfit(joints, joint, q_p, q_c)
+        # the sweeps leave the misfit alone; where it is not needed nothing is read off the arms
+        # and axes, which round more than the increments do
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
-        left = misfit - wp.spatial_top(kept)
-        if wp.static(effects.closures):
-            if linear_count(joints, joint) == 0 and not is_put(parent, work):
-                left = anchor_shift(body, parent, arm_c, arm_p, work, tree)
-                left += wp.spatial_top(tree.misfit[body] - kept)
-        arm_p += offset - misfit
-        tilt -= wp.spatial_bottom(kept)
+        left = wp.vec3(0.0)
+        if linear_count(joints, joint) == 0 and not is_put(parent, work):
+            left = anchor_shift(body, parent, arm_c, arm_p, work, tree)
+            left += wp.spatial_top(tree.misfit[body] - kept)
+        else:
+            offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
+            misfit = linear_misfit(joints, joint, q_p, offset)
+            left = misfit - wp.spatial_top(kept)
+            arm_p += offset - misfit
+        tilt = wp.vec3(0.0)
+        if angular_count(joints, joint) < 2 and recovery == 0.0 and not is_put(parent, work):
+            tilt = locked_turn(joints, joint, q_p, relative_turn(body, parent, tree))
+        else:
+            tilt = sign * angular_misfit(joints, joint, q_p, q_c) - wp.spatial_bottom(kept)
         closing = wp.spatial_vector(wp.cross(tilt, arm_c) - left, -tilt)
         span = arm_p - arm_c
         tree.closing[body] = closing
@@ -860,7 +871,7 @@ def make_trees(
         work.increment[body] = wp.spatial_vector(
             wp.spatial_top(increment) + wp.spatial_top(update), turn + rest
         )
-        tree.rotation[body] = exp_quat(rest) * tree.turned[body]
+        turn_by(body, rest, tree)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
             if (

@@ -29,7 +29,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from ..algebra.so3 import rotation_vector
+from ..algebra.so3 import rotation_vector, turned_from
 from ..data import JointModel
 
 JointType = newton.JointType
@@ -201,6 +201,7 @@ class JointFunctions:
     linear_misfit: wp.Function
     linear_lock: wp.Function
     angular_misfit: wp.Function
+    locked_turn: wp.Function
     angular_lock: wp.Function
     angular_axis: wp.Function
     axis_of: wp.Function
@@ -316,6 +317,24 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
             if free == 2:
                 angle, middle = euler_middle(joints, joint, q_p, q_c)
                 return angle * middle
+        return wp.vec3(0.0)
+
+    @wp.func
+    def locked_turn(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, turn: wp.quat) -> wp.vec3:
+        """Of a turn of the child against the parent what the joint locks [rad], world frame.
+
+        Of joints with less than two free angular axes. Of a small turn nothing is lost, as it is
+        where two misfits are subtracted.
+        """
+        free = angular_count(joints, joint)
+        if wp.static(0 in angular):
+            if free == 0:
+                return rotation_vector(turn)
+        if wp.static(1 in angular):
+            if free == 1:
+                first = joints.dof_start[joint] + linear_count(joints, joint)
+                axis = wp.quat_rotate(q_p, joints.axis[first])
+                return wp.cross(turned_from(wp.quat_inverse(turn), axis), axis)
         return wp.vec3(0.0)
 
     @wp.func
@@ -465,6 +484,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         linear_misfit,
         linear_lock,
         angular_misfit,
+        locked_turn,
         angular_lock,
         angular_axis,
         axis_of,
