@@ -57,7 +57,7 @@ _UNSEEN = wp.constant(-3)
 
 LINK_WEIGHT = wp.constant(0.3)
 """Weight of the mass behind a link against the effective mass of the link's rows."""
-SHARE_WEIGHT = wp.constant(0.05)
+SHARE_WEIGHT = wp.constant(0.01)
 """Likewise, of its share, where a body rests on others than the one that it is linked to."""
 
 
