@@ -159,8 +159,8 @@ class _Teleports:
     """Puts boxes elsewhere; sums up what contacts add to the kinetic energy of the pile.
 
     A pose that is written may put in potential energy, and what parts boxes may lift them, so the
-    total energy and the fastest speed tell nothing: boxes put into others are pushed out on top, and
-    fall from there. But no step may speed them up by more than gravity does, m g.v dt.
+    total energy and the fastest speed tell nothing: boxes put into others are pushed out on top,
+    and fall from there. But no step may speed them up by more than gravity does, m g.v dt.
     """
 
     def __init__(self) -> None:
