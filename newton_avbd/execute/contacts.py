@@ -317,6 +317,8 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         if row.gap < 0.0:
             size0 = size_of(work, slot0, arm0 + margin0 * normal)
             size1 = size_of(work, slot1, arm1 - margin1 * normal)
+            # Of a body that lies deeper than it is large nobody knows how it got there. Half way up
+            # friction would have a lever of the depth, and recovery would turn what it lifts.
             beyond = -row.gap - wp.min(size0, size1)
             if beyond > 0.0:
                 half += (wp.where(size0 < size1, 0.5, -0.5) * beyond) * normal
