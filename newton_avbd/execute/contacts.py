@@ -272,6 +272,17 @@ def override(value: float, default: float) -> float:
     return wp.where(value > 0.0, value, default)
 
 
+@wp.func
+def size_of(work: wp.ref[BodyWork], slot: int, arm: wp.vec3) -> float:
+    """How large a body is about a point on its surface [m]: its lever arm and radius of gyration.
+
+    What the solver does not move has no size that matters.
+    """
+    if work.inv_mass[slot] == 0.0:
+        return wp.inf
+    return wp.length(arm) + wp.sqrt(wp.trace(work.inertia[slot]) * work.inv_mass[slot])
+
+
 @functools.cache
 def make_linearise_rows(effects: Effects) -> wp.Function:
     """Device function that turns the contacts of a body into rows."""
@@ -303,6 +314,16 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         half = 0.5 * (apart + (margin0 - margin1) * normal)
         row = ContactRow()
         row.gap = wp.dot(normal, apart) - (margin0 + margin1)
+        if row.gap < 0.0:
+            size0 = size_of(work, slot0, arm0 + margin0 * normal)
+            size1 = size_of(work, slot1, arm1 - margin1 * normal)
+            # Of a body that lies deeper than it is large nobody knows how it got there. Half way up
+            # friction would have a lever of the depth, and recovery would turn what it lifts.
+            beyond = -row.gap - wp.min(size0, size1)
+            if beyond > 0.0:
+                half += (wp.where(size0 < size1, 0.5, -0.5) * beyond) * normal
+                if wp.static(not effects.compliance and not effects.ramp):
+                    row.gap += beyond
         row.a = body
         if body == slot0:
             row.b = slot1

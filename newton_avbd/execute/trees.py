@@ -48,6 +48,8 @@ HIDDEN = wp.constant(2.0e-2)
 alone: 1e-3 g h^2."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
+MOST_TURN = wp.constant(1.0)
+"""Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 
 
 @wp.func
@@ -810,12 +812,11 @@ def make_trees(
     @wp.func(inline=effects.inline)
     def substitute(
         body: int,
-        model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
     ) -> int:
-        """Moves the body by its share of the tree's minimum.
+        """Finds the update of the body by that of its parent.
 
         Returns how many of its axes are off the pieces of their laws that elimination assumed.
         """
@@ -863,7 +864,19 @@ def make_trees(
             tree.update[body] = other_half(work.factor[body], tree.update[body] - pushed)
         if wp.static(effects.closures):
             find_multipliers(body, tree.update[body], tree.closures)
-        update = tree.update[body]
+        return wrong
+
+    @wp.func(inline=effects.inline)
+    def move(
+        body: int,
+        share: float,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Moves the body by a share of its update."""
+        update = share * tree.update[body]
         increment = work.increment[body]
         turn = tree.turn[body]
         rest = wp.spatial_bottom(increment) - turn
@@ -874,12 +887,10 @@ def make_trees(
         turn_by(body, rest, tree)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
-            if (
-                is_linked(joints, tree, body)
-                and wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
+            if is_linked(joints, tree, body) and (
+                share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
             ):
                 measure_moved(body, work.inv_mass.shape[0] - 1, model, joints, work, tree)
-        return wrong
 
     @wp.func
     def take_pieces(
@@ -968,10 +979,21 @@ def make_trees(
         largest = float(4.0 * mismatch * mismatch)
         is_newton = bool(True)
         wrong = int(0)
+        turned_most = float(0.0)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                wrong += substitute(body, model, joints, work, tree)
+                wrong += substitute(body, joints, work, tree)
+                turned_most = wp.max(
+                    turned_most, wp.length_sq(wp.spatial_bottom(tree.update[body]))
+                )
+        share = float(1.0)
+        if turned_most > MOST_TURN * MOST_TURN:
+            share = MOST_TURN / wp.sqrt(turned_most)
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0:
+                move(body, share, model, joints, work, tree)
                 turn = wp.spatial_bottom(work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))
                 if wp.static(effects.contact):
