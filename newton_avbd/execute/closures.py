@@ -112,7 +112,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     linear_misfit = joint_functions.linear_misfit
     linear_lock = joint_functions.linear_lock
     angular_misfit = joint_functions.angular_misfit
-    angular_count, locked_turn = joint_functions.angular_count, joint_functions.locked_turn
+    locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
 
     @wp.func
@@ -167,16 +167,19 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         linear = 3 - linear_count(joints, joint)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
         left = shift - wp.spatial_top(kept)
-        if linear == 3 and not is_put(child, work) and not is_put(parent, work):
-            left = anchor_shift(child, parent, arm_c, arm_p, work, tree)
-            left += wp.spatial_top(loops.misfit[i] - kept)
+        turn -= wp.spatial_bottom(kept)
+        if not is_put(child, work) and not is_put(parent, work):
+            moved = anchor_shift(child, parent, arm_c, arm_p, work, tree)
+            if linear == 3:
+                left = moved + wp.spatial_top(loops.misfit[i] - kept)
+            elif recovery == 0.0:
+                left = locked_shift(joints, joint, q_p, tree.swing[parent], moved, offset)
+            if recovery == 0.0:
+                turned = relative_turn(child, parent, tree)
+                turn = locked_turn(joints, joint, q_p, q_c, turned)
         arm_p += offset - shift
         loops.arms[2 * i] = arm_c
         loops.arms[2 * i + 1] = arm_p
-        turn -= wp.spatial_bottom(kept)
-        if angular_count(joints, joint) < 2 and recovery == 0.0:
-            if not is_put(child, work) and not is_put(parent, work):
-                turn = locked_turn(joints, joint, q_p, relative_turn(child, parent, tree))
         angular = closure.rows - linear
         lock_l = linear_lock(joints, joint, q_p)
         lock_a = angular_lock(joints, joint, q_p, q_c)

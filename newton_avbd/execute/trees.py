@@ -278,8 +278,8 @@ def make_trees(
     linear_misfit = joint_functions.linear_misfit
     angular_axis = joint_functions.angular_axis
     angular_misfit = joint_functions.angular_misfit
-    locked_turn = joint_functions.locked_turn
-    locked_turn = joint_functions.locked_turn
+    locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
+    locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
     axes = axis_rows.make_axis(effects)
     linear_force, law_of, next_piece = axes.linear_force, axes.law_of, axes.next_piece
@@ -589,9 +589,10 @@ def make_trees(
             q_p, q_c = in_joint_order(sign, q_p, q_c)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-        # the sweeps leave the misfit alone; where it is not needed nothing is read off the arms
-        # and axes, which round more than the increments do
+        # The sweeps leave the misfit alone. What the joint opens beside it is read off the
+        # increments, which round less than arms and axes do.
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
+        is_new = recovery == 0.0 and not is_put(parent, work)
         left = wp.vec3(0.0)
         if linear_count(joints, joint) == 0 and not is_put(parent, work):
             left = anchor_shift(body, parent, arm_c, arm_p, work, tree)
@@ -600,10 +601,18 @@ def make_trees(
             offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
             misfit = linear_misfit(joints, joint, q_p, offset)
             left = misfit - wp.spatial_top(kept)
+            if is_new:
+                shift = anchor_shift(body, parent, arm_c, arm_p, work, tree)
+                holder = wp.where(sign < 0.0, body, parent)
+                left = locked_shift(joints, joint, q_p, tree.swing[holder], shift, offset)
             arm_p += offset - misfit
         tilt = wp.vec3(0.0)
-        if angular_count(joints, joint) < 2 and recovery == 0.0 and not is_put(parent, work):
-            tilt = locked_turn(joints, joint, q_p, relative_turn(body, parent, tree))
+        if is_new:
+            turn = relative_turn(body, parent, tree)
+            if wp.static(effects.flipped):
+                if sign < 0.0:
+                    turn = wp.quat_inverse(turn)
+            tilt = sign * locked_turn(joints, joint, q_p, q_c, turn)
         else:
             tilt = sign * angular_misfit(joints, joint, q_p, q_c) - wp.spatial_bottom(kept)
         closing = wp.spatial_vector(wp.cross(tilt, arm_c) - left, -tilt)

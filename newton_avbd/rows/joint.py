@@ -201,6 +201,7 @@ class JointFunctions:
     linear_misfit: wp.Function
     linear_lock: wp.Function
     angular_misfit: wp.Function
+    locked_shift: wp.Function
     locked_turn: wp.Function
     angular_lock: wp.Function
     angular_axis: wp.Function
@@ -320,12 +321,28 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return wp.vec3(0.0)
 
     @wp.func
-    def locked_turn(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, turn: wp.quat) -> wp.vec3:
-        """Of a turn of the child against the parent what the joint locks [rad], world frame.
+    def locked_shift(
+        joints: wp.ref[JointModel],
+        joint: int,
+        q_p: wp.quat,
+        turn_p: wp.quat,
+        shift: wp.vec3,
+        offset: wp.vec3,
+    ) -> wp.vec3:
+        """Of a shift [m] of the child anchor against the parent's what the joint locks.
 
-        Of joints with less than two free angular axes. Of a small turn nothing is lost, as it is
-        where two misfits are subtracted.
+        With the turn of the parent meanwhile, and what lies between the anchors after it: seen from
+        the parent the child was at ``turn_p (offset - shift)``. Of a small shift nothing is lost,
+        as it is where two misfits are subtracted.
         """
+        turned = turned_from(wp.quat_inverse(turn_p), offset - shift)
+        return linear_misfit(joints, joint, q_p, shift + turned)
+
+    @wp.func
+    def locked_turn(
+        joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat, turn: wp.quat
+    ) -> wp.vec3:
+        """Likewise, of a turn of the child against the parent that led to these rotations [rad]."""
         free = angular_count(joints, joint)
         if wp.static(0 in angular):
             if free == 0:
@@ -335,6 +352,15 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
                 first = joints.dof_start[joint] + linear_count(joints, joint)
                 axis = wp.quat_rotate(q_p, joints.axis[first])
                 return wp.cross(turned_from(wp.quat_inverse(turn), axis), axis)
+        if wp.static(2 in angular):
+            if free == 2:
+                # of the middle angle, whose sine is that of the two axes
+                i = joints.dof_start[joint] + linear_count(joints, joint)
+                axis_p = wp.quat_rotate(q_p, joints.axis[i])
+                axis_c = wp.quat_rotate(q_c, joints.axis[i + 1])
+                angle, middle = euler_middle(joints, joint, q_p, q_c)
+                sine = -wp.dot(axis_p, turned_from(turn, axis_c))
+                return (sine / wp.max(wp.cos(angle), 1.0e-4)) * middle
         return wp.vec3(0.0)
 
     @wp.func
@@ -484,6 +510,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         linear_misfit,
         linear_lock,
         angular_misfit,
+        locked_shift,
         locked_turn,
         angular_lock,
         angular_axis,
