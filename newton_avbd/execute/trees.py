@@ -279,7 +279,6 @@ def make_trees(
     angular_axis = joint_functions.angular_axis
     angular_misfit = joint_functions.angular_misfit
     locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
-    locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
     axes = axis_rows.make_axis(effects)
     linear_force, law_of, next_piece = axes.linear_force, axes.law_of, axes.next_piece
