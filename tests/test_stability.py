@@ -50,7 +50,7 @@ QUICK = {
     "bullet": 0.1,
     "bullet_box": 0.1,
     "sizes": 0.2,
-    "teleports": 2.6,
+    "teleports_energy": 2.6,
     "resets": 1.0,
 }
 """Seconds to simulate in these tests, of the cases that take the least."""
@@ -79,7 +79,7 @@ def test_short_steps_between_long_ones_do_no_harm() -> None:
 
 
 def test_a_tall_pyramid_does_not_creep() -> None:
-    """Of 40 rows, 820 boxes: they settle by 0.4 mm. It once went on at 7 mm/s, 2.6 mm by then."""
+    """Of 40 rows, 820 boxes: they settle by 0.6 mm. It once went on at 7 mm/s, 2.6 mm by then."""
     case = CASES["pyramid_40"]
     bounds = dataclasses.replace(case.bounds, drift=1.0e-3)
     outcome = try_case(dataclasses.replace(case, seconds=2.0 / 3.0, bounds=bounds), "avbd")
