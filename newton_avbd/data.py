@@ -440,7 +440,7 @@ class ClosureWork:
     least: wp.array[float]
     """By row: how far the multiplier would move bodies that nothing else holds; 0 for a mimic."""
     held: wp.array[float]
-    """By row: what it has pushed with so far [N or N m]; 0 for a mimic."""
+    """By row: what it has pushed with, which its softness keeps to [N or N m]; 0 for a mimic."""
     multiplier: wp.array[wp.float64]
     """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
     gram_row: wp.array[wp.int32]
@@ -564,7 +564,8 @@ class LoopWork:
     misfit: wp.array[wp.spatial_vector]
     """How far each joint is open at the start of the step, as (shift [m], turn [rad])."""
     kept_force: wp.array[wp.vec3]
-    """Multipliers of the joints while the recovery closes them."""
+    """Multipliers that the softness of rows keeps to: of the start of the step, then of its first
+    sweep. The recovery leaves them alone, and the joints' own return to them after it."""
     kept_torque: wp.array[wp.vec3]
     reach: wp.array[float]
     """How far the joint's bodies could move its anchors in the step [m]."""

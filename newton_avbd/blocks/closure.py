@@ -41,10 +41,13 @@ SOFTNESS = wp.constant(1.0e-7)
 """By how much more a multiplier moves its row, as a share of what the most mobile row of its joint
 does: more than rounding leaves of a pivot after hundreds of others. A row along a taut chain has a
 pivot of the square of its slope; what the softness misses of it the next sweep finds."""
+FIRST_SOFTNESS = wp.constant(1.0e-5)
+"""The same in the first sweep of a step, which is off by the square of what bodies turn by: rows
+that imply each other ask for what does not go together then, and would push each other with it."""
 MISSED = wp.constant(1.0e-4)
 """Share of its move that a sweep leaves to the next one at least, where rows are soft."""
-FORGOTTEN = wp.constant(1.0e-3)
-"""Share of what a row pushes with that a sweep takes back where nothing needs it: of what rows that
+FORGOTTEN = wp.constant(5.0e-2)
+"""Share of what a row has pushed with that is taken back where nothing needs it: of what rows that
 imply each other push each other with."""
 HARDLY_MOVED = wp.constant(1.0e-9)
 """A row says nothing that moves less than this share of what the joint's others do, each taken
@@ -130,12 +133,19 @@ def rows_push(body: int, closures: wp.ref[ClosureWork]) -> wp.spatial_vector:
 
 
 @wp.func
+def softness_of(is_first: bool) -> float:
+    """By how much more a multiplier moves its row in the first sweep of a step, and in others."""
+    return wp.where(is_first, FIRST_SOFTNESS, SOFTNESS)
+
+
+@wp.func
 def end_rows(
     at: int,
     h_ll: wp.mat33,
     h_al: wp.mat33,
     h_aa: wp.mat33,
     push: wp.spatial_vector,
+    softness: float,
     closures: wp.ref[ClosureWork],
 ):
     """Eliminates the multipliers of the rows that end at a node; returns its block and wrench.
@@ -155,9 +165,10 @@ def end_rows(
                 free = closures.least[row]
                 says = closures.whole[row] > wp.max(HARDLY_MOVED * mobility, IMMOVABLE) * free
                 least = wp.where(says, 0.0, wp.inf)
-                slack = SOFTNESS * mobility * free
+                slack = softness * mobility * free
                 closures.gram[closures.gram_row[row] + row] += wp.float64(slack)
-                closures.multiplier[row] += wp.float64(FORGOTTEN * slack * closures.held[row])
+                kept = (1.0 - FORGOTTEN) * slack * closures.held[row]
+                closures.multiplier[row] -= wp.float64(kept)
             closures.least[row] = least
             closures.way[2 * row] += closures.way[2 * row + 1]
     for row in range(node.row, node.row_end):
@@ -166,14 +177,6 @@ def end_rows(
         w = closures.way[2 * row]
         if pivot <= wp.float64(closures.least[row]):
             closures.gram[g_row + row] = wp.float64(0.0)
-            held = wp.float64(closures.held[row])
-            if held != wp.float64(0.0):
-                push -= closures.held[row] * w
-                for other in range(row + 1, node.row_end):
-                    closures.multiplier[other] -= held * closures.gram[g_row + other]
-                for p in range(node.start, node.stop):
-                    other = closures.items[p] / 2
-                    closures.multiplier[other] -= held * closures.gram[g_row + other]
             continue
         inverse = wp.float64(1.0) / pivot
         closures.gram[g_row + row] = inverse
@@ -218,7 +221,7 @@ def find_multipliers(at: int, update: wp.spatial_vector, closures: wp.ref[Closur
         g_row = closures.gram_row[row]
         inverse = closures.gram[g_row + row]
         if inverse == wp.float64(0.0):
-            closures.multiplier[row] = wp.float64(closures.held[row])
+            closures.multiplier[row] = wp.float64(0.0)
             continue
         left = closures.multiplier[row] + wp.float64(wp.dot(closures.way[2 * row], update))
         for other in range(row + 1, node.row_end):
@@ -230,12 +233,12 @@ def find_multipliers(at: int, update: wp.spatial_vector, closures: wp.ref[Closur
 
 
 @wp.func
-def solve_ground(first: int, closures: wp.ref[ClosureWork]):
+def solve_ground(first: int, softness: float, closures: wp.ref[ClosureWork]):
     """Multipliers of the rows of a block that end at no body, after elimination."""
     number = closures.block_of[first]
     if number >= 0:
         ground = closures.blocks[number].ground
         none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         zero = wp.mat33(0.0)
-        end_rows(ground, zero, zero, zero, none, closures)
+        end_rows(ground, zero, zero, zero, none, softness, closures)
         find_multipliers(ground, none, closures)

@@ -21,7 +21,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import joint as joint_rows
 from .launch import KERNEL
-from .trees import anchor_arm, anchor_rotation, is_linked
+from .trees import anchor_arm, anchor_rotation, held_by_loops, is_linked
 
 
 @wp.kernel(**KERNEL)
@@ -137,6 +137,9 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
                     loops,
                     history,
                 )
+                if wp.static(effects.closures and effects.loops):
+                    held, _ = held_by_loops(body, loops, history)
+                    load += held
                 parent = tree.parent[body]
                 if work.inv_mass[parent] > 0.0:
                     handed = handed_down(tree.span[body], load)

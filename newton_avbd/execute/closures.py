@@ -197,7 +197,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.direction[row] = n
                 closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
-                closures.held[row] = wp.dot(n, history.loop_force[i])
+                closures.held[row] = wp.dot(n, loops.kept_force[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, left))
                 closures.least[row] = PENALTY / loops.k_l[i]
             else:
@@ -205,7 +205,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.direction[row] = n
                 closures.way[2 * row] = moves_c * wp.spatial_vector(wp.vec3(0.0), n)
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(wp.vec3(0.0), n)
-                closures.held[row] = wp.dot(n, history.loop_torque[i])
+                closures.held[row] = wp.dot(n, loops.kept_torque[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, turn))
                 closures.least[row] = PENALTY / loops.k_a[i]
 
@@ -275,6 +275,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     @wp.func
     def keep_forces(
         first: int,
+        is_kept: bool,
         h: float,
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
@@ -307,11 +308,14 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         force += along
                     else:
                         torque += along
-                history.loop_force[i] = history.loop_force[i] - force
-                history.loop_torque[i] = history.loop_torque[i] - torque
+                change = wp.length(force + history.loop_force[i])
+                history.loop_force[i] = -force
+                history.loop_torque[i] = -torque
+                if is_kept:
+                    loops.kept_force[i] = -force
+                    loops.kept_torque[i] = -torque
                 joint = loops.joints[i]
-                change = wp.length(force)
-                held = wp.length(history.loop_force[i])
+                held = wp.length(force)
                 for end in range(2):
                     body = parent_slot(joints, joint, static_slot)
                     if end == 0:

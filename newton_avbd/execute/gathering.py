@@ -144,6 +144,7 @@ def make_gather(
                     loops,
                     history,
                     False,
+                    False,
                 )
                 if item % 2 == 0:
                     f += force

@@ -212,6 +212,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
             history.loop_force[i] = wp.vec3(0.0)
             history.loop_torque[i] = wp.vec3(0.0)
             return False
+        loops.kept_force[i] = history.loop_force[i]
+        loops.kept_torque[i] = history.loop_torque[i]
         loops.k_l[i] = PENALTY / (inv_mass * h * h)
         loops.k_a[i] = PENALTY / (inv_inertia * h * h)
         # one end kinematic, the other where the last step left it
@@ -330,10 +332,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
         has_dual: bool,
+        is_whole: bool,
     ):
         """Force [N] at the anchor and torque [N m] of a joint on its child, and the two arms [m].
 
-        With ``has_dual`` they become the joint's multipliers.
+        With ``has_dual`` they become the joint's multipliers. What a joint locks whose rows are
+        solved with the tree counts only if ``is_whole``: otherwise its rows are to find it.
         """
         joint = loops.joints[i]
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
@@ -351,6 +355,9 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if has_dual:
             history.loop_force[i] = force
             history.loop_torque[i] = torque
+        if loops.is_exact[i] and not is_whole:
+            force = wp.vec3(0.0)
+            torque = wp.vec3(0.0)
         turn_away = wp.vec3(0.0)
         rest_away = wp.vec3(0.0)
         if wp.static(effects.kinds.balls and effects.drives):

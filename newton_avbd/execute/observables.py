@@ -137,7 +137,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                 joint = loops.joints[i]
                 child = joints.child[joint]
                 force, torque, arm_c, arm_p = loop_wrench(
-                    i, 0.0, step, model, joints, control, work, tree, loops, history, False
+                    i, 0.0, step, model, joints, control, work, tree, loops, history, False, True
                 )
                 push = wp.spatial_vector(force, torque + wp.cross(arm_c, force))
                 tree.load[child] = tree.load[child] - push

@@ -227,7 +227,7 @@ def make_sweep_world(
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 loop_wrench(
-                    i, recovery, h, model, joints, control, work, tree, loops, history, True
+                    i, recovery, h, model, joints, control, work, tree, loops, history, True, True
                 )
         if wp.static(effects.ramp):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):

@@ -16,6 +16,7 @@ from ..blocks.closure import (
     meet_axes,
     meet_root,
     rows_push,
+    softness_of,
     solve_ground,
 )
 from ..data import (
@@ -232,19 +233,24 @@ def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
 
 
 @wp.func
-def loop_stiffness(body: int, loops: wp.ref[LoopWork], history: wp.ref[History]) -> wp.mat33:
-    """Geometric stiffness [N m] of joints that close loops at a body, by what they push with now.
+def held_by_loops(body: int, loops: wp.ref[LoopWork], history: wp.ref[History]):
+    """Wrench on a body of joints that close loops of its block, and its geometric stiffness [N m].
 
-    What carries a taut net grows many times over within a step.
+    They are what the sweep before has found: what carries a taut net grows many times over within a
+    step.
     """
     stiffness = wp.mat33(0.0)
+    wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     for k in range(loops.body_start[body], loops.body_start[body + 1]):
         item = loops.items[k]
         i = item / 2
         if loops.is_exact[i]:
-            force = wp.where(item % 2 == 0, 1.0, -1.0) * history.loop_force[i]
+            sign = wp.where(item % 2 == 0, 1.0, -1.0)
+            force = sign * history.loop_force[i]
+            torque = sign * history.loop_torque[i] + wp.cross(loops.arms[item], force)
             stiffness += algebra.geometric_stiffness(force, loops.arms[item])
-    return stiffness
+            wrench += wp.spatial_vector(force, torque)
+    return wrench, stiffness
 
 
 @dataclass(frozen=True)
@@ -546,7 +552,8 @@ def make_trees(
                 h_al = tree.own_al[body] + tree.h_al[body]
                 h_aa = tree.own_aa[body] + tree.h_aa[body]
         if wp.static(effects.closures and effects.loops):
-            h_aa += loop_stiffness(body, loops, history)
+            held, held_aa = held_by_loops(body, loops, history)
+            h_aa += held_aa
         if wp.static(effects.tilting):
             n_ll = wp.mat33(0.0)
             n_al = wp.mat33(0.0)
@@ -561,13 +568,16 @@ def make_trees(
                 tree.n_aa[body] = wp.mat33(0.0)
         push = wrench + tree.push[body]
         load = wrench + tree.load[body]
+        if wp.static(effects.closures and effects.loops):
+            load += held
         tree.h_ll[body] = wp.mat33(0.0)
         tree.h_al[body] = wp.mat33(0.0)
         tree.h_aa[body] = wp.mat33(0.0)
         tree.push[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.closures):
-            h_ll, h_al, h_aa, push = end_rows(body, h_ll, h_al, h_aa, push, tree.closures)
+            softness = softness_of(not has_dual)
+            h_ll, h_al, h_aa, push = end_rows(body, h_ll, h_al, h_aa, push, softness, tree.closures)
         if not is_linked(joints, tree, body):
             if wp.static(effects.tilting):
                 if is_fast:
@@ -981,7 +991,7 @@ def make_trees(
                 )
                 mismatch = wp.max(mismatch, off)
         if wp.static(effects.closures):
-            solve_ground(first, tree.closures)
+            solve_ground(first, softness_of(not has_dual), tree.closures)
         # Newton's method leaves half of the angle times the update, or what the joint forces of the
         # last step are off by in the first iteration; contacts converge by a factor.
         largest = float(4.0 * mismatch * mismatch)
@@ -1011,7 +1021,9 @@ def make_trees(
                     if has_soft_loops(body, loops):
                         is_newton = False
         if wp.static(effects.closures and effects.loops):
-            off = keep_forces(first, h, joints, work, tree, loops, history)
+            off = keep_forces(
+                first, not has_dual and recovery == 0.0, h, joints, work, tree, loops, history
+            )
             largest = wp.max(largest, 4.0 * off * off)
         farthest = float(0.0)
         if wrong > 0:

@@ -30,6 +30,7 @@ FRAMES = {
     "adaptive_collision": 45,
     "basic_dzhanibekov": 230,
     "basic_shapes": 150,
+    "kamino_earworm_flowers": 120,
     "pyramid": 120,
     "sensor_imu": 200,
 }
