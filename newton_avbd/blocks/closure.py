@@ -40,7 +40,7 @@ IMPLIED = wp.constant(1.0e-4)
 SOFTNESS = wp.constant(1.0e-7)
 """By how much more a multiplier moves its row, as a share of what the most mobile row of its joint
 does: more than rounding leaves of a pivot after hundreds of others. A row along a taut chain has a
-pivot of the square of its slope; what the softness misses of it the next sweep finds."""
+pivot of the square of its slope; what the softness misses of it the next step finds."""
 FIRST_SOFTNESS = wp.constant(1.0e-5)
 """The same in the first sweep of a step, which is off by the square of what bodies turn by: rows
 that imply each other ask for what does not go together then, and would push each other with it."""
