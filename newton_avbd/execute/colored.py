@@ -647,7 +647,9 @@ def make_colored(effects: Effects) -> Colored:
         world = loop_world(i, joints, worlds, work, loops)
         if goes_on(sweep, world, tolerance, moved, most, colors):
             h = colors.scale[world].h
-            loop_wrench(i, recovery, h, model, joints, control, work, tree, loops, history, True)
+            loop_wrench(
+                i, recovery, h, model, joints, control, work, tree, loops, history, True, True
+            )
 
     @kernel()
     def begin_round(
