@@ -30,8 +30,15 @@ FRAMES = {
     "adaptive_collision": 45,
     "basic_dzhanibekov": 230,
     "basic_shapes": 150,
+    "cable_cross_slide_table": 540,
+    "cable_initial_rest_pose": 120,
+    "controller_joint_impedance_heterogeneous": 120,
+    "kamino_basic_fourbar": 120,
+    "kamino_basic_heterogeneous": 120,
     "kamino_earworm_flowers": 120,
     "pyramid": 120,
+    "robot_omniwheel": 500,
+    "sensor_contact": 160,
     "sensor_imu": 200,
 }
 """Frames after which Newton's own tests judge an example, where that is not its default."""
