@@ -36,14 +36,15 @@ def opening(sim: Simulation) -> float:
     return float(anchor_gaps(sim)[1:].max())
 
 
-def test_a_robot_that_hits_the_ground_stays_in_one_piece() -> None:
-    """At 100 m/s from eight tilts, half a second: it never has more energy than it came with.
+@pytest.mark.parametrize("speed", [50.0, 100.0])
+def test_a_robot_that_hits_the_ground_stays_in_one_piece(speed: float) -> None:
+    """From 1.3 m and eight tilts, half a second: it never has more energy than it came with.
 
     Of that the impact leaves less than a tenth. Joints stay within 5e-4 m: recovery leaves the
     square of what it turns.
     """
     for tilt in TILTS:
-        sim = humanoid(tilt, 1.3, 100.0)
+        sim = humanoid(tilt, 1.3, speed)
         before, widest = sim.energy, 0.0
         for _ in range(120):
             sim.step()
@@ -71,7 +72,7 @@ def test_a_robot_far_below_the_ground_is_not_thrown(depth: float, speed: float) 
     Nothing is faster than 5 m/s after any step, a fall from 1.3 m; joints stay within 1e-4 m, to
     the rounding of poses.
     """
-    for tilt in TILTS[:4]:
+    for tilt in TILTS:
         sim = humanoid(tilt, -depth, speed)
         for _ in range(60):
             sim.step()
