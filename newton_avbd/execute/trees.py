@@ -44,6 +44,10 @@ ROUNDING = wp.constant(5.0e-7)
 
 PATIENCE = wp.constant(3)
 """Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on."""
+CAUTION = wp.constant(0.9)
+"""Exponent of what a sweep is expected to leave by what earlier steps saw: as in stiff integrators
+(Hairer, Wanner, "Solving Ordinary Differential Equations II", IV.8), it forgets within few steps."""
+TINY = wp.constant(1.0e-30)
 HIDDEN = wp.constant(2.0e-2)
 """Move of a body with contacts that counts as none, as a share of the penetration that is left
 alone: 1e-3 g h^2."""
@@ -945,6 +949,19 @@ def make_trees(
                         left -= 1
 
     @wp.func
+    def expected_share(root: int, moved: float, history: wp.ref[History]) -> float:
+        """Share of the first sweep's update that the second will find, by what earlier steps saw.
+
+        Both as squares. Newton's method leaves in proportion to the square of the update; 1 where
+        nothing is known.
+        """
+        known = history.contraction[root]
+        if known[0] == 0.0:
+            return 1.0
+        growth = wp.max(moved / known[0], 1.0)
+        return growth * wp.pow(wp.abs(known[1]), CAUTION)
+
+    @wp.func
     def sweep_tree(
         first: int,
         end: int,
@@ -1033,20 +1050,37 @@ def make_trees(
         if wp.static(effects.closures):
             if tree.closures.block_of[first] >= 0:
                 largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
-        left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
+        most = float(0.0)
+        beyond = float(0.0)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
                 shift = wp.spatial_top(tree.update[body])
                 turn = wp.spatial_bottom(tree.update[body])
                 turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
-                moved = left * (wp.dot(shift, shift) + turned)
+                moved = wp.dot(shift, shift) + turned
                 hidden = tree.rounding[body]
                 if not is_newton:
                     # multipliers of contacts build up by moves that small
                     hidden = wp.min(hidden, HIDDEN * slop)
-                if moved > hidden * hidden:
-                    farthest = wp.max(farthest, moved)
+                most = wp.max(most, moved)
+                beyond = wp.max(beyond, moved / (hidden * hidden + TINY))
+        left = float(1.0)
+        root = worlds.bodies[first]
+        if is_newton:
+            left = wp.min(0.25 * largest, 1.0)
+            if recovery == 0.0:
+                if not has_dual:
+                    expected = expected_share(root, most, history)
+                    left = wp.min(left, expected)
+                    history.contraction[root] = wp.vec2(most, -expected)
+                elif history.contraction[root][1] < 0.0:
+                    before = history.contraction[root][0]
+                    history.contraction[root] = wp.vec2(before, wp.max(most / before, TINY))
+        else:
+            history.contraction[root] = wp.vec2(0.0)
+        if left * beyond > 1.0:
+            farthest = wp.max(farthest, left * most)
         return farthest
 
     return TreeFunctions(
