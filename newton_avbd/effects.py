@@ -337,6 +337,11 @@ class Effects:
         return linear or self.laws or self.mimics
 
     @property
+    def free_balls(self) -> bool:
+        """Whether there are ball joints on which nothing acts but what is put on them."""
+        return self.kinds.balls and not self.coordinates and not self.closures
+
+    @property
     def stops(self) -> bool:
         """Whether something stops coordinates: hard limits of position or velocity."""
         return (self.limits and not self.compliance) or self.velocity_limits

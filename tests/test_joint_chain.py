@@ -2,12 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """Chains of hinges: closed whatever hangs at their end, and wherever they are."""
 
+import itertools
+
 import newton
 import numpy as np
 import pytest
 import warp as wp
 from helpers import NO_GRAVITY, G, Simulation
-from joint_scenes import add_hinge_chain, anchor_gaps, coordinates, set_coordinates, simulate
+from joint_scenes import (
+    TENSOR,
+    add_hinge_chain,
+    add_link,
+    anchor_gaps,
+    coordinates,
+    set_coordinates,
+    simulate,
+    transform,
+)
+from scipy.spatial.transform import Rotation
+
+from newton_avbd import SolverAVBD
 
 LENGTH = 0.1
 
@@ -122,6 +136,50 @@ def test_a_spinning_chain_without_gravity_does_not_speed_up() -> None:
         assert sim.energy < energy * (1.0 + 1.0e-5)
         energy = sim.energy
         assert anchor_gaps(sim).max() < 1.0e-5
+
+
+@pytest.mark.parametrize("end", [1.0, 1.0e4])
+def test_ball_joints_turn_alike_beside_a_drive(end: float) -> None:
+    """Free ball joints are eliminated at once, beside a drive anywhere axis by axis: the same.
+
+    Five links of uneven inertia that a moving root carries, one joint the other way around, with
+    torques on all; equal links or 10,000 times as much at the end, for 1 s.
+    """
+    paths = []
+    for has_drive in (False, True):
+        builder = newton.ModelBuilder()
+        links = [add_link(builder) for _ in range(4)]
+        links.append(add_link(builder, mass=end, inertia=end * TENSOR))
+        for i, (parent, child) in enumerate(itertools.pairwise(links)):
+            ends = [(parent, (0.2, 0.05, 0.0)), (child, (-0.2, 0.0, 0.1))]
+            if i == 2:
+                ends.reverse()
+            (first, at_first), (second, at_second) = ends
+            builder.add_joint_ball(
+                first,
+                second,
+                parent_xform=transform(at_first, Rotation.from_rotvec([0.3, 0.1, 0.2])),
+                child_xform=transform(at_second),
+            )
+            offset = np.array([0.4, 0.05, -0.1]) * (i + 1)
+            builder.body_q[child] = transform(offset)
+        if has_drive:
+            arm = add_link(builder)
+            builder.add_joint_revolute(-1, arm, axis=(0, 1, 0), target_ke=1.0)
+        # a joint the other way around belongs to no articulation
+        model = builder.finalize(device="cpu", skip_all_validations=True)
+        solver, state, out = SolverAVBD(model), model.state(), model.state()
+        assert solver.effects.flags.free_balls != has_drive
+        control = model.control()
+        torque = np.zeros(model.joint_dof_count, dtype=np.float32)
+        torque[:12] = np.linspace(-0.3, 0.4, 12)
+        control.joint_f.assign(torque)
+        for _ in range(240):
+            solver.step(state, out, control, None, 1.0 / 240.0)
+            state, out = out, state
+        paths.append(state.body_q.numpy()[:5])
+    assert np.abs(paths[0] - paths[1]).max() < 1.0e-4
+    assert np.abs(paths[0][:, :3]).max() > 0.5
 
 
 @pytest.mark.parametrize("end", [1.0, 100.0])

@@ -6,7 +6,14 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..algebra.block import factor_block, half_solve, other_half
+from ..algebra.block import (
+    PIVOT_FLOOR,
+    cholesky,
+    cholesky_solve,
+    factor_block,
+    half_solve,
+    other_half,
+)
 from ..algebra.so3 import exp_quat, rotation_vector, turned_from
 from ..blocks import tree as algebra
 from ..blocks.closure import (
@@ -225,6 +232,60 @@ def is_linked(joints: wp.ref[JointModel], tree: wp.ref[TreeWork], body: int) -> 
     if joint < 0:
         return False
     return joints.enabled[joint]
+
+
+@wp.func
+def free_ball(
+    first_axis: int,
+    arm_c: wp.vec3,
+    torque: wp.vec3,
+    own: float,
+    h_ll: wp.mat33,
+    h_al: wp.mat33,
+    h_aa: wp.mat33,
+    push: wp.spatial_vector,
+    tree: wp.ref[TreeWork],
+):
+    """Eliminates all three turns at once of a ball joint that nothing drives, brakes or stops.
+
+    About its anchor such a joint hands down a force only. Its axes are those of the world; what
+    each meets does not depend on the others, so that substitution may take them in any order.
+
+    Args:
+        first_axis: First of the joint's axes in ``tree.axes``.
+        arm_c: From the COM of the body to the anchor [m].
+        torque: What is put on the joint, which reacts on the parent [N m].
+        own: Least moment of inertia of the body over h^2 [N m]; no turn meets less.
+        h_ll, h_al, h_aa: Block of the body about its COM.
+        push: Wrench on the body about its COM.
+        tree: The trees' work.
+
+    Returns:
+        The block that is left about the anchor, of which only the linear part is not zero, and the
+        wrench about the anchor.
+    """
+    h_ll, h_al, h_aa = algebra.span_block(-arm_c, h_ll, h_al, h_aa)
+    push = algebra.handed_down(-arm_c, push)
+    least = wp.vec3(own / PIVOT_FLOOR)
+    factor = cholesky(h_aa, wp.max(wp.get_diag(h_aa), least))
+    turns = wp.matrix_from_cols(
+        cholesky_solve(factor, wp.vec3(h_al[0, 0], h_al[1, 0], h_al[2, 0])),
+        cholesky_solve(factor, wp.vec3(h_al[0, 1], h_al[1, 1], h_al[2, 1])),
+        cholesky_solve(factor, wp.vec3(h_al[0, 2], h_al[1, 2], h_al[2, 2])),
+    )
+    turned = cholesky_solve(factor, wp.spatial_bottom(push) + torque)
+    for i in range(3):
+        axis = TreeAxis()
+        axis.angular[i] = 1.0
+        axis.linear = wp.cross(arm_c, axis.angular)
+        axis.force = turns[i]
+        axis.torque = axis.angular + wp.cross(arm_c, turns[i])
+        axis.inv_pivot = 1.0
+        axis.push = turned[i]
+        tree.axes[first_axis + i] = axis
+    h_la = wp.transpose(h_al)
+    force = wp.spatial_top(push) - h_la * turned
+    return h_ll - h_la * turns, wp.spatial_vector(force, -torque)
 
 
 @wp.func
@@ -687,6 +748,24 @@ def make_trees(
             turning = wp.identity(n=3, dtype=float)
             thrust = wp.vec3(0.0)
             torque = wp.vec3(0.0)
+        is_free = bool(False)
+        if wp.static(effects.free_balls):
+            is_free = joints.type[joint] == BALL
+            if wp.static(effects.tilting):
+                is_free = is_free and not is_fast
+            if is_free:
+                first = joints.dof_start[joint]
+                reaction = wp.vec3(
+                    control.joint_f[first], control.joint_f[first + 1], control.joint_f[first + 2]
+                )
+                reaction = sign * wp.quat_rotate(q_p, reaction)
+                own = inv_h2 / wp.trace(model.inv_inertia[body])
+                h_ll, push = free_ball(
+                    tree.axis_start[body], arm_c, reaction, own, h_ll, h_al, h_aa, push, tree
+                )
+                h_al = wp.mat33(0.0)
+                h_aa = wp.mat33(0.0)
+                dofs = 0
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
@@ -801,7 +880,9 @@ def make_trees(
             meet_axes(body, dofs, work, tree)
         if work.inv_mass[parent] > 0.0:
             arm = span
-            if wp.static(effects.light_roots):
+            if is_free:
+                arm = arm_p
+            elif wp.static(effects.light_roots):
                 h_ll, h_al, h_aa = algebra.span_block(-arm_c, h_ll, h_al, h_aa)
                 h_ll, h_al, h_aa = algebra.projected(shifting, turning, h_ll, h_al, h_aa)
                 h_ll = algebra.not_less_than_rounding(shifting, h_ll)
