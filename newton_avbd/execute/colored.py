@@ -661,7 +661,7 @@ def make_colored(effects: Effects) -> Colored:
         """Another round of sweeps where impacts go on after the first; one thread a world."""
         world = wp.tid()
         if colors.most[world] == iterations:
-            if is_struck(colors.moved[iterations, world], colors.scale[world]):
+            if is_struck(iterations, colors.moved[iterations, world], colors.scale[world]):
                 colors.most[world] = COLD_FACTOR * iterations
                 colors.begin[world] = iterations
                 colors.has_more[0] = 1

@@ -19,6 +19,9 @@ SETTLED = wp.constant(5.0e-6)
 """Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
 ROUNDED = wp.constant(1.0e-7)
 """Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
+STRUCK_SHARE = wp.constant(5.0e-3)
+"""Share of the reach by which a sweep without gravity still moves something where impacts go on: at 5
+m/s and 60 Hz about what :data:`STRUCK` says with the earth's."""
 JOINT_PASSES = wp.constant(8)
 """Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
 LOOP_PASSES = wp.constant(24)
@@ -92,11 +95,16 @@ def unsettled_update(scale: WorldScale) -> float:
 
 
 @wp.func
-def is_struck(update: float, scale: WorldScale) -> bool:
-    """Whether the square of a sweep's update [m^2] is that of a world in which impacts go on."""
+def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
+    """Whether the square of the last sweep's update [m^2] is that of a world in which impacts go on.
+
+    A first sweep moves whatever is to move, and says nothing about that.
+    """
     expected = STRUCK * scale.gravity * scale.h * scale.h
+    if scale.gravity == 0.0:
+        expected = STRUCK_SHARE * scale.reach
     struck = wp.max(expected, settled_update(scale))
-    return update > struck * struck and wp.isfinite(update)
+    return sweeps > 1 and update > struck * struck and wp.isfinite(update)
 
 
 def make_count_passes(effects: Effects) -> wp.Function:

@@ -185,7 +185,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 break
             sweeps += taken
             if wp.static(effects.contact and not effects.ramp):
-                if sweeps == iterations and is_struck(update, scale):
+                if sweeps == iterations and is_struck(sweeps, update, scale):
                     if wp.static(effects.piles):
                         stiffen_piles(world, scale, worlds, rows)
                     continue
