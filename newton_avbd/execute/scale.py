@@ -20,8 +20,8 @@ SETTLED = wp.constant(5.0e-6)
 ROUNDED = wp.constant(1.0e-7)
 """Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
 STRUCK_SHARE = wp.constant(5.0e-3)
-"""Share of the reach by which a sweep without gravity still moves something where impacts go on: at 5
-m/s and 60 Hz about what :data:`STRUCK` says with the earth's."""
+"""Share of the reach by which a sweep without gravity still moves something where impacts go on:
+at 5 m/s and 60 Hz about what :data:`STRUCK` says with the earth's."""
 JOINT_PASSES = wp.constant(8)
 """Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
 LOOP_PASSES = wp.constant(24)
@@ -96,7 +96,7 @@ def unsettled_update(scale: WorldScale) -> float:
 
 @wp.func
 def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
-    """Whether the square of the last sweep's update [m^2] is that of a world in which impacts go on.
+    """Whether the last sweep's update, squared [m^2], says that impacts go on in a world.
 
     A first sweep moves whatever is to move, and says nothing about that.
     """

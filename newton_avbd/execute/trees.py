@@ -52,9 +52,10 @@ ROUNDING = wp.constant(5.0e-7)
 PATIENCE = wp.constant(3)
 """Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on."""
 CAUTION = wp.constant(0.9)
-"""Exponent of what a sweep is expected to leave by what earlier steps saw: as in stiff integrators
-(Hairer, Wanner, "Solving Ordinary Differential Equations II", IV.8), it forgets within few steps."""
+"""Exponent of what a sweep is expected to leave by what earlier steps saw, which is forgotten so
+within few steps (as in Hairer, Wanner, "Solving Ordinary Differential Equations II", IV.8)."""
 TINY = wp.constant(1.0e-30)
+"""Keeps what did not move apart from division by zero."""
 HIDDEN = wp.constant(2.0e-2)
 """Move of a body with contacts that counts as none, as a share of the penetration that is left
 alone: 1e-3 g h^2."""
@@ -1030,17 +1031,29 @@ def make_trees(
                         left -= 1
 
     @wp.func
-    def expected_share(root: int, moved: float, history: wp.ref[History]) -> float:
+    def expected_share(root: int, most: float, has_dual: bool, history: wp.ref[History]) -> float:
         """Share of the first sweep's update that the second will find, by what earlier steps saw.
 
-        Both as squares. Newton's method leaves in proportion to the square of the update; 1 where
-        nothing is known.
+        Both as squares; 1 where nothing is known, and after other sweeps than the first. What
+        Newton's method leaves is in proportion to the square of the update, its share to the
+        update.
+
+        Args:
+            root: Root of the tree, which nothing touches.
+            most: Square of how far the sweep has moved one of its bodies [m^2].
+            has_dual: Whether it was not the first.
+            history: What is kept between steps, where what second sweeps find is noted.
         """
         known = history.contraction[root]
-        if known[0] == 0.0:
+        if has_dual:
+            if known[1] < 0.0:
+                history.contraction[root] = wp.vec2(known[0], wp.max(most / known[0], TINY))
             return 1.0
-        growth = wp.max(moved / known[0], 1.0)
-        return growth * wp.pow(wp.abs(known[1]), CAUTION)
+        expected = float(1.0)
+        if known[0] > 0.0:
+            expected = wp.max(most / known[0], 1.0) * wp.pow(wp.abs(known[1]), CAUTION)
+        history.contraction[root] = wp.vec2(most, -expected)
+        return expected
 
     @wp.func
     def sweep_tree(
@@ -1128,9 +1141,6 @@ def make_trees(
             farthest = wp.inf
             if wp.static(effects.laws):
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
-        if wp.static(effects.closures):
-            if tree.closures.block_of[first] >= 0:
-                largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
         most = float(0.0)
         beyond = float(0.0)
         for i in range(first, end):
@@ -1147,19 +1157,17 @@ def make_trees(
                 most = wp.max(most, moved)
                 beyond = wp.max(beyond, moved / (hidden * hidden + TINY))
         left = float(1.0)
-        root = worlds.bodies[first]
         if is_newton:
             left = wp.min(0.25 * largest, 1.0)
-            if recovery == 0.0:
-                if not has_dual:
-                    expected = expected_share(root, most, history)
-                    left = wp.min(left, expected)
-                    history.contraction[root] = wp.vec2(most, -expected)
-                elif history.contraction[root][1] < 0.0:
-                    before = history.contraction[root][0]
-                    history.contraction[root] = wp.vec2(before, wp.max(most / before, TINY))
+            has_closures = bool(False)
+            if wp.static(effects.closures):
+                if tree.closures.block_of[first] >= 0:
+                    has_closures = True
+                    left = wp.min(wp.max(left, wp.static(MISSED * MISSED)), 1.0)
+            if recovery == 0.0 and not has_closures:
+                left = wp.min(left, expected_share(worlds.bodies[first], most, has_dual, history))
         else:
-            history.contraction[root] = wp.vec2(0.0)
+            history.contraction[worlds.bodies[first]] = wp.vec2(0.0)
         if left * beyond > 1.0:
             farthest = wp.max(farthest, left * most)
         return farthest
