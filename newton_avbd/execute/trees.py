@@ -51,9 +51,13 @@ ROUNDING = wp.constant(5.0e-7)
 
 PATIENCE = wp.constant(3)
 """Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on."""
-CAUTION = wp.constant(0.9)
+CAUTION = wp.constant(0.95)
 """Exponent of what a sweep is expected to leave by what earlier steps saw, which is forgotten so
 within few steps (as in Hairer, Wanner, "Solving Ordinary Differential Equations II", IV.8)."""
+UNSEEN = wp.constant(2.0e-3)
+"""What a sweep may be expected to leave in a tree that nothing touches, as a share of the
+penetration that is left alone: 1e-4 g h^2, so that no force is off by more than 1e-4 of weights.
+(Schemes of second order are more exact than that, and look each time.)"""
 TINY = wp.constant(1.0e-30)
 """Keeps what did not move apart from division by zero."""
 HIDDEN = wp.constant(2.0e-2)
@@ -1157,6 +1161,7 @@ def make_trees(
                 most = wp.max(most, moved)
                 beyond = wp.max(beyond, moved / (hidden * hidden + TINY))
         left = float(1.0)
+        share = float(1.0)
         if is_newton:
             left = wp.min(0.25 * largest, 1.0)
             has_closures = bool(False)
@@ -1164,12 +1169,14 @@ def make_trees(
                 if tree.closures.block_of[first] >= 0:
                     has_closures = True
                     left = wp.min(wp.max(left, wp.static(MISSED * MISSED)), 1.0)
-            if recovery == 0.0 and not has_closures:
-                left = wp.min(left, expected_share(worlds.bodies[first], most, has_dual, history))
+            if wp.static(not effects.bdf2):
+                if recovery == 0.0 and not has_closures:
+                    share = expected_share(worlds.bodies[first], most, has_dual, history)
         else:
             history.contraction[worlds.bodies[first]] = wp.vec2(0.0)
-        if left * beyond > 1.0:
-            farthest = wp.max(farthest, left * most)
+        unseen = UNSEEN * slop
+        if left * beyond > 1.0 and share * most > unseen * unseen:
+            farthest = wp.max(farthest, wp.min(left, share) * most)
         return farthest
 
     return TreeFunctions(
