@@ -113,6 +113,7 @@ def test_boxes_stand_in_mujoco() -> None:
 
 def test_first_step_is_timed_in_a_process_of_its_own() -> None:
     # With the kernel cache of this process, so that nothing is compiled.
+    wp.init()
     cache = Path(wp.config.kernel_cache_dir).parent
     assert coldstart._in_new_process("xpbd", "incline", cache) > 0.0
     assert coldstart.first_step(coldstart.NO_SOLVER, "incline") < 1e-3
