@@ -184,7 +184,6 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     """What is remembered of joints, by body slot and by degree of freedom."""
     slots, dofs = model.body_count + 1, model.joint_dof_count
     history.joint_force = wp.zeros(slots, dtype=wp.vec3)
-    history.contraction = wp.zeros(slots, dtype=wp.vec2)
     history.left_q = wp.zeros(slots, dtype=wp.transform)
     history.lost = wp.zeros(slots, dtype=wp.vec3)
     history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)

@@ -764,9 +764,6 @@ class History:
     """Buffer and generation that a world's records came from, shape (world_count, 2)."""
     joint_force: wp.array[wp.vec3]
     """Force of the tree's joint on the body at the end of the last step [N], world frame."""
-    contraction: wp.array[wp.vec2]
-    """At the root of a tree: the square of how far the first sweep moved it [m^2], and the share of
-    that which the second found; negative while that is expected rather than seen."""
     left_q: wp.array[wp.transform]
     """Pose that the last step gave a body with joints."""
     lost: wp.array[wp.vec3]

@@ -52,7 +52,6 @@ _OWNERS: dict[str, str] = {
     "history.row_of_contact": "contact",
     "history.torque": "angular_friction",
     "history.joint_force": "joints",
-    "history.contraction": "joints",
     "history.left_q": "joints",
     "history.lost": "joints",
     "history.joint_angle": "joints",

@@ -87,7 +87,6 @@ def reset_bodies(
         sleep.end[body] = sleep.start[body]
     if tree.joint.shape[0] > 0:
         history.joint_force[body] = wp.vec3(0.0)
-        history.contraction[body] = wp.vec2(0.0)
         history.left_q[body] = wp.transform()
         history.lost[body] = wp.vec3(0.0)
         history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))

@@ -51,15 +51,6 @@ ROUNDING = wp.constant(5.0e-7)
 
 PATIENCE = wp.constant(3)
 """Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on."""
-CAUTION = wp.constant(0.95)
-"""Exponent of what a sweep is expected to leave by what earlier steps saw, which is forgotten so
-within few steps (as in Hairer, Wanner, "Solving Ordinary Differential Equations II", IV.8)."""
-UNSEEN = wp.constant(2.0e-3)
-"""What a sweep may be expected to leave in a tree that nothing touches, as a share of the
-penetration that is left alone: 1e-4 g h^2, so that no force is off by more than 1e-4 of weights.
-(Schemes of second order are more exact than that, and look each time.)"""
-TINY = wp.constant(1.0e-30)
-"""Keeps what did not move apart from division by zero."""
 HIDDEN = wp.constant(2.0e-2)
 """Move of a body with contacts that counts as none, as a share of the penetration that is left
 alone: 1e-3 g h^2."""
@@ -1035,31 +1026,6 @@ def make_trees(
                         left -= 1
 
     @wp.func
-    def expected_share(root: int, most: float, has_dual: bool, history: wp.ref[History]) -> float:
-        """Share of the first sweep's update that the second will find, by what earlier steps saw.
-
-        Both as squares; 1 where nothing is known, and after other sweeps than the first. What
-        Newton's method leaves is in proportion to the square of the update, its share to the
-        update.
-
-        Args:
-            root: Root of the tree, which nothing touches.
-            most: Square of how far the sweep has moved one of its bodies [m^2].
-            has_dual: Whether it was not the first.
-            history: What is kept between steps, where what second sweeps find is noted.
-        """
-        known = history.contraction[root]
-        if has_dual:
-            if known[1] < 0.0:
-                history.contraction[root] = wp.vec2(known[0], wp.max(most / known[0], TINY))
-            return 1.0
-        expected = float(1.0)
-        if known[0] > 0.0:
-            expected = wp.max(most / known[0], 1.0) * wp.pow(wp.abs(known[1]), CAUTION)
-        history.contraction[root] = wp.vec2(most, -expected)
-        return expected
-
-    @wp.func
     def sweep_tree(
         first: int,
         end: int,
@@ -1145,38 +1111,23 @@ def make_trees(
             farthest = wp.inf
             if wp.static(effects.laws):
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
-        most = float(0.0)
-        beyond = float(0.0)
+        if wp.static(effects.closures):
+            if tree.closures.block_of[first] >= 0:
+                largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
+        left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
                 shift = wp.spatial_top(tree.update[body])
                 turn = wp.spatial_bottom(tree.update[body])
                 turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
-                moved = wp.dot(shift, shift) + turned
+                moved = left * (wp.dot(shift, shift) + turned)
                 hidden = tree.rounding[body]
                 if not is_newton:
                     # multipliers of contacts build up by moves that small
                     hidden = wp.min(hidden, HIDDEN * slop)
-                most = wp.max(most, moved)
-                beyond = wp.max(beyond, moved / (hidden * hidden + TINY))
-        left = float(1.0)
-        share = float(1.0)
-        if is_newton:
-            left = wp.min(0.25 * largest, 1.0)
-            has_closures = bool(False)
-            if wp.static(effects.closures):
-                if tree.closures.block_of[first] >= 0:
-                    has_closures = True
-                    left = wp.min(wp.max(left, wp.static(MISSED * MISSED)), 1.0)
-            if wp.static(not effects.bdf2):
-                if recovery == 0.0 and not has_closures:
-                    share = expected_share(worlds.bodies[first], most, has_dual, history)
-        else:
-            history.contraction[worlds.bodies[first]] = wp.vec2(0.0)
-        unseen = UNSEEN * slop
-        if left * beyond > 1.0 and share * most > unseen * unseen:
-            farthest = wp.max(farthest, wp.min(left, share) * most)
+                if moved > hidden * hidden:
+                    farthest = wp.max(farthest, moved)
         return farthest
 
     return TreeFunctions(
