@@ -22,6 +22,9 @@ from .workers import Workers
 
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps."""
+INLINING = "-mllvm=-inline-threshold=1000 -mllvm=-inline-cold-callsite-threshold=225"
+"""CPU compiler flags: with Warp's thresholds (9000, 3000) a scene with all effects takes 1.3 times
+as long to compile, and robots step no faster."""
 NO_BFLOAT16 = "-DWP_NO_BFLOAT16="
 """Leaves out of the headers that Warp compiles first what it leaves out of such kernels anyway."""
 
@@ -29,7 +32,9 @@ KERNEL: dict[str, Any] = {
     "enable_backward": False,
     "module": "unique",
     "module_options": {
-        "cpu_compiler_flags": f"{wp.config.cpu_compiler_flags or ''} {FUSED} {NO_BFLOAT16}"
+        "cpu_compiler_flags": " ".join(
+            (wp.config.cpu_compiler_flags or "", INLINING, FUSED, NO_BFLOAT16)
+        )
     },
 }
 """How all kernels are made: Warp compiles its headers once for each set of flags (1 s)."""
