@@ -32,12 +32,14 @@ KERNEL: dict[str, Any] = {
     "enable_backward": False,
     "module": "unique",
     "module_options": {
+        "block_dim": 1,
         "cpu_compiler_flags": " ".join(
             (wp.config.cpu_compiler_flags or "", INLINING, FUSED, NO_BFLOAT16)
-        )
+        ),
     },
 }
-"""How all kernels are made: Warp compiles its headers once for each set of flags (1 s)."""
+"""How all kernels are made: Warp compiles its headers once for each set of flags (1 s), and finds
+out what a kernel is made of once for each block size, that of a CPU being 1."""
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The phases of a world's step, in the order in which ``world.solve_world`` runs them."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -48,6 +48,21 @@ from .trees import is_linked, make_trees
 from .weights import make_weigh
 
 
+@wp.func
+def absent():
+    """In the place of functions of an effect that a scene does without: nothing calls them."""
+
+
+class _Absent:
+    """Functions of an absent effect, which take time to make also where nothing calls them."""
+
+    def __getattr__(self, name: str) -> wp.Function:
+        return absent
+
+
+ABSENT: Any = _Absent()
+
+
 class Phases(NamedTuple):
     """Device functions in the order of the step, compiled for the effects of a scene."""
 
@@ -70,24 +85,26 @@ def make_phases(effects: Effects) -> Phases:
     """Makes the device functions of the phases, and all that they call."""
     measure_world = make_measure_world(effects)
     find_rows, penalise_rows = make_rows(effects)
-    weigh_blocks = make_weigh(effects)
-    bdf2 = make_bdf2(effects)
+    weigh_blocks = make_weigh(effects) if effects.light_links else absent
+    bdf2 = make_bdf2(effects) if effects.bdf2 else ABSENT
     remember_motion, remember_loops = bdf2.remember_motion, bdf2.remember_loops
     remember_state = bdf2.remember_state
-    impacts = make_impacts(effects)
+    impacts = make_impacts(effects) if effects.restitution else ABSENT
     find_impacts = impacts.find_impacts
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
-    loop_functions = make_loops(effects)
+    loop_functions = make_loops(effects) if effects.loops else ABSENT
     loop_wrench = loop_functions.loop_wrench
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
-    piles = make_piles(effects, gather, make_coasting(effects))
+    piles = make_piles(effects, gather, make_coasting(effects)) if effects.piles else ABSENT
     link_piles, factor_piles = piles.link_piles, piles.factor_piles
     stiffen_piles, spend_impacts = piles.stiffen_piles, piles.spend_impacts
-    closures = make_closures(effects)
-    trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
+    closures = make_closures(effects) if effects.closures else ABSENT
+    trees = ABSENT
+    if effects.joints:
+        trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     put_together = trees.put_together
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
@@ -95,7 +112,8 @@ def make_phases(effects: Effects) -> Phases:
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     sweep_world = make_sweep_world(effects, sweep_block, piles.sweep_piles, loop_wrench)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
-    break_blocks, break_loop = make_break_joints(effects, gather)
+    breaking = make_break_joints(effects, gather) if effects.breaking else ABSENT
+    break_blocks, break_loop = breaking.break_blocks, breaking.break_loop
     end_velocity, end_armature, end_pose = make_end(effects)
     count_passes = make_count_passes(effects)
 
