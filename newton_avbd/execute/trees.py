@@ -1123,7 +1123,7 @@ def make_trees(
                 turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
                 moved = left * (wp.dot(shift, shift) + turned)
                 hidden = tree.rounding[body]
-                if not is_newton:
+                if not is_newton and slop > 0.0:
                     # multipliers of contacts build up by moves that small
                     hidden = wp.min(hidden, HIDDEN * slop)
                 if moved > hidden * hidden:
