@@ -106,7 +106,7 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
         is_at_rest = is_slow and is_here and not is_pushed and island == AWAKE
         sleep.still[body] = wp.where(is_at_rest, wp.max(sleep.still[body], 0.0) + h, 0.0)
 
-    @wp.func
+    @wp.func(inline=True)  # a call would copy all that it takes, for each body that sleeps
     def watch(
         body: int,
         model: wp.ref[BodyModel],
