@@ -837,6 +837,8 @@ class WorldScale:
     """Distance that anything in the world could close in the step [m]."""
     slop: float
     """Penetration that is left alone [m]."""
+    tolerance: float
+    """Update that is good enough for the user [m]."""
     static_slot: int
     """Slot of the static world."""
 

@@ -193,7 +193,7 @@ class LargeWorlds:
         launch(
             kernels.measure_lanes,
             lanes,
-            [model, joints, control, h, worlds, work, tree, self._loops_by_lane, colors],
+            [model, joints, control, h, tolerance, worlds, work, tree, self._loops_by_lane, colors],
         )
         launch(kernels.begin_step, self._world_count, [h, iterations, colors, history])
         launch(coloring.count_owned, bodies, [turns, rows, colors])
@@ -250,7 +250,7 @@ class LargeWorlds:
             for sweep in range(first, end):
                 for color in range(COLORS + 1):
                     count = threads if color < COLORS else 1
-                    numbers = [sweep, color, count, tolerance, recovery, most]
+                    numbers = [sweep, color, count, recovery, most]
                     state = [worlds, work, rows, tree, loops, colors, history, moved]
                     launch(
                         kernels.sweep_color,
@@ -258,7 +258,7 @@ class LargeWorlds:
                         [model, joints, control, body_q, *numbers, *state],
                     )
                 if effects.loops:
-                    numbers = [sweep, tolerance, recovery, moved, most]
+                    numbers = [sweep, recovery, moved, most]
                     state = [worlds, work, tree, colors, loops, history]
                     launch(
                         kernels.sweep_loops,

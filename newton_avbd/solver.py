@@ -121,8 +121,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 stacks and larger mass ratios. The first three steps after a reset, and those in
                 which impacts do not settle, take up to four times as many.
             tolerance: A world's sweeps end early when one moves no body by more than this [m], a
-                turn counted by its radius of gyration; with 0, the default, only where nothing
-                moves any more.
+                turn counted by its radius of gyration; penetration up to a tenth of it is left
+                alone. With 0, the default, they end only where nothing moves any more.
             compliant_contacts: Contacts give way by the shapes' ``ke`` [N/m] and ``kd`` [N s/m]
                 (their means over the two shapes) instead of being rigid, which is the default, and
                 joint limits by their ``limit_ke`` and ``limit_kd``.

@@ -53,6 +53,7 @@ from .scale import (
     COLD_STEPS,
     LONGER,
     is_struck,
+    last_update,
     make_count_passes,
     make_measure_world,
     settled_update,
@@ -98,9 +99,9 @@ class Colored(NamedTuple):
 
 
 @wp.func
-def is_settled(moved: float, tolerance: float, scale: WorldScale) -> bool:
+def is_settled(moved: float, scale: WorldScale) -> bool:
     """Whether a sweep that moved a body by no more than the root of ``moved`` [m^2] is the last."""
-    enough = wp.max(tolerance, settled_update(scale))
+    enough = last_update(scale)
     return moved <= enough * enough
 
 
@@ -108,7 +109,6 @@ def is_settled(moved: float, tolerance: float, scale: WorldScale) -> bool:
 def goes_on(
     sweep: int,
     world: int,
-    tolerance: float,
     moved: wp.array2d[float],
     most: wp.array[wp.int32],
     colors: wp.ref[ColorWork],
@@ -116,7 +116,7 @@ def goes_on(
     """Whether a world takes this sweep."""
     if sweep >= most[world]:
         return False
-    return not is_settled(moved[sweep, world], tolerance, colors.scale[world])
+    return not is_settled(moved[sweep, world], colors.scale[world])
 
 
 @wp.func
@@ -222,6 +222,7 @@ def make_colored(effects: Effects) -> Colored:
         joints: JointModel,
         control: ControlInput,
         h: float,
+        tolerance: float,
         # Work:
         worlds: WorldWork,
         work: BodyWork,
@@ -232,7 +233,7 @@ def make_colored(effects: Effects) -> Colored:
     ):
         """How far the bodies of a lane may go, and whether they are finite; one thread a lane."""
         lane = wp.tid()
-        colors.lane_scale[lane] = measure_world(lane, h, model, worlds, work)
+        colors.lane_scale[lane] = measure_world(lane, h, tolerance, model, worlds, work)
         is_finite = is_world_finite(lane, joints, control, worlds, work, tree, loops)
         colors.lane_finite[lane] = int(is_finite)
         if lane == 0:
@@ -528,7 +529,6 @@ def make_colored(effects: Effects) -> Colored:
         sweep: int,
         color: int,
         threads: int,
-        tolerance: float,
         recovery: float,
         most: wp.array[wp.int32],
         worlds: wp.ref[WorldWork],
@@ -546,7 +546,7 @@ def make_colored(effects: Effects) -> Colored:
         for i in range(first, colors.start[(color + 1) * lanes], threads):
             body = colors.order[i]
             world = worlds.of_body[body]
-            if goes_on(sweep, world, tolerance, moved, most, colors):
+            if goes_on(sweep, world, moved, most, colors):
                 scale = colors.scale[world]
                 far = sweep_block(
                     worlds.rank[body],
@@ -581,7 +581,6 @@ def make_colored(effects: Effects) -> Colored:
         sweep: int,
         color: int,
         threads: int,
-        tolerance: float,
         recovery: float,
         most: wp.array[wp.int32],
         # Work:
@@ -608,7 +607,6 @@ def make_colored(effects: Effects) -> Colored:
             sweep,
             color,
             threads,
-            tolerance,
             recovery,
             most,
             worlds[0],
@@ -629,7 +627,6 @@ def make_colored(effects: Effects) -> Colored:
         control: ControlInput,
         # In:
         sweep: int,
-        tolerance: float,
         recovery: float,
         moved: wp.array2d[float],
         most: wp.array[wp.int32],
@@ -645,7 +642,7 @@ def make_colored(effects: Effects) -> Colored:
         """The dual update of a joint outside of the trees; one thread a joint."""
         i = wp.tid()
         world = loop_world(i, joints, worlds, work, loops)
-        if goes_on(sweep, world, tolerance, moved, most, colors):
+        if goes_on(sweep, world, moved, most, colors):
             h = colors.scale[world].h
             loop_wrench(
                 i, recovery, h, model, joints, control, work, tree, loops, history, True, True
@@ -918,12 +915,14 @@ def make_colored(effects: Effects) -> Colored:
         work: BodyWork,
         tree: TreeWork,
     ):
-        """Closes joints that the recovery did not; one thread a body, for the first of a block."""
+        """Closes joints that are still open; one thread a body, for the first of a block."""
         block = wp.tid()
         world = worlds.of_body[block]
-        if colors.block[block] == block and colors.passes[world] > 0:
+        if colors.block[block] == block and colors.is_finite[world] == 1:
             scale = colors.scale[world]
-            last = colors.recovered[count_sweeps(world, colors.recovered), world]
+            last = worlds.update[world] * worlds.update[world]
+            if colors.passes[world] > 0:
+                last = colors.recovered[count_sweeps(world, colors.recovered), world]
             unsettled = unsettled_update(scale)
             if last > unsettled * unsettled:
                 first = worlds.rank[block]

@@ -38,6 +38,7 @@ from .scale import (
     COLD_FACTOR,
     COLD_STEPS,
     LONGER,
+    last_update,
     make_count_passes,
     make_measure_world,
     settled_update,
@@ -121,13 +122,14 @@ def make_phases(effects: Effects) -> Phases:
     def begin_world(
         world: int,
         h: float,
+        tolerance: float,
         model: wp.ref[BodyModel],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         history: wp.ref[History],
     ) -> WorldScale:
         """How far things may go in the step; takes a much longer step than the last as a start."""
-        scale = measure_world(world, h, model, worlds, work)
+        scale = measure_world(world, h, tolerance, model, worlds, work)
         # forces that stopped something within a short step would push too long in a longer one
         if h > LONGER * history.step[world]:
             history.age[world] = 0
@@ -311,7 +313,6 @@ def make_phases(effects: Effects) -> Phases:
         world: int,
         sweeps: int,
         recovery: float,
-        tolerance: float,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
@@ -324,12 +325,12 @@ def make_phases(effects: Effects) -> Phases:
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ):
-        """At most so many sweeps, fewer where one moves nothing by more than ``tolerance``.
+        """At most so many sweeps, fewer where one moves nothing by more than is asked for.
 
         With a ``recovery`` above zero what was wrong at the start of the step goes, too, and
         multipliers stay. Returns how many it took, and the square of the last update [m^2].
         """
-        enough = wp.max(tolerance, settled_update(scale))
+        enough = last_update(scale)
         most = int(sweeps)
         update = float(0.0)
         sweep = int(0)
@@ -362,7 +363,6 @@ def make_phases(effects: Effects) -> Phases:
         world: int,
         sweeps: int,
         update: float,
-        tolerance: float,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
@@ -379,16 +379,15 @@ def make_phases(effects: Effects) -> Phases:
         Takes the sweeps of the motion and the square of their last update [m^2]. Returns whether
         there are islands that push nothing fixed.
         """
-        settled = settled_update(scale)
         if wp.static(effects.bdf2):
-            enough = wp.max(tolerance, settled)
+            enough = last_update(scale)
             if update > enough * enough:
                 # what does not settle tells nothing of the next step
                 history.smooth[world] = 0
             remember_loops(world, scale, joints, loops, history)
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
-        worlds.settled[world] = settled
+        worlds.settled[world] = settled_update(scale)
         has_islands = bool(False)
         if wp.static(effects.contact):
             side = 1 - history.parity[world]

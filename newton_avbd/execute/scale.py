@@ -15,8 +15,10 @@ from ..rows.contact import STRUCK
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
+TOLERATED = wp.constant(0.1)
+"""Penetration that is left alone for the time being, as a share of the tolerance."""
 SETTLED = wp.constant(5.0e-6)
-"""Update from which a sweep is the last one, as a share of g h^2: a world at rest sweeps once."""
+"""Update from which nothing moves any more, as a share of g h^2: a world at rest sweeps once."""
 ROUNDED = wp.constant(1.0e-7)
 """Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
 STRUCK_SHARE = wp.constant(5.0e-3)
@@ -42,6 +44,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
     def measure_world(
         world: int,
         h: float,
+        tolerance: float,
         model: wp.ref[BodyModel],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
@@ -49,6 +52,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
         scale = WorldScale()
         scale.h = h
         scale.step = h
+        scale.tolerance = tolerance
         scale.blend = 1.0
         scale.lag = 0.5
         scale.static_slot = work.inv_mass.shape[0] - 1
@@ -82,10 +86,16 @@ def make_measure_world(effects: Effects) -> wp.Function:
 
 @wp.func
 def settled_update(scale: WorldScale) -> float:
-    """Update [m] from which a sweep is the last one."""
+    """Update [m] from which nothing moves any more."""
     if scale.gravity == 0.0:
         return 0.5 * ROUNDED * scale.reach
     return SETTLED * scale.gravity * scale.h * scale.h
+
+
+@wp.func
+def last_update(scale: WorldScale) -> float:
+    """Update [m] from which a sweep is the last one."""
+    return wp.max(scale.tolerance, settled_update(scale))
 
 
 @wp.func
@@ -115,14 +125,16 @@ def make_count_passes(effects: Effects) -> wp.Function:
         sweeps: int, update: float, deepest: float, is_open: bool, scale: WorldScale
     ) -> int:
         """Takes the sweeps of the motion, the square of their last update [m^2], the deepest
-        penetration [m], and whether joints were open at the start of the step."""
+        penetration [m], and whether joints were open at the start of the step.
+
+        Up to a tolerance nothing is recovered, penetration up to a share of it."""
         passes = int(0)
         if wp.static(not effects.compliance):
-            if sweeps > 0 and deepest > scale.slop:
+            if sweeps > 0 and deepest > wp.max(scale.slop, TOLERATED * scale.tolerance):
                 passes = 1
         if wp.static(effects.joints):
             # joints close even where impacts keep the sweeps from settling
-            unsettled = unsettled_update(scale)
+            unsettled = wp.max(scale.tolerance, unsettled_update(scale))
             is_unsettled = update > unsettled * unsettled
             if is_unsettled:
                 # what that leaves open in trees is put together after it

@@ -84,7 +84,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             return
 
         # Before the sweeps: contacts, then joints, then the blocks of both.
-        scale = begin_world(world, h, model, worlds, work, history)
+        scale = begin_world(world, h, tolerance, model, worlds, work, history)
         deepest = float(0.0)
         has_impacts = bool(False)
         if wp.static(effects.contact):
@@ -168,7 +168,6 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 world,
                 most,
                 recovery,
-                tolerance,
                 scale,
                 body_q,
                 model,
@@ -195,7 +194,6 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 world,
                 sweeps,
                 update,
-                tolerance,
                 scale,
                 body_qd,
                 model,
@@ -250,6 +248,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                     world, sweeps, update, deepest, is_open, scale, loops, history
                 )
                 recovery = RECOVERY
+                if most == 0:
+                    break
 
         # After the recovery: poses.
         end_recovery(
