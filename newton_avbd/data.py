@@ -322,9 +322,9 @@ class IslandSum:
     mass: float
     """Mass [kg]."""
     com: wp.vec3
-    """Mass times COM [kg m]."""
+    """Mass times COM [kg m], in the end the COM [m]."""
     momentum: wp.vec3
-    """Missing momentum times h [kg m]."""
+    """Missing momentum times h [kg m], in the end the shift that makes up for it [m]."""
     angular: wp.vec3
     """Missing angular momentum about the island's COM, of increments times h [kg m^2 or N m s]; in
     the end the turn or angular velocity that makes up for it [rad or rad/s]."""

@@ -65,10 +65,17 @@ def disturb(slot: int, worlds: wp.ref[WorldWork], sleep: wp.ref[SleepWork]):
 
 
 @wp.func
-def is_free_island(islands: wp.ref[IslandWork], body: int) -> bool:
-    """Whether the body's island has other bodies and touches nothing fixed."""
+def is_free_island(islands: wp.ref[IslandWork], body: int, free: int) -> bool:
+    """Whether the body's island has other bodies and touches nothing fixed, as ``free`` does."""
     root = island_of(islands, body)
-    return islands.fixed[root] == 0 and islands.sum[root].bodies > 1
+    return root == free or (islands.fixed[root] == 0 and islands.sum[root].bodies > 1)
+
+
+@wp.func
+def store_sum(islands: wp.ref[IslandWork], root: int, total: IslandSum):
+    """Stores the sum of the island of a root, if that is one."""
+    if root >= 0:
+        islands.sum[root] = total
 
 
 @wp.func
@@ -109,45 +116,60 @@ def keep_momentum(
     first = worlds.body_start[world]
     last = worlds.body_start[world + 1]
     largest = int(0)
+    # Bodies of an island follow each other for the most part: its sum is stored where they end.
+    island = int(-1)
+    total = IslandSum()
     for i in range(first, last):
         body = worlds.bodies[i]
         if work.inv_mass[body] > 0.0:
-            # the root comes first, since it is visited first
             root = island_of(islands, body)
             if islands.fixed[root] == 0:
-                total = IslandSum()
-                if body != root:
-                    total = islands.sum[root]
+                if root != island:
+                    store_sum(islands, island, total)
+                    # the root comes first, since it is visited first
+                    total = IslandSum()
+                    if body != root:
+                        total = islands.sum[root]
+                    island = root
                 total.bodies += 1
                 total.mass += model.mass[body]
                 total.com += model.mass[body] * work.com[body]
-                islands.sum[root] = total
                 largest = wp.max(largest, total.bodies)
+    store_sum(islands, island, total)
     if largest < 2:
         return False
+    island = int(-1)
     for i in range(first, last):
         body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
-            root = island_of(islands, body)
-            total = islands.sum[root]
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
+            root = islands.parent[body]
+            if root != island:
+                store_sum(islands, island, total)
+                total = islands.sum[root]
+                if body == root:
+                    total.com = total.com / total.mass
+                island = root
             missing = work.target[body] - work.increment[body]
             momentum = model.mass[body] * wp.spatial_top(missing)
-            r = work.com[body] - total.com / total.mass
+            r = work.com[body] - total.com
             total.momentum += momentum
             total.angular += wp.cross(r, momentum)
             total.angular += work.inertia[body] * wp.spatial_bottom(missing)
             total.inertia += work.inertia[body] + point_inertia(model.mass[body], r)
-            islands.sum[root] = total
+    store_sum(islands, island, total)
+    island = int(-1)
     for i in range(first, last):
         body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
-            root = island_of(islands, body)
-            total = islands.sum[root]
-            if body == root:
-                total.angular = rigid_turn(total)
-                islands.sum[root].angular = total.angular
-            r = work.com[body] - total.com / total.mass
-            shift = total.momentum / total.mass + wp.cross(total.angular, r)
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
+            root = islands.parent[body]
+            if root != island:
+                total = islands.sum[root]
+                if body == root:
+                    total.momentum = total.momentum / total.mass
+                    total.angular = rigid_turn(total)
+                    islands.sum[root] = total
+                island = root
+            shift = total.momentum + wp.cross(total.angular, work.com[body] - total.com)
             work.increment[body] = work.increment[body] + wp.spatial_vector(shift, total.angular)
     return True
 
@@ -181,32 +203,40 @@ def keep_spin(
     """
     first = worlds.body_start[world]
     last = worlds.body_start[world + 1]
+    island = int(-1)
+    total = IslandSum()
     for i in range(first, last):
         body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
-            root = island_of(islands, body)
-            total = islands.sum[root]
-            if body == root:
-                total.angular = wp.vec3(0.0)
-                total.inertia = wp.mat33(0.0)
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
+            root = islands.parent[body]
+            if root != island:
+                store_sum(islands, island, total)
+                total = islands.sum[root]
+                if body == root:
+                    total.angular = wp.vec3(0.0)
+                    total.inertia = wp.mat33(0.0)
+                island = root
             free = work.target[body]
             if work.lead.shape[0] > 0:
                 free -= work.lead[body]
             inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
             missing = wp.spatial_top(free) / h - wp.spatial_top(body_qd[body])
-            r = work.com[body] - total.com / total.mass
+            r = work.com[body] - total.com
             total.angular += model.mass[body] * wp.cross(r, missing)
             total.angular += work.momentum[body] - inertia * wp.spatial_bottom(body_qd[body])
             total.inertia += inertia + point_inertia(model.mass[body], r)
-            islands.sum[root] = total
+    store_sum(islands, island, total)
+    island = int(-1)
     for i in range(first, last):
         body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body):
-            root = island_of(islands, body)
-            total = islands.sum[root]
-            if body == root:
-                total.angular = rigid_turn(total)
-                islands.sum[root].angular = total.angular
-            r = work.com[body] - total.com / total.mass
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
+            root = islands.parent[body]
+            if root != island:
+                total = islands.sum[root]
+                if body == root:
+                    total.angular = rigid_turn(total)
+                    islands.sum[root].angular = total.angular
+                island = root
+            r = work.com[body] - total.com
             spin = wp.spatial_vector(wp.cross(total.angular, r), total.angular)
             body_qd[body] = body_qd[body] + spin
