@@ -127,14 +127,15 @@ def test_newtons_cradle_passes_as_many_bodies_as_came(
 def test_dominoes_that_bounce_off_each_other_stay_out_of_each_other() -> None:
     """A domino that the ground and its neighbors hold is not put back to where it was struck.
 
-    As if free, it went 4.8 mm into its neighbor.
+    As if free, it went 2 to 9 mm into its neighbor, depending on rounding. The last ones turn with
+    10 rad/s: at 240 steps a second rows miss 0.4 mm of that, the second order, for each.
     """
     builder = newton.ModelBuilder()
     add_dominoes(builder, count=10)
     builder.shape_material_restitution = [0.5] * builder.shape_count
-    sim = Simulation(builder)
+    sim = Simulation(builder, dt=1.0 / 480.0)
     deepest = 0.0
-    for _ in range(400):
+    for _ in range(960):
         sim.step()
         deepest = max(deepest, sim.penetration)
     assert sim.pose[-1, 2] < 0.1  # the last one has toppled
