@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Hard cases that SolverAVBD withstands, and the command that runs them.
 
-Those that take longer, and those that it does not withstand yet, are left to
-``newton-avbd stability``; docs/stability.md has the numbers of all.
+Each is simulated for the first part of its time, all of it with ``HARD_CASES=all`` (13 minutes);
+docs/stability.md has the numbers.
 """
 
 import argparse
 import dataclasses
 import math
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -21,18 +22,17 @@ from newton_avbd.study import stability_page
 from newton_avbd.study.hard_case import Bounds, Case, Outcome, try_case
 from newton_avbd.study.hard_cases import CASES, GROUPS
 
-QUICK = {
-    "stack_20": 0.5,
-    "heavy_on_light_100": 0.5,
-    "heavy_on_ten_1000": 0.5,
-    "heavy_dropped_1000": 0.6,
-    "light_between_heavy_100000": 0.5,
+WHOLE = os.environ.get("HARD_CASES") == "all"
+
+SECONDS = {
+    "landing_20": 3.0,
     "landing_20_balls": 3.0,
+    "heavy_dropped_1000": 0.6,
+    "heavy_dropped_1000000": 0.6,
     "alternating_steps": 1.0,
     "pendulum_50_50000": 1.0,
-    "zero_distance": 0.5,
-    "rope_bridge": 0.5,
     "joint_grid_8": 2.1,
+    "joint_grid_25": 0.05,
     "net": 0.25,
     "breakable_wall": 0.3,
     "chain_mail": 1.0,
@@ -42,23 +42,35 @@ QUICK = {
     "top_1000": 1.0,
     "top_10000": 1.0,
     "needle": 0.6,
-    "spinning_top_1000": 0.5,
-    "spinning_top_10000": 0.5,
     "overlap_free": 0.3,
     "overlap_ground": 0.3,
     "same_place": 0.3,
     "bullet": 0.1,
     "bullet_box": 0.1,
     "sizes": 0.2,
+    "pyramid_30": 0.1,
+    "pyramid_40": 0.1,
+    "rate_10000": 0.1,
+    "teleports": 5.0,
     "teleports_energy": 2.6,
     "resets": 1.0,
 }
-"""Seconds to simulate in these tests, of the cases that take the least."""
+"""Seconds to simulate here, where half a second would show nothing or take long."""
+
+BEYOND = {
+    "landing_20": "detection names one point of boxes that meet elsewhere at the end of a step",
+    "teleports": "boxes put into each other part upwards, and fall from more than assumed",
+}
+"""Cases that SolverAVBD does not withstand; docs/stability.md says more."""
 
 
-@pytest.mark.parametrize("name", QUICK)
-def test_solver_withstands(name: str) -> None:
-    case = dataclasses.replace(CASES[name], seconds=QUICK[name])
+@pytest.mark.parametrize("name", CASES)
+def test_solver_withstands(name: str, request: pytest.FixtureRequest) -> None:
+    if name in BEYOND:
+        request.applymarker(pytest.mark.xfail(reason=BEYOND[name]))
+    case = CASES[name]
+    if not WHOLE:
+        case = dataclasses.replace(case, seconds=SECONDS.get(name, 0.5))
     outcome = try_case(case, "avbd")
     assert outcome.failures(case.bounds) == [], outcome
     assert outcome.seconds == pytest.approx(case.seconds, rel=0.02)
