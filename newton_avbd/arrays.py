@@ -17,6 +17,7 @@ from .checks import check_array
 from .effects import Callers, Effects, pushing_joints
 from .execute.beginning import UNKNOWN
 from .execute.launch import Launcher
+from .execute.scan import scratch_size
 from .execute.sleeping import AWAKE, STILL
 from .large import LARGE, LargeWorlds, obstacles
 from .rows.joint import KINDS, PUSHED_AT_COM
@@ -231,7 +232,9 @@ class SolverArrays:
         self._topology = topology
         self._world_count = int(groups.max(initial=0)) + 1
         with wp.ScopedDevice(self.device):
-            self._worlds = buffers.world_work(topology, self.settings.second_order)
+            self._worlds = buffers.world_work(
+                topology, self.settings.second_order, self._flags.on_gpu
+            )
             # bodies that would be grouped otherwise, and joints held, if these bodies moved
             self._taken_as_fixed = wp.array(
                 topology.idle | (groups == self.model.world_count), dtype=wp.bool
@@ -355,6 +358,9 @@ class SolverArrays:
             self._rows.contacts = wp.empty(capacity, dtype=wp.int32)
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
+            if self._flags.on_gpu:
+                size = scratch_size(self.model.body_count)
+                self._rows.sums = wp.empty(size, dtype=wp.int32)
             # what sleeps keeps its records beyond those of the rows
             room = 2 * capacity if self.settings.sleeping else capacity
             self._history.records = wp.empty((buffers.SIDES, room), dtype=data.ContactRecord)

@@ -39,7 +39,7 @@ def body_work(slots: int, bdf2: bool) -> Any:
     return work
 
 
-def world_work(topology: Topology, bdf2: bool) -> Any:
+def world_work(topology: Topology, bdf2: bool, on_gpu: bool) -> Any:
     """Which bodies are those of a world, and what becomes of it."""
     groups = topology.worlds
     count = int(groups.max(initial=0)) + 1
@@ -50,6 +50,8 @@ def world_work(topology: Topology, bdf2: bool) -> Any:
     worlds.block_end = wp.array(np.append(topology.block_end, -1), dtype=wp.int32)
     worlds.rank = wp.array(np.append(topology.rank, topology.rank.size), dtype=wp.int32)
     worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
+    if on_gpu:
+        worlds.turn = wp.array(np.argsort(-np.diff(starts), kind="stable"), dtype=wp.int32)
     worlds.held = wp.zeros(count, dtype=wp.int32)
     worlds.sweeps = wp.zeros(count, dtype=wp.int32)
     worlds.update = wp.zeros(count, dtype=float)

@@ -286,6 +286,9 @@ class WorldWork:
     """Position of each body slot in ``bodies``."""
     of_body: wp.array[wp.int32]
     """World of each body slot; -1 for the static world."""
+    turn: wp.array[wp.int32]
+    """On a GPU: worlds in the order of their size, so that those of neighboring threads, which wait
+    for each other, are alike."""
     held: wp.array[wp.int32]
     """Steps in which a world was held still because its state was not finite."""
     sweeps: wp.array[wp.int32]
@@ -651,6 +654,8 @@ class RowWork:
     other_start: wp.array[wp.int32]
     other_end: wp.array[wp.int32]
     other_rows: wp.array[wp.int32]
+    sums: wp.array[wp.int32]
+    """Sorting by many threads: scratch of prefix sums."""
     piles: PileWork
 
 

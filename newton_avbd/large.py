@@ -94,7 +94,7 @@ class LargeWorlds:
             colors.table = wp.zeros(table, dtype=wp.int32)
             colors.start = wp.zeros(table + 1, dtype=wp.int32)
             colors.order = wp.zeros(slots, dtype=wp.int32)
-            colors.sums = wp.zeros(_runs(max(table, slots))[0] + 1, dtype=wp.int32)
+            colors.sums = wp.zeros(scan.scratch_size(max(table, slots)), dtype=wp.int32)
             colors.lane_scale = wp.zeros(lanes, dtype=data.WorldScale)
             colors.lane_finite = wp.zeros(lanes, dtype=wp.int32)
             colors.scale = wp.zeros(self._world_count, dtype=data.WorldScale)
@@ -139,11 +139,7 @@ class LargeWorlds:
 
     def _scan(self, launch: Launcher, counts: wp.array, count: int, starts: wp.array) -> None:
         """Prefix sums of the first ``count`` counts."""
-        runs, length = _runs(count)
-        sums = self.colors.sums
-        launch(scan.sum_runs, runs, [counts, count, length, sums])
-        launch(scan.sum_before_runs, 1, [runs, sums])
-        launch(scan.sum_before, runs, [counts, count, length, sums, starts])
+        scan.scan(launch, counts, count, self.colors.sums, starts)
 
     def solve(self, launch: Launcher, effects: Effects, arguments: Sequence[Any]) -> None:
         """The step after prediction; takes the arguments of the kernel ``solve`` of a world."""
@@ -371,9 +367,3 @@ def _lanes(body_start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         starts += [min(place, end) for place in range(start + length, end + length, length)]
         world_lane.append(len(starts) - 1)
     return np.array(starts), np.array(world_lane)
-
-
-def _runs(count: int) -> tuple[int, int]:
-    """Into how many runs of which length prefix sums divide counts."""
-    length = max(1, math.isqrt(count))
-    return -(-count // length), length

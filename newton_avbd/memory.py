@@ -39,6 +39,7 @@ _OWNERS: dict[str, str] = {
     "rows.contacts": "contact",
     "rows.rows": "contact",
     "rows.other_rows": "contact",
+    "rows.sums": "contact",
     "rows.drift": "moving_surfaces",
     "rows.impacts": "restitution",
     "rows.struck_qd": "restitution",

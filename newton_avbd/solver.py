@@ -22,6 +22,7 @@ from .attributes import register_joint_attributes
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, SceneEffects, left_out
+from .execute.barrier import WARP
 from .execute.bodies import (
     BODIES_PER_THREAD,
     make_integrate,
@@ -46,6 +47,7 @@ from .execute.sleeping import (
     make_watch_bodies,
     watch_joints,
 )
+from .execute.sorting import sort_at_once
 from .execute.workers import Workers
 from .execute.world import make_solve, make_step
 from .memory import bytes_by_effect, members
@@ -385,14 +387,14 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             self._large.solve(self._launch, effects, arguments)
             return
         if contacts is not None:
-            self._launch(
-                make_sort_contacts(effects.sleeping),
-                1,
-                [self._shapes, source, seen.worlds, self._work, self._rows],
-            )
+            to_sort = [self._shapes, source, seen.worlds, self._work, self._rows]
+            if effects.on_gpu and not effects.sleeping:
+                sort_at_once(self._launch, *to_sort)
+            else:
+                self._launch(make_sort_contacts(effects.sleeping), 1, to_sort)
         threads = seen.worlds.threads if effects.sleeping else self._world_count
         workers = None if effects.sleeping else self._workers
-        self._launch(make_solve(effects), threads, [0, *arguments], workers)
+        self._launch(make_solve(effects), threads, [0, *arguments], workers, WARP)
         if effects.sleeping:
             self._launch(
                 make_end_islands(effects),

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Contact buffers as pipelines really fill them: stale rows, overflow, old contacts, any order."""
 
+import dataclasses
 from collections.abc import Callable
 
 import newton
@@ -21,7 +22,7 @@ from contract import (
 )
 from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, surface
 
-from newton_avbd import SolverAVBD
+from newton_avbd import SolverAVBD, buffers
 
 DT = 1.0 / 240.0
 
@@ -105,6 +106,52 @@ def test_a_scene_that_fits_reports_no_overflow() -> None:
     simulation = overflowing(20)
     simulation.step(3)
     assert simulation.solver.status.contact_overflow == 0
+
+
+def as_on_a_gpu(simulation: Simulation) -> Simulation:
+    """The same, with its contacts sorted by many threads, and its worlds by their size."""
+    solver = simulation.solver
+    solver._flags = dataclasses.replace(solver._flags, on_gpu=True)
+    solver._allocate_contacts(simulation.contacts.rigid_contact_max)
+    solver._worlds = buffers.world_work(solver._topology, False, True)
+    return simulation
+
+
+def heaps(capacity: int | None) -> Simulation:
+    """Three unequal worlds, whose pipeline may hold fewer contacts than they have."""
+    builder = newton.ModelBuilder()
+    for heap in (stack(2), pile(), stack(9)):
+        builder.add_world(heap)
+    simulation = Simulation(builder)
+    if capacity is not None:
+        simulation.pipeline = newton.CollisionPipeline(
+            simulation.model, rigid_contact_max=capacity, publish_capacity=False
+        )
+        simulation.contacts = simulation.pipeline.contacts()
+    return simulation
+
+
+def test_many_threads_sort_contacts_as_one_does() -> None:
+    """Bit for bit, in whatever order they come."""
+    one, many = heaps(None), as_on_a_gpu(heaps(None))
+    assert many.solver._worlds.turn.numpy().tolist() == [2, 1, 0]
+    np.testing.assert_array_equal(edited(many, 60, shuffle(3)), edited(one, 60, shuffle(3)))
+
+
+@pytest.mark.parametrize("capacity", [1, 14])
+def test_many_threads_report_what_overflows_as_one_does(capacity: int) -> None:
+    """As what they leave out: a shape that does not exist."""
+
+    def misname(contacts: newton.Contacts) -> None:
+        shapes = contacts.rigid_contact_shape0.numpy()
+        shapes[0] = 2**30
+        contacts.rigid_contact_shape0.assign(shapes)
+
+    one, many = heaps(capacity), as_on_a_gpu(heaps(capacity))
+    np.testing.assert_array_equal(edited(many, 10, misname), edited(one, 10, misname))
+    seen, told = many.solver.status, one.solver.status
+    assert seen.contact_overflow == told.contact_overflow > 0
+    assert seen.dropped_contacts == told.dropped_contacts == 10
 
 
 def test_contacts_of_an_earlier_pose_still_hold() -> None:

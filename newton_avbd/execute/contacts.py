@@ -79,6 +79,30 @@ def is_sound(row: ContactRow) -> bool:
     return wp.isfinite(row.gap) and wp.abs(wp.dot(row.normal, row.normal) - 1.0) < NOT_UNIT
 
 
+@wp.func
+def find_owner(
+    contact: int,
+    shapes: wp.ref[ShapeModel],
+    contacts: wp.ref[ContactInput],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+):
+    """Slot of the body that owns a contact, -1 without, and of the other one."""
+    static_slot = work.inv_mass.shape[0] - 1
+    shape0 = contacts.shape0[contact]
+    shape1 = contacts.shape1[contact]
+    if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
+        report_dropped(worlds, contact)
+        return -1, static_slot
+    slot0 = body_slot(shapes, shape0, static_slot)
+    slot1 = body_slot(shapes, shape1, static_slot)
+    if is_across(worlds, work, slot0, slot1):
+        report_dropped(worlds, contact)
+        return -1, static_slot
+    a = owner_of(worlds, work, slot0, slot1)
+    return a, slot0 + slot1 - a
+
+
 @functools.cache
 def make_sort_by_owner(sleeping: bool = False) -> wp.Function:
     """Device function: makes room for the rows of each body."""
@@ -112,26 +136,14 @@ def make_sort_by_owner(sleeping: bool = False) -> wp.Function:
             contact = int(k)
             if wp.static(sleeping):
                 contact = rows.awake[k]
-            shape0 = contacts.shape0[contact]
-            shape1 = contacts.shape1[contact]
-            rows.owner[contact] = -1
-            if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
-                report_dropped(worlds, contact)
-                continue
-            slot0 = body_slot(shapes, shape0, static_slot)
-            slot1 = body_slot(shapes, shape1, static_slot)
-            if is_across(worlds, work, slot0, slot1):
-                report_dropped(worlds, contact)
-                continue
-            a = owner_of(worlds, work, slot0, slot1)
+            a, b = find_owner(contact, shapes, contacts, worlds, work)
             if wp.static(sleeping):
                 # they may have fallen asleep just now
-                if wp.max(worlds.island[slot0], worlds.island[slot1]) >= 0:
-                    a = -1
+                if a >= 0 and wp.max(worlds.island[a], worlds.island[b]) >= 0:
+                    a = int(-1)
+            rows.owner[contact] = a
             if a >= 0:
-                rows.owner[contact] = a
                 rows.owned_end[a] = rows.owned_end[a] + 1
-                b = slot0 + slot1 - a
                 if work.inv_mass[b] > 0.0:
                     rows.other_end[b] = rows.other_end[b] + 1
         owned = int(0)

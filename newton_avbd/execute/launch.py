@@ -18,6 +18,7 @@ from typing import Any
 
 import warp as wp
 
+from .barrier import BLOCK, block_size
 from .workers import Workers
 
 FUSED = "-ffp-contract=fast"
@@ -78,16 +79,21 @@ class Launcher:
         self._places: list[wp.array] = []
 
     def __call__(
-        self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
+        self,
+        kernel: wp.Kernel,
+        dim: int,
+        arguments: list,
+        workers: Workers | None = None,
+        block: int = BLOCK,
     ) -> None:
         """Launches ``kernel`` with ``dim`` threads; arguments are compared by identity.
 
-        With ``workers`` they share them.
+        With ``workers`` they share them. A GPU takes ``block`` threads as a block.
         """
         recorded = self._recorded.setdefault(kernel, {})
         known = recorded.get(dim)
         if known is None:
-            command = self._pack(kernel, dim, arguments)
+            command = self._pack(kernel, dim, arguments, block)
             recorded[dim] = (command, list(arguments))
         else:
             command, packed = known
@@ -104,10 +110,18 @@ class Launcher:
         """Drops what was packed, after a struct among the arguments changed its arrays."""
         self._recorded.clear()
 
-    def _pack(self, kernel: wp.Kernel, dim: int, arguments: list) -> wp.Launch:
+    def _pack(self, kernel: wp.Kernel, dim: int, arguments: list, block: int) -> wp.Launch:
         inputs = [self._passed(kernel, i, argument) for i, argument in enumerate(arguments)]
+        device = self._device
         with uncollected():
-            return wp.launch(kernel, dim=dim, inputs=inputs, device=self._device, record_cmd=True)
+            return wp.launch(
+                kernel,
+                dim,
+                inputs,
+                device=device,
+                record_cmd=True,
+                block_dim=block_size(device, block),
+            )
 
     def _passed(self, kernel: wp.Kernel, i: int, argument: Any) -> Any:
         """What a kernel is given for an argument."""
@@ -134,7 +148,12 @@ class Compiler(Launcher):
     """Compiles and loads the kernels that it is to launch, and launches none."""
 
     def __call__(
-        self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
+        self,
+        kernel: wp.Kernel,
+        dim: int,
+        arguments: list,
+        workers: Workers | None = None,
+        block: int = BLOCK,
     ) -> None:
         """Makes ``kernel`` ready for ``dim`` threads."""
-        self._pack(kernel, dim, arguments)
+        self._pack(kernel, dim, arguments, block)

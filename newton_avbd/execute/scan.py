@@ -6,7 +6,11 @@ A thread takes a run of about sqrt(n) of n counts, so that no thread goes throug
 of anything.
 """
 
+import math
+
 import warp as wp
+
+from .launch import Launcher
 
 
 @wp.func
@@ -66,3 +70,30 @@ def sum_before(
         total += counts[i]
     if end == count:
         starts[count] = total
+
+
+def _runs(count: int) -> tuple[int, int]:
+    """Into how many runs of which length prefix sums divide counts."""
+    length = max(1, math.isqrt(count))
+    return -(-count // length), length
+
+
+def scratch_size(count: int) -> int:
+    """Length of the scratch that :func:`scan` needs for so many counts."""
+    return _runs(count)[0] + 1
+
+
+def scan(launch: Launcher, counts: wp.array, count: int, sums: wp.array, starts: wp.array) -> None:
+    """Sums the first ``count`` counts before each, and all of them, into ``starts``.
+
+    Args:
+        launch: What launches kernels.
+        counts: Shape (count or more,).
+        count: How many there are.
+        sums: Scratch, shape (:func:`scratch_size`,).
+        starts: Out, shape (count + 1 or more,).
+    """
+    runs, length = _runs(count)
+    launch(sum_runs, runs, [counts, count, length, sums])
+    launch(sum_before_runs, 1, [runs, sums])
+    launch(sum_before, runs, [counts, count, length, sums, starts])

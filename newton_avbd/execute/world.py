@@ -312,7 +312,10 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         if wp.static(effects.sleeping):
             end = worlds.island_start[worlds.island_start.shape[0] - 1]
             stride = worlds.threads
-        for world in range(thread, end, stride):
+        for turn in range(thread, end, stride):
+            world = int(turn)
+            if wp.static(effects.on_gpu and not effects.sleeping):
+                world = worlds.turn[turn]
             solve_world(
                 world,
                 model,

@@ -25,6 +25,7 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.commands.output import table
+from newton_avbd.execute.barrier import BLOCK
 from newton_avbd.execute.launch import Launcher
 from newton_avbd.execute.workers import Workers
 
@@ -87,6 +88,7 @@ def launched(model: newton.Model, **settings: Any) -> dict[str, wp.Kernel]:
     solver = SolverAVBD(model, **settings)
     solver._flags = dataclasses.replace(solver._flags, on_gpu=True)
     solver._flags_apart = solver._flags.without_contact()
+    solver._at_once = False
     recorder = _Recorder(solver.device)
     solver._launch = recorder
     contacts = newton.CollisionPipeline(model).contacts() if model.shape_count else None
@@ -102,7 +104,12 @@ class _Recorder(Launcher):
         self.kernels: list[wp.Kernel] = []
 
     def __call__(
-        self, kernel: wp.Kernel, dim: int, arguments: list, workers: Workers | None = None
+        self,
+        kernel: wp.Kernel,
+        dim: int,
+        arguments: list,
+        workers: Workers | None = None,
+        block: int = BLOCK,
     ) -> None:
         self.kernels.append(kernel)
 
