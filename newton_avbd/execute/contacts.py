@@ -79,7 +79,7 @@ def is_sound(row: ContactRow) -> bool:
     return wp.isfinite(row.gap) and wp.abs(wp.dot(row.normal, row.normal) - 1.0) < NOT_UNIT
 
 
-@wp.func
+@wp.func(inline=True)  # a call would copy all that it takes, for each contact
 def find_owner(
     contact: int,
     shapes: wp.ref[ShapeModel],
