@@ -406,23 +406,20 @@ def make_integrate(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a body: the whole step where nothing touches, which is exact."""
     external_wrench = make_wrench(effects)
 
-    @wp.kernel(**KERNEL)
-    def integrate(
-        # Model:
-        model: BodyModel,
-        # State in:
+    @wp.func(inline=True)  # a call would copy all that it takes, for each body
+    def integrate_body(
+        body: int,
+        model: wp.ref[BodyModel],
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
+        control: wp.ref[ControlInput],
         h: float,
-        # Work:
-        worlds: WorldWork,
-        # State out:
+        worlds: wp.ref[WorldWork],
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
-        body = wp.tid()
+        """The step of a body."""
         pose = unit_pose(body_q[body], body, worlds)
         velocity = body_qd[body]
         wrench = external_wrench(model, body, body_f, control)
@@ -449,6 +446,35 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         shift = origin_shift(pose, model.com[body], increment, rotation)
         body_q_out[body] = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
         body_qd_out[body] = wp.spatial_vector(dx / h, spin)
+
+    @wp.kernel(**KERNEL)
+    def integrate(
+        # Model:
+        model: wp.array[BodyModel],
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        body_f: wp.array[wp.spatial_vector],
+        control: ControlInput,
+        h: float,
+        # Work:
+        worlds: wp.array[WorldWork],
+        # State out:
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        integrate_body(
+            wp.tid(),
+            model[0],
+            body_q,
+            body_qd,
+            body_f,
+            control,
+            h,
+            worlds[0],
+            body_q_out,
+            body_qd_out,
+        )
 
     return integrate
 
