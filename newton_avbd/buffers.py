@@ -227,6 +227,7 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     loops.kept_torque = wp.zeros(joints.size, dtype=wp.vec3)
     loops.reach = wp.zeros(joints.size, dtype=float)
     loops.turn_reach = wp.zeros(joints.size, dtype=float)
+    loops.side = wp.zeros(joints.size, dtype=wp.int32)
     loops.k_l = wp.zeros(joints.size, dtype=float)
     loops.k_a = wp.zeros(joints.size, dtype=float)
     loops.coordinate = wp.zeros(model.joint_dof_count, dtype=float)

@@ -574,6 +574,9 @@ class LoopWork:
     """How far the joint's bodies could move its anchors in the step [m]."""
     turn_reach: wp.array[float]
     """How far they could turn them [rad]."""
+    side: wp.array[wp.int32]
+    """DISTANCE joints that are solved with trees: which bound holds them in the sweep, 1 the upper,
+    -1 the lower, 2 both, 0 none."""
     k_l: wp.array[float]
     """Penalty of shifts [N/m]; zero for a joint that does nothing."""
     k_a: wp.array[float]

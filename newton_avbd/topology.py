@@ -3,6 +3,7 @@
 """How joints link the bodies of a model: which make trees, and in which order to visit bodies."""
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 
 import newton
@@ -10,9 +11,14 @@ import numpy as np
 
 from .rows.joint import KINDS
 
+_DISTANCE = int(newton.JointType.DISTANCE)
+
 CLOSURE_ROWS = 4096
 """Most equations that are solved with a tree, at most 64 MiB; beyond, its loops are closed sweep by
 sweep, which does not converge."""
+STRING_ROWS = 150
+"""Most equations of bodies that DISTANCE joints tie, three for each. Such bodies have no tree to
+eliminate them along: n equations cost n^3."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +199,8 @@ class Topology:
             if above >= 0:
                 root[_find(root, below)] = _find(root, above)
 
-        closures, block_root = _closures(model, loops, joint, parent_of, root, moves)
+        outer = loops if trees else []
+        closures, block_root = _closures(model, outer, joint, parent_of, root, moves)
 
         order: list[int] = []
         ends: list[int] = []
@@ -305,8 +312,11 @@ def _closures(
     leaders, _ = mimics(model)
     # joint, its leader, the two bodies that are tied, and by how many rows
     links: list[tuple[int, int, list[int], int]] = []
-    for index in loops if body_of.keys() - {-1} else ():
-        if KINDS[kinds[index]].in_tree and dims[index] < 6:
+    strings: list[tuple[int, int, list[int], int]] = []
+    for index in loops:
+        if kinds[index] == _DISTANCE:
+            strings.append((index, -1, ends[index], 3))
+        elif KINDS[kinds[index]].in_tree and dims[index] < 6:
             links.append((index, -1, ends[index], 6 - dims[index]))
     for index in map(int, np.flatnonzero(leaders >= 0)):
         leader = int(leaders[index])
@@ -330,15 +340,22 @@ def _closures(
                 root[_find(root, body)] = _find(root, first)
         return root
 
-    root = merged(links)
-    rows_of: Counter[int] = Counter()
-    for _, _, bodies, rows in links:
-        rows_of[_find(root, tied(bodies)[0])] += rows
-    kept = [
-        (joint, leader, bodies, rows)
-        for joint, leader, bodies, rows in links
-        if leader >= 0 or rows_of[_find(root, tied(bodies)[0])] <= CLOSURE_ROWS
-    ]
+    def rows_by_block(links: list[tuple[int, int, list[int], int]]) -> Callable[[list[int]], int]:
+        """How many rows the block of some bodies has."""
+        root = merged(links)
+        rows_of: Counter[int] = Counter()
+        for _, _, bodies, rows in links:
+            rows_of[_find(root, tied(bodies)[0])] += rows
+        return lambda bodies: rows_of[_find(root, tied(bodies)[0])]
+
+    rows_with = rows_by_block(links + strings)
+    strings = [link for link in strings if rows_with(link[2]) <= STRING_ROWS]
+    # one that holds a body by itself is none of a tree
+    root = merged(links + strings)
+    members = Counter(_find(root, body) for body in range(len(root)))
+    strings = [link for link in strings if members[_find(root, tied(link[2])[0])] > 1]
+    rows_with = rows_by_block(links + strings)
+    kept = [link for link in links + strings if link[1] >= 0 or rows_with(link[2]) <= CLOSURE_ROWS]
     closures = []
     for joint, leader, bodies, rows in kept:
         top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)

@@ -40,6 +40,15 @@ def is_tree(first: int, end: int, body: int, tree: wp.ref[TreeWork]) -> bool:
     return end > first + 1 or tree.joint[body] >= 0
 
 
+@wp.func
+def is_in_tree(rank: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
+    """As :func:`is_tree`, for any place in visiting order."""
+    first = int(rank)
+    if rank > 0:
+        first = wp.where(worlds.block_end[rank - 1] == worlds.block_end[rank], rank - 1, rank)
+    return is_tree(first, worlds.block_end[rank], worlds.bodies[rank], tree)
+
+
 def make_coasting(effects: Effects) -> wp.Function:
     """Device function: where a body goes that nothing accelerates."""
 
@@ -328,7 +337,7 @@ def make_begin(
             is_touched = is_touched or has_loops(loops, body)
         if wp.static(effects.joints):
             tree.is_touched[body] = is_touched
-            is_jointed = is_tree(rank, worlds.block_end[rank], body, tree)
+            is_jointed = is_in_tree(rank, worlds, tree)
         if is_touched and wp.static(not effects.ramp):
             h_ll, h_al, h_aa = assemble_body(
                 body,

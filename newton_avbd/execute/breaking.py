@@ -157,7 +157,7 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
         joint = loops.joints[i]
         if loops.k_l[i] > 0.0:
             force = history.loop_force[i]
-            if joints.type[joint] == joint_rows.DISTANCE:
+            if joints.type[joint] == joint_rows.DISTANCE and not loops.is_exact[i]:
                 force[0] = history.limit_force[joints.dof_start[joint]]
             break_joint(joint, force, history.loop_torque[i], joints, history)
 

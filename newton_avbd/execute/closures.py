@@ -21,8 +21,10 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import joint as joint_rows
+from ..rows.axis import lower_stop, upper_stop
 from ..rows.contact import PENALTY
-from .loops import loop_geometry, parent_slot
+from ..rows.joint import is_string
+from .loops import distance_force, loop_geometry, parent_slot
 from .trees import ROUNDING, anchor_shift, is_linked, is_put, relative_turn
 
 
@@ -209,6 +211,69 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.multiplier[row] = wp.float64(wp.dot(n, turn))
                 closures.least[row] = PENALTY / loops.k_a[i]
 
+    @wp.func(inline=effects.inline)
+    def string_rows(
+        closure: Closure,
+        recovery: float,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """The rows of a DISTANCE joint while a bound holds it: along the string, and square to it.
+
+        What pulls, T, turns with the string of length L: square to it that is a spring of T/L, a
+        row of the softness L/T.
+        """
+        closures = tree.closures
+        i = closure.loop
+        loops.side[i] = 0
+        if loops.k_l[i] == 0.0:
+            return
+        joint = loops.joints[i]
+        static_slot = work.inv_mass.shape[0] - 1
+        child = joints.child[joint]
+        parent = parent_slot(joints, joint, static_slot)
+        moves_c = wp.where(work.inv_mass[child] > 0.0, 1.0, 0.0)
+        moves_p = wp.where(work.inv_mass[parent] > 0.0, 1.0, 0.0)
+        _q_p, _q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
+        loops.arms[2 * i] = arm_c
+        loops.arms[2 * i + 1] = arm_p
+        length = wp.length(offset)
+        along = wp.normalize(offset)
+        held = wp.dot(history.loop_force[i], along)
+        push = distance_force(i, length, held, recovery, joints, loops)
+        closures.direction[closure.row] = offset
+        if push == 0.0:
+            return
+        dof = joints.dof_start[joint]
+        stop = upper_stop(joints, dof, loops.start_coordinate[dof], recovery)
+        side = int(1)
+        if push > 0.0:
+            stop = lower_stop(joints, dof, loops.start_coordinate[dof], recovery)
+            side = -1
+        if joints.limit_lower[dof] == joints.limit_upper[dof]:
+            side = 2
+        loops.side[i] = side
+        for k in range(closure.rows):
+            row = closure.row + k
+            n = along
+            if k > 0:
+                if held >= 0.0:
+                    continue
+                n = direction_about(along, k - 1)
+                softness = wp.float64(-length / held)
+                closures.gram[closures.gram_row[row] + row] = softness
+            else:
+                closures.held[row] = wp.dot(n, loops.kept_force[i])
+                closures.multiplier[row] = wp.float64(length - stop)
+            closures.direction[row] = n
+            closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
+            closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
+            closures.least[row] = PENALTY / loops.k_l[i]
+
     @wp.func
     def mimic_rows(
         closure: Closure,
@@ -267,10 +332,64 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.held[row] = 0.0
                 closures.multiplier[row] = wp.float64(0.0)
             if closure.loop >= 0:
+                is_bound = bool(False)
+                if wp.static(effects.kinds.distances):
+                    is_bound = is_string(joints, loops.joints[closure.loop])
+                    if is_bound:
+                        string_rows(closure, recovery, model, joints, work, tree, loops, history)
                 if wp.static(effects.loops):
-                    loop_rows(closure, recovery, model, joints, work, tree, loops, history)
+                    if not is_bound:
+                        loop_rows(closure, recovery, model, joints, work, tree, loops, history)
             elif wp.static(effects.mimics):
                 mimic_rows(closure, recovery, joints, tree)
+
+    @wp.func
+    def string_move(
+        closure: Closure,
+        static_slot: int,
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+    ) -> wp.vec3:
+        """How far the sweep has moved the ends of a DISTANCE joint against each other [m]."""
+        i = closure.loop
+        joint = loops.joints[i]
+        c = tree.update[joints.child[joint]]
+        p = tree.update[parent_slot(joints, joint, static_slot)]
+        moved = wp.spatial_top(c) + wp.cross(wp.spatial_bottom(c), loops.arms[2 * i])
+        return moved - wp.spatial_top(p) - wp.cross(wp.spatial_bottom(p), loops.arms[2 * i + 1])
+
+    @wp.func
+    def string_misses(
+        closure: Closure,
+        static_slot: int,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+    ) -> float:
+        """What a sweep leaves of a DISTANCE joint to the next one, as a share of what it moved.
+
+        Infinity where a bound pushes or pulls the wrong way, or none holds what has gone beyond it.
+        """
+        i = closure.loop
+        row = closure.row
+        joint = loops.joints[i]
+        side = loops.side[i]
+        moved = string_move(closure, static_slot, joints, tree, loops)
+        direction = tree.closures.direction[row]
+        if side == 0:
+            length = wp.length(direction + moved)
+            force = distance_force(i, length, 0.0, 0.0, joints, loops)
+            rounding = ROUNDING * (wp.length(work.com[joints.child[joint]]) + length)
+            return wp.where(wp.abs(force) > loops.k_l[i] * rounding, wp.inf, 0.0)
+        pull = tree.closures.multiplier[row]
+        if side < 2 and pull * wp.float64(side) < wp.float64(0.0):
+            return wp.inf
+        # as of turns of bodies: Newton's method leaves half of the angle times the update
+        across = wp.length(wp.cross(direction, moved))
+        length = wp.max(loops.start_coordinate[joints.dof_start[joint]], across)
+        return 0.5 * across / wp.max(length, 1.0e-12)
 
     @wp.func
     def keep_forces(
@@ -299,6 +418,14 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             i = closure.loop
             if i >= 0:
                 linear = 3 - linear_count(joints, loops.joints[i])
+                if wp.static(effects.kinds.distances):
+                    if is_string(joints, loops.joints[i]):
+                        linear = 3
+                        off = string_misses(closure, static_slot, joints, work, tree, loops)
+                        mismatch = wp.max(mismatch, off)
+                        if loops.side[i] == 0 or off == wp.inf:
+                            history.loop_force[i] = wp.vec3(0.0)
+                            continue
                 force = wp.vec3(0.0)
                 torque = wp.vec3(0.0)
                 for k in range(closure.rows):

@@ -24,7 +24,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
-from .beginning import UNKNOWN, is_tree, make_coasting
+from .beginning import UNKNOWN, is_in_tree, make_coasting
 from .bodies import has_rows, pose_sum, report_held
 from .islands import is_alone
 from .loops import has_loops
@@ -140,7 +140,7 @@ def make_end(effects: Effects) -> EndFunctions:
         """Whether no joint holds the body of this rank."""
         result = bool(True)
         if wp.static(effects.joints):
-            result = not is_tree(rank, worlds.block_end[rank], worlds.bodies[rank], tree)
+            result = not is_in_tree(rank, worlds, tree)
         if wp.static(effects.loops):
             result = result and not has_loops(loops, worlds.bodies[rank])
         return result
@@ -256,7 +256,7 @@ def make_end(effects: Effects) -> EndFunctions:
         rotation = wp.quat_identity()
         is_turned = bool(False)
         if wp.static(effects.joints):
-            is_turned = is_tree(rank, worlds.block_end[rank], body, tree)
+            is_turned = is_in_tree(rank, worlds, tree)
             if wp.static(effects.loops):
                 is_turned = is_turned or has_loops(loops, body)
             rotation = renormalised(tree.rotation[body])

@@ -31,7 +31,7 @@ from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
-from ..rows.joint import BALL, DISTANCE, ROD
+from ..rows.joint import BALL, DISTANCE, ROD, is_string
 from .slopes import begin_axis
 from .trees import (
     ROUNDING,
@@ -100,14 +100,16 @@ def loop_geometry(
 def distance_force(
     i: int,
     length: float,
+    held: float,
     recovery: float,
     joints: wp.ref[JointModel],
     loops: wp.ref[LoopWork],
-    history: wp.ref[History],
 ) -> float:
-    """Force of a DISTANCE joint that pushes its anchors apart [N], negative where it pulls."""
+    """Force of a DISTANCE joint that pushes its anchors apart [N], negative where it pulls.
+
+    ``held`` is its multiplier.
+    """
     index = joints.dof_start[loops.joints[i]]
-    held = history.limit_force[index]
     start = loops.start_coordinate[index]
     force = float(0.0)
     if joints.limit_lower[index] >= 0.0:
@@ -343,6 +345,11 @@ def make_loops(effects: Effects) -> LoopFunctions:
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
         if loops.k_l[i] == 0.0:
             return wp.vec3(0.0), wp.vec3(0.0), arm_c, arm_p
+        if wp.static(effects.kinds.distances):
+            if is_string(joints, joint) and loops.is_exact[i]:
+                along = wp.normalize(offset)
+                pull = wp.where(is_whole, wp.dot(history.loop_force[i], along), 0.0)
+                return pull * along, wp.vec3(0.0), arm_c, arm_p
         shift = linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - shift
         turn = angular_misfit(joints, joint, q_p, q_c)
@@ -368,7 +375,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
         if joints.type[joint] == DISTANCE:
             first = joints.dof_start[joint]
-            pull = distance_force(i, wp.length(offset), recovery, joints, loops, history)
+            held = history.limit_force[first]
+            pull = distance_force(i, wp.length(offset), held, recovery, joints, loops)
             if has_dual and recovery == 0.0:
                 history.limit_force[first] = pull
             return force + pull * wp.normalize(offset), torque, arm_c, arm_p
@@ -427,12 +435,14 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if is_soft:
             linear_k = loops.k_l[i] * linear_lock(joints, joint, q_p)
             angular_k = loops.k_a[i] * angular_lock(joints, joint, q_p, q_c)
+        pulled = wp.mat33(0.0)
         if joints.type[joint] == DISTANCE:
             length = wp.length(offset)
             reach = loops.reach[i]
-            if (
-                distance_force(i, length + reach, 0.0, joints, loops, history) != 0.0
-                or distance_force(i, length - reach, 0.0, joints, loops, history) != 0.0
+            held = history.limit_force[joints.dof_start[joint]]
+            if is_soft and (
+                distance_force(i, length + reach, held, 0.0, joints, loops) != 0.0
+                or distance_force(i, length - reach, held, 0.0, joints, loops) != 0.0
             ):
                 along = wp.normalize(offset)
                 curvature = wp.outer(along, along)
@@ -440,6 +450,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
                     # within the step it may come to point anywhere
                     curvature = wp.identity(n=3, dtype=float)
                 linear_k += loops.k_l[i] * curvature
+                # what pulls turns with the string
+                square = wp.identity(n=3, dtype=float) - wp.outer(along, along)
+                linear_k += (wp.max(-held, 0.0) / wp.max(length, reach)) * square
+                pulled = geometric_stiffness((sign * held) * along, arm)
         elif loops.k_l[i] > 0.0:
             linear = linear_count(joints, joint)
             stiff = wp.vec3(0.0)
@@ -482,7 +496,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         al = r * linear_k
         aa = al * wp.transpose(r) + angular_k
         if not loops.is_exact[i]:
-            aa += geometric_stiffness(sign * history.loop_force[i], arm)
+            aa += geometric_stiffness(sign * history.loop_force[i], arm) + pulled
         return linear_k, al, aa
 
     return LoopFunctions(begin_loop, loop_wrench, loop_curvature)

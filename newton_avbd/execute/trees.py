@@ -1107,6 +1107,8 @@ def make_trees(
             )
             largest = wp.max(largest, 4.0 * off * off)
         farthest = float(0.0)
+        if largest == wp.inf:
+            farthest = wp.inf
         if wrong > 0:
             farthest = wp.inf
             if wp.static(effects.laws):

@@ -83,6 +83,12 @@ def is_point(joints: wp.ref[JointModel], joint: int) -> bool:
 
 
 @wp.func
+def is_string(joints: wp.ref[JointModel], joint: int) -> bool:
+    """Whether a joint bounds the distance of its anchors."""
+    return joints.type[joint] == DISTANCE and joints.limit_upper[joints.dof_start[joint]] != 0.0
+
+
+@wp.func
 def wrapped(angle: float) -> float:
     """The angle less whole turns, in [-pi, pi] [rad]."""
     return angle - wp.static(2.0 * math.pi) * wp.round(angle * wp.static(0.5 / math.pi))
