@@ -22,7 +22,7 @@ from .execute.sleeping import AWAKE, STILL
 from .large import LARGE, LargeWorlds, obstacles
 from .rows.joint import KINDS, PUSHED_AT_COM
 from .settings import Settings
-from .topology import Topology, mimics
+from .topology import Topology, mimics, moving
 
 _BOUND = ("body_", "joint_", "shape_material_", "shape_body", "gravity")
 """How the arrays of a model begin that the kernels read."""
@@ -478,13 +478,7 @@ def _solver_worlds(model: newton.Model) -> np.ndarray:
         return np.zeros(0, dtype=np.int32)
     world = model.body_world.numpy()
     is_global = world < 0
-    if np.any(is_global & _moving(model)) or np.all(is_global):
+    if np.any(is_global & moving(model)) or np.all(is_global):
         return np.zeros(model.body_count, dtype=np.int32)
     # global bodies that do not move get a world of their own, which only passes them through
     return np.where(is_global, model.world_count, world).astype(np.int32)
-
-
-def _moving(model: newton.Model) -> np.ndarray:
-    """Whether the solver moves each body, shape (body_count,)."""
-    is_kinematic = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
-    return (model.body_inv_mass.numpy() > 0.0) & ~is_kinematic

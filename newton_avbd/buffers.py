@@ -12,7 +12,7 @@ from . import data
 from .algebra.block import BlockFactor
 from .effects import Effects
 from .execute.piles import OUTSIDE
-from .topology import Topology
+from .topology import Topology, moving
 
 SIDES = 2
 """What is remembered of contacts lies on two sides, read and written in turn."""
@@ -198,14 +198,22 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.friction_force = wp.zeros(dofs, dtype=float)
 
 
+def _held(model: newton.Model, joints: np.ndarray) -> np.ndarray:
+    """The body that moves of each joint; of two the child."""
+    child, parent = model.joint_child.numpy()[joints], model.joint_parent.numpy()[joints]
+    return np.where(moving(model)[child] | (parent < 0), child, parent)
+
+
 def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> Any:
     """Joints outside of trees, world by world; ``groups`` says which world a body belongs to."""
     loops = data.LoopWork()
     world_count = int(groups.max(initial=0)) + 1
     slots = model.body_count + 1
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
-    joints = topology.loops[np.argsort(groups[child[topology.loops]], kind="stable")]
-    world_start = np.searchsorted(groups[child[joints]], np.arange(world_count + 1))
+    world = groups[_held(model, topology.loops)]
+    order = np.argsort(world, kind="stable")
+    joints = topology.loops[order]
+    world_start = np.searchsorted(world[order], np.arange(world_count + 1))
     sides: list[list[int]] = [[] for _ in range(slots)]
     for i, joint in enumerate(joints):
         sides[child[joint]].append(2 * i)
@@ -264,6 +272,7 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
         closure = data.Closure()
         closure.loop = loop_of[item.joint] if item.leader < 0 else -1
         closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
+        closure.softness = item.softness
         if item.leader >= 0:
             closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]
         at = block.ground if item.top < 0 else item.top
@@ -354,13 +363,9 @@ def sleep_work(
         sleep.target_qd = wp.zeros(model.joint_dof_count, dtype=float)
         sleep.target_q = wp.zeros(model.joint_coord_count, dtype=float)
     if effects.loops:
-        child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
         holders = np.full(worlds, -1)
-        for joint in topology.loops:
-            pair = [b for b in (child[joint], parent[joint]) if b >= 0]
-            holders[topology.worlds[pair[0]]] = next(
-                b for b in pair if model.body_inv_mass.numpy()[b] > 0.0
-            )
+        held = _held(model, topology.loops)
+        holders[topology.worlds[held]] = held
         sleep.loop_body = wp.array(holders, dtype=wp.int32)
         sleep.loop_start = loops.world_start
         sleep.seen_loop_start = wp.zeros(slots, dtype=wp.int32)

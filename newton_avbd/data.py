@@ -121,7 +121,7 @@ class BodyModel:
     world: wp.array[wp.int32]
     gravity: wp.array[wp.vec3]
     free_dof: wp.array[wp.int32]
-    """First degree of freedom of the body's FREE joint, -1 without one."""
+    """First degree of freedom of the body's FREE, DISTANCE or ROD joint, -1 without one."""
 
 
 @wp.struct
@@ -385,6 +385,8 @@ class Closure:
     row: int
     """First of its rows."""
     rows: int
+    softness: float
+    """How soft its rows are, of what those are that may imply each other."""
 
 
 @wp.struct

@@ -14,7 +14,7 @@ import numpy as np
 from .attributes import break_limits
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
-from .topology import Topology
+from .topology import Topology, moving
 
 _FREE = int(newton.JointType.FREE)
 _MOST_NAMES = 3
@@ -90,7 +90,9 @@ CAUSES: dict[str, Cause] = {
         "execute/weights.py",
     ),
     "reaction": Cause("joint", "of such a type with a parent body", "execute/bodies.py"),
-    "joints": Cause("joint", "of other types than FREE", "execute/trees.py", _OF_JOINTS),
+    "joints": Cause(
+        "joint", "of another type than FREE, or with a parent body", "execute/trees.py", _OF_JOINTS
+    ),
     "flipped": Cause(
         "joint", "whose child carries its parent in the tree", "execute/trees.py", _OF_JOINTS
     ),
@@ -270,7 +272,7 @@ class Effects:
             "reaction": pushing_joints(model),
             "light_roots": _light_roots(model, topology),
             "light_links": _light_links(model, topology)[: 0 if ramp else model.body_count],
-            "joints": np.flatnonzero(types != _FREE),
+            "joints": np.union1d(np.flatnonzero(types != _FREE), pushing_joints(model)),
             "flipped": topology.flipped,
             "loops": topology.loops,
             "closures": np.array([closure.joint for closure in topology.closures], dtype=int),
@@ -344,7 +346,12 @@ class Effects:
     @property
     def stops(self) -> bool:
         """Whether something stops coordinates: hard limits of position or velocity."""
-        return (self.limits and not self.compliance) or self.velocity_limits
+        return self.hard_limits or self.velocity_limits
+
+    @property
+    def hard_limits(self) -> bool:
+        """Whether limits are stops, not springs."""
+        return self.limits and not self.compliance
 
     @property
     def laws(self) -> bool:
@@ -627,7 +634,7 @@ def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
     hung = topology.joint >= 0
     if not np.any(hung) or model.shape_count == 0:
         return np.zeros(0, dtype=int)
-    moves = model.body_inv_mass.numpy() > 0.0
+    moves = moving(model)
     mass = np.where(moves, model.body_mass.numpy().astype(np.float64), 0.0)
     block = topology.block_end[topology.rank]
     is_held = ~moves[topology.parent] | (topology.parent < 0)
@@ -658,5 +665,5 @@ def _light_roots(model: newton.Model, topology: Topology) -> np.ndarray:
     is_light = np.zeros(mass.size, dtype=bool)
     for own, beyond in ((mass, 0.0), (moments, mass[linked] * arm**2)):
         carried = np.bincount(root[linked], own[linked] + beyond, mass.size)
-        is_light |= (_LIGHT * carried > own) & (model.body_inv_mass.numpy() > 0.0)
+        is_light |= (_LIGHT * carried > own) & moving(model)
     return np.flatnonzero(is_light)

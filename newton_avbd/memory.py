@@ -96,7 +96,7 @@ def bytes_by_effect(solver: object) -> Counter[str]:
     for name, array in _arrays(solver):
         group = name.rpartition(".")[0]
         sizes[_OWNERS.get(name, _OWNERS.get(group, ""))] += array.capacity
-    for name in ("restitution", "put_bodies"):  # moving surfaces share their drift
+    for name in ("restitution", "put_bodies", "bdf2"):  # moving surfaces share their drift
         if sizes[name]:
             sizes[name] += sizes.pop("moving_surfaces", 0)
     return sizes

@@ -6,6 +6,7 @@ Its arrays are in ``arrays``, the kernels in ``execute``, the physics in ``rows`
 """
 
 import dataclasses
+import functools
 import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
@@ -146,8 +147,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or
                 ``"bodies"``, all blocks of a color at once, for large worlds; a block is then a
                 free body or an articulation. None, the default, takes bodies on a GPU where a world
-                has at least 256, and neither ``sleeping`` nor a ``scheme`` of second order is
-                asked for.
+                has at least 256, and neither ``sleeping``, a ``scheme`` of second order nor
+                ``formulation="ramp"`` is asked for.
             sleeping: Islands, what contacts and joints link, are not solved any more once all their
                 bodies have been at rest for half a second, until something touches or drives them
                 or their state, forces or gravity change; see :attr:`status`. Each is solved for
@@ -189,12 +190,13 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if parallel not in (None, "worlds", "bodies"):
             raise ValueError(f"parallel must be 'worlds', 'bodies' or None, got {parallel!r}.")
         check_model(model, ramp=settings.ramp)
-        report_ignored(
-            model,
+        self._report_ignored = functools.partial(
+            report_ignored,
             strict=strict,
             rigid_contacts=not (settings.ramp or settings.compliant_contacts),
             angular_friction=settings.angular_friction or angular_friction,
         )
+        self._report_ignored(model)
         super().__init__(
             model,
             collision_pipeline=collision_pipeline,
@@ -209,7 +211,6 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         self.tolerance = float(settings.tolerance)
         self._without = left_out(effects or {})
         self._parallel = parallel
-        self._strict = strict
         self._is_told = False
         self.writes_joint_state = update_joint_state and model.joint_count > 0
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
@@ -700,7 +701,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             return
         check_model(self.model, ramp=self.settings.ramp)
         if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
-            report_ignored(self.model, strict=self._strict)
+            self._report_ignored(self.model)
         self._rest_angle.assign(self._initial_angles())
         self._group_worlds()
 

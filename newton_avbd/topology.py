@@ -19,6 +19,15 @@ sweep, which does not converge."""
 STRING_ROWS = 150
 """Most equations of bodies that DISTANCE joints tie, three for each. Such bodies have no tree to
 eliminate them along: n equations cost n^3."""
+STRING_SOFTNESS = 1.0e-3
+"""Softness of their rows, of those of other joints, which imply each other more often. It is a
+share of how mobile a row is, and so would stretch what ties light bodies and carries much."""
+
+
+def moving(model: newton.Model) -> np.ndarray:
+    """Whether the solver moves each body, shape (body_count,): it has mass and is not kinematic."""
+    is_kinematic = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    return (model.body_inv_mass.numpy() > 0.0) & ~is_kinematic
 
 
 @dataclass(frozen=True)
@@ -38,6 +47,8 @@ class ClosureOf:
     depend on how it moves."""
     ways: tuple[tuple[int, ...], tuple[int, ...]]
     """Bodies on the two ways up the tree that lead there, without it."""
+    softness: float
+    """How soft its rows are, of what those are that may imply each other."""
 
 
 def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -110,9 +121,7 @@ class Topology:
 
         What joints outside of trees tie to others counts as one in each world.
         """
-        moves = (model.body_inv_mass.numpy() > 0.0) & (
-            model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
-        )
+        moves = moving(model)
         # in terms of ranks: the least one of a component is its first body
         rank, tied = self.rank, np.arange(len(self.order))
         starts = np.unique(self.block_end, return_index=True)[1]
@@ -162,9 +171,7 @@ class Topology:
         loops = []
         root = list(range(count))
         parent_of = np.full(count, -1)
-        moves = (model.body_inv_mass.numpy() > 0.0) & (
-            model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) == 0
-        )
+        moves = moving(model)
         # lists: an element of a NumPy array costs ten times as much
         kinds = model.joint_type.numpy().tolist() if model.joint_count else []
         parents = model.joint_parent.numpy().tolist() if model.joint_count else []
@@ -359,5 +366,6 @@ def _closures(
     closures = []
     for joint, leader, bodies, rows in kept:
         top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)
-        closures.append(ClosureOf(joint, leader, rows, tied(bodies)[0], top, ways))
+        softness = STRING_SOFTNESS if kinds[joint] == _DISTANCE else 1.0
+        closures.append(ClosureOf(joint, leader, rows, tied(bodies)[0], top, ways, softness))
     return closures, merged(kept)

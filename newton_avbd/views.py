@@ -11,7 +11,7 @@ from . import data
 
 
 def body_model(model: newton.Model, free_dof: wp.array) -> Any:
-    """Bodies; ``free_dof`` is the first degree of freedom of each one's FREE joint, -1 without."""
+    """Bodies; ``free_dof`` is each one's first degree of freedom that pushes it, or -1."""
     bodies = data.BodyModel()
     bodies.mass = model.body_mass
     bodies.inertia = model.body_inertia

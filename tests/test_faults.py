@@ -17,6 +17,7 @@ import pytest
 import warp as wp
 from contract import contact_count, resting_box, snapshot
 from helpers import Array, Simulation, add_box, add_ground, add_mass
+from joint_scenes import add_hinge_chain, simulate
 from newton import ModelFlags
 from workshop import BODIES, add_workshop, spoil, workshops
 
@@ -384,6 +385,22 @@ def test_a_state_without_an_array_is_refused(name: str) -> None:
     setattr(sim.state, name, None)
     with pytest.raises(ValueError, match="state_in holds no bodies or those of another model"):
         sim.solver.step(sim.state, sim._next, None, sim.contacts, DT)
+
+
+def test_a_force_on_a_hinge_that_is_no_number_holds_the_world_until_it_is_one() -> None:
+    """Where no joint pushes bodies at their COM, too; then it goes on as if nothing had been."""
+    builder = newton.ModelBuilder()
+    add_hinge_chain(builder, 2)
+    sim, healthy = simulate(builder), simulate(builder)
+    start = sim.pose
+    sim.control.joint_f.fill_(np.nan)
+    sim.step(3)
+    np.testing.assert_array_equal(sim.pose, start)
+    assert sim.solver.status.held_steps[0] == 3
+    sim.control.joint_f.zero_()
+    sim.step(10)
+    healthy.step(10)
+    np.testing.assert_allclose(sim.pose, healthy.pose, atol=1.0e-6)
 
 
 # A model that changed and nobody said so.

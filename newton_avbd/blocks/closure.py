@@ -165,7 +165,7 @@ def end_rows(
                 free = closures.least[row]
                 says = closures.whole[row] > wp.max(HARDLY_MOVED * mobility, IMMOVABLE) * free
                 least = wp.where(says, 0.0, wp.inf)
-                slack = softness * mobility * free
+                slack = closure.softness * softness * mobility * free
                 closures.gram[closures.gram_row[row] + row] += wp.float64(slack)
                 kept = (1.0 - FORGOTTEN) * slack * closures.held[row]
                 closures.multiplier[row] -= wp.float64(kept)

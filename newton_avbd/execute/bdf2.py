@@ -251,7 +251,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 if joints.type[loops.joints[i]] == DISTANCE:
                     return False
-        if wp.static(effects.limits and not effects.compliance):
+        if wp.static(effects.hard_limits):
             return not meets_limit(world, joints, worlds, work, tree, loops, history)
         return True
 

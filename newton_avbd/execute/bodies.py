@@ -183,7 +183,7 @@ def watch_pose(
 
 
 def make_wrench(effects: Effects) -> wp.Function:
-    """The function that sums a body's external forces: body_f and what drives its FREE joint."""
+    """The function that sums a body's external forces: body_f, and joint_f that pushes it."""
 
     @wp.func
     def external_wrench(

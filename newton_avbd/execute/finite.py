@@ -32,8 +32,7 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
         total = float(0.0)
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             frames += joints.axis[dof]
-            if wp.static(effects.joint_force):
-                total += control.joint_f[dof]
+            total += control.joint_f[dof]
             if wp.static(effects.drives):
                 total += joints.target_ke[dof] + joints.target_kd[dof] + control.target_qd[dof]
             if wp.static(effects.springs):

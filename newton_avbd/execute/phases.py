@@ -397,11 +397,15 @@ def make_phases(effects: Effects) -> Phases:
                 remember_rows(
                     worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
                 )
-            if wp.static(effects.loops):
+            if wp.static(effects.loops and effects.pairs):
                 for i in range(loops.world_start[world], loops.world_start[world + 1]):
                     joint = loops.joints[i]
+                    child = joints.child[joint]
                     parent = parent_slot(joints, joint, scale.static_slot)
-                    join_islands(islands, worlds, work, joints.child[joint], parent)
+                    if work.inv_mass[child] > 0.0:
+                        join_islands(islands, worlds, work, child, parent)
+                    elif work.inv_mass[parent] > 0.0:
+                        join_islands(islands, worlds, work, parent, child)
             if wp.static(effects.pairs and not effects.ramp):
                 if sweeps > 0:
                     has_islands = keep_momentum(world, model, worlds, work, islands)
@@ -620,7 +624,7 @@ def make_phases(effects: Effects) -> Phases:
             if work.inv_mass[body] > 0.0:
                 pose = end_pose(i, body_q, model, worlds, work, rows, tree, loops, islands, history)
             body_q_out[body] = pose
-        if wp.static(effects.gyroscopic and effects.contact):
+        if wp.static(effects.gyroscopic and effects.pairs):
             if has_islands:
                 keep_spin(world, scale.step, body_q_out, model, worlds, work, islands, body_qd_out)
         if wp.static(effects.bdf2):

@@ -502,8 +502,10 @@ def make_trees(
             rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(q)
             if dof >= linear_count(joints, joint):
                 rounding = 2.0 * ROUNDING * (2.0 + wp.abs(q))
-            if q < joints.limit_lower[index] - rounding or q > joints.limit_upper[index] + rounding:
-                is_beyond = True
+            if wp.static(effects.hard_limits):
+                lower = joints.limit_lower[index] - rounding
+                if q < lower or q > joints.limit_upper[index] + rounding:
+                    is_beyond = True
             if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]

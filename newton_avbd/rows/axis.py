@@ -253,7 +253,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
             if limit > 0.0 and limit < NO_LIMIT:
                 lower = start - h * limit
                 upper = start + h * limit
-        if wp.static(effects.limits and not effects.compliance):
+        if wp.static(effects.hard_limits):
             least = lower_stop(joints, dof, start, recovery)
             most = upper_stop(joints, dof, start, recovery)
             lower = wp.clamp(lower, least, most)

@@ -1,0 +1,186 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""DISTANCE joints between bodies: chains, webs, what they tie together in free space."""
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from helpers import NO_GRAVITY, Simulation, add_box
+from joint_scenes import WORLD, add_link, transform
+
+from newton_avbd import topology
+
+LENGTH = 0.1
+
+
+def add_bead(builder: newton.ModelBuilder, position: tuple, mass: float) -> int:
+    """Add a ball of 2 cm to hang on strings."""
+    moment = 0.4 * mass * 0.02**2
+    body = add_link(builder, mass=mass, inertia=(moment,) * 3)
+    builder.body_q[body] = transform(position)
+    return body
+
+
+def tie(builder: newton.ModelBuilder, pairs: list[tuple[int, int]], **bounds: float) -> None:
+    """Strings between bodies, or from the origin: first those that make a tree of them all."""
+    held, tree, others = {WORLD}, [], list(pairs)
+    while found := [pair for pair in others if pair[0] in held and pair[1] not in held]:
+        held.add(found[0][1])
+        tree.append(found[0])
+        others.remove(found[0])
+    bounds.setdefault("max_distance", LENGTH)
+    joints = [builder.add_joint_distance(*pair, **bounds) for pair in tree]
+    builder.add_articulation(joints)
+    for pair in others:
+        builder.add_joint_distance(*pair, **bounds)
+
+
+def lengths(sim: Simulation) -> np.ndarray:
+    """Distances of the bodies that strings tie, or from the origin [m]."""
+    centers = np.vstack([sim.center, np.zeros(3)])
+    child, parent = sim.model.joint_child.numpy(), sim.model.joint_parent.numpy()
+    return np.linalg.norm(centers[child] - centers[parent], axis=1)
+
+
+@pytest.mark.parametrize("parallel", [None, "bodies"])
+@pytest.mark.parametrize("end", [1.0, 1e2, 1e4])
+@pytest.mark.parametrize("count", [2, 10])
+def test_a_chain_of_strings_holds_whatever_hangs_on_it(
+    count: int, end: float, parallel: str | None
+) -> None:
+    """Let go sideways: no string is longer by 1e-4 m; energy is only lost."""
+    builder = newton.ModelBuilder()
+    for i in range(count):
+        add_bead(builder, (LENGTH * (i + 1), 0.0, 0.0), end if i == count - 1 else 1.0)
+    tie(builder, [(i - 1 if i else WORLD, i) for i in range(count)])
+    sim = Simulation(builder, collide=False, parallel=parallel)
+    energy, lowest = sim.energy, 0.0
+    for _ in range(240):
+        sim.step()
+        assert lengths(sim).max() < LENGTH + 1.0e-4
+        assert sim.energy < energy + 1.0e-6 * abs(energy) + 1.0e-6 * end
+        energy, lowest = min(energy, sim.energy), min(lowest, sim.center[-1, 2])
+    assert lowest < -0.9 * count * LENGTH  # it did swing down
+
+
+def test_a_heavy_end_swings_as_on_one_string() -> None:
+    """Taut beads of a ten-thousandth of its weight carry it along a circle."""
+    tilt = np.array([np.sin(1.0), 0.0, -np.cos(1.0)])
+    swings = []
+    for count in (1, 5):
+        builder = newton.ModelBuilder()
+        for i in range(count):
+            mass = 100.0 if i == count - 1 else 1.0e-2
+            add_bead(builder, tuple(5 * LENGTH / count * (i + 1) * tilt), mass)
+        pairs = [(i - 1 if i else WORLD, i) for i in range(count)]
+        tie(builder, pairs, max_distance=5 * LENGTH / count)
+        sim = Simulation(builder, collide=False)
+        swings.append([])
+        for _ in range(240):
+            sim.step()
+            swings[-1].append(sim.center[-1])
+    np.testing.assert_allclose(swings[1], swings[0], atol=2.0e-4)
+
+
+@pytest.mark.parametrize("middle", [1.0, 1e3])
+def test_a_web_holds(middle: float) -> None:
+    """16 beads and 25 strings, let go level; one bead may weigh more."""
+    sim = web(4, middle)
+    for _ in range(240):
+        sim.step()
+        assert lengths(sim).max() < LENGTH + 1.0e-4
+
+
+def test_a_web_too_large_to_be_solved_at_once_stays_finite(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its strings are held sweep by sweep, and stretch: by an eighth here."""
+    monkeypatch.setattr(topology, "STRING_ROWS", 10)
+    sim = web(4, 1e3)
+    for _ in range(240):
+        sim.step()
+        assert lengths(sim).max() < 1.5 * LENGTH
+
+
+def web(side: int, middle: float) -> Simulation:
+    """A square of beads, each tied to its neighbors, that hangs by a corner."""
+    builder = newton.ModelBuilder()
+    beads = np.arange(side * side).reshape(side, side)
+    for i, j in np.ndindex(side, side):
+        mass = middle if i == j == side // 2 else 1.0
+        add_bead(builder, (LENGTH * i, LENGTH * j, -LENGTH), mass)
+    pairs = [(WORLD, 0), *zip(beads[:-1].ravel().tolist(), beads[1:].ravel().tolist(), strict=True)]
+    pairs += zip(beads[:, :-1].ravel().tolist(), beads[:, 1:].ravel().tolist(), strict=True)
+    tie(builder, pairs)
+    return Simulation(builder, collide=False)
+
+
+@pytest.mark.parametrize("least, most", [(-1.0, 0.3), (0.3, 0.3), (0.2, 0.35)])
+def test_a_string_in_free_space_keeps_the_momentum(least: float, most: float) -> None:
+    """Two bodies of 1:100, tied off their centers, spin about each other."""
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    first, second = (add_link(builder, mass=m, inertia=(0.004 * m,) * 3) for m in (1.0, 100.0))
+    builder.body_q[second] = transform((0.3, 0.0, 0.0))
+    free = builder.add_joint_free(first)
+    string = builder.add_joint_distance(
+        first,
+        second,
+        parent_xform=transform((0.05, 0.02, 0.0)),
+        child_xform=transform((-0.04, 0.0, 0.03)),
+        min_distance=least,
+        max_distance=most,
+    )
+    builder.add_articulation([free, string])
+    sim = Simulation(builder, collide=False)
+    sim.set_velocity(first, (0.0, 3.0, 0.0), (0.0, 2.0, 5.0))
+    sim.set_velocity(second, (0.5, 0.0, 0.2), (1.0, 0.0, 0.0))
+    momentum, energy = sim.mass @ sim.velocity[:, :3], sim.kinetic_energy
+    for _ in range(480):
+        sim.step()
+        np.testing.assert_allclose(sim.mass @ sim.velocity[:, :3], momentum, atol=5.0e-4)
+        assert sim.kinetic_energy < energy * (1.0 + 1.0e-5)
+        energy = sim.kinetic_energy
+
+
+def leash(is_child: bool, **settings: bool) -> Simulation:
+    """A box on a string below a kinematic body, which is the child or the parent of the joint.
+
+    The box stands on another one, and both float.
+    """
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    post = builder.add_body(
+        xform=transform((0.0, 0.0, 1.0)), mass=1.0, inertia=wp.mat33(np.eye(3)), is_kinematic=True
+    )
+    upper, lower = (add_box(builder, (0.0, 0.0, z), (0.5, 0.5, 0.5)) for z in (0.0, -0.5))
+    pair = (upper, post) if is_child else (post, upper)
+    builder.add_joint_distance(*pair, max_distance=1.2)
+    sim = Simulation(builder, **settings)
+    for box in (upper, lower):
+        sim.set_velocity(box, (0.0, 0.1, -1.0))
+    return sim
+
+
+def test_it_is_all_one_which_end_of_a_string_is_put() -> None:
+    """The box that it stops is stopped, the other one goes on."""
+    first, second = leash(True), leash(False)
+    for sim in (first, second):
+        sim.step(120)
+    np.testing.assert_allclose(first.pose, second.pose, atol=1.0e-5)
+    np.testing.assert_allclose(first.velocity, second.velocity, atol=1.0e-5)
+    assert first.velocity[2, 2] == pytest.approx(-1.0, abs=1.0e-2)  # friction
+    assert first.pose[1, 2] > -0.21
+
+
+@pytest.mark.parametrize("is_child", [True, False])
+def test_what_hangs_on_a_body_that_is_put_hangs_while_others_sleep(is_child: bool) -> None:
+    """Islands know which joints hold them, whichever end is the child."""
+    builder = newton.ModelBuilder()
+    mass = {"mass": 1.0, "inertia": wp.mat33(np.eye(3))}
+    post = builder.add_body(is_kinematic=True, **mass)
+    box = builder.add_body(xform=transform((0.0, 0.0, -1.0)), **mass)
+    pair = (box, post) if is_child else (post, box)
+    builder.add_joint_distance(*pair, max_distance=1.0)
+    sim = Simulation(builder, collide=False, sleeping=True)
+    sim.step(60)
+    assert np.linalg.norm(sim.center[box]) == pytest.approx(1.0, abs=1.0e-4)
