@@ -98,7 +98,10 @@ CAUSES: dict[str, Cause] = {
     ),
     "loops": Cause("joint", "outside of trees", "execute/loops.py", _OF_JOINTS),
     "closures": Cause(
-        "joint", "to close a loop or mimic within a tree", "execute/closures.py", _OF_JOINTS
+        "joint",
+        "to close a loop, bound a distance or mimic within a tree",
+        "execute/closures.py",
+        _OF_JOINTS,
     ),
     "mimics": Cause(
         "joint",
