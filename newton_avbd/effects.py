@@ -40,7 +40,7 @@ _OF_BODIES = "It follows from the bodies that there are."
 _OF_BUFFER = "contact buffer"
 
 CAUSES: dict[str, Cause] = {
-    "contact": Cause("shape", "that can touch", "rows/contact.py"),
+    "contact": Cause("shape", "that collides with others", "rows/contact.py"),
     "pairs": Cause(
         "body", "that could meet another one of its world", "execute/islands.py", _OF_BODIES
     ),
@@ -148,7 +148,7 @@ class Effects:
     """The effects that a solver's kernels are compiled with."""
 
     contact: bool
-    """Shapes that can touch."""
+    """Shapes that collide with others."""
     friction: bool
     """A shape with a friction coefficient above zero."""
     gyroscopic: bool
@@ -250,20 +250,18 @@ class Effects:
         Returns:
             The effects, and what calls for each.
         """
-        shapes = np.arange(model.shape_count if model.body_count else 0)
+        shapes = _colliding(model)
         types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
         axes = _Axes.of_model(model)
         driven = axes.driven()
         callers = {
             "contact": shapes,
-            "friction": _shapes_with(model, "mu")[: shapes.size],
+            "friction": _shapes_with(model, "mu"),
             "angular_friction": np.union1d(
                 _shapes_with(model, "mu_torsional"), _shapes_with(model, "mu_rolling")
-            )[: shapes.size if angular_friction else 0],
+            )[: None if angular_friction else 0],
             "put_bodies": _put_bodies(model),
-            "restitution": _shapes_with(model, "restitution")[
-                : 0 if ramp or compliance else shapes.size
-            ],
+            "restitution": _shapes_with(model, "restitution")[: 0 if ramp or compliance else None],
             "pairs": topology.in_company(np.ones(model.body_count, dtype=bool))[
                 : model.body_count if shapes.size else 0
             ],
@@ -597,20 +595,30 @@ class _Axes:
         return (limit > least) & (limit < NO_LIMIT)
 
 
-def _shapes_with(model: newton.Model, name: str) -> np.ndarray:
-    """Shapes with a coefficient of their material above zero."""
-    if model.shape_count == 0:
+def _colliding(model: newton.Model) -> np.ndarray:
+    """Shapes that collide with others; where bodies have variants, all."""
+    if model.body_count == 0 or model.shape_count == 0:
         return np.zeros(0, dtype=int)
-    return np.flatnonzero(getattr(model, f"shape_material_{name}").numpy() > 0.0)
+    if model.body_variant is not None and np.any(model.body_variant.numpy() >= 0):
+        return np.arange(model.shape_count)
+    return np.flatnonzero(model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES))
+
+
+def _shapes_with(model: newton.Model, name: str) -> np.ndarray:
+    """Shapes that collide, with a coefficient of their material above zero."""
+    shapes = _colliding(model)
+    if shapes.size == 0:
+        return shapes
+    return shapes[getattr(model, f"shape_material_{name}").numpy()[shapes] > 0.0]
 
 
 def _put_bodies(model: newton.Model) -> np.ndarray:
-    """Bodies with shapes that the solver does not move, where a shape has friction."""
+    """Bodies that the solver does not move and whose shapes collide, where a shape has friction."""
     if _shapes_with(model, "mu").size == 0:
         return np.zeros(0, dtype=int)
     is_put = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
     is_put |= model.body_inv_mass.numpy() == 0.0
-    return np.intersect1d(np.flatnonzero(is_put), model.shape_body.numpy())
+    return np.intersect1d(np.flatnonzero(is_put), model.shape_body.numpy()[_colliding(model)])
 
 
 def _breakable(model: newton.Model) -> np.ndarray:
@@ -630,12 +638,13 @@ def _unequal_moments(model: newton.Model) -> np.ndarray:
 
 
 def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
-    """Bodies with shapes in trees of so many times their mass.
+    """Bodies with shapes that collide, in trees of so many times their mass.
 
     What a tree hangs on counts as much as the tree.
     """
     hung = topology.joint >= 0
-    if not np.any(hung) or model.shape_count == 0:
+    shapes = _colliding(model)
+    if not np.any(hung) or shapes.size == 0:
         return np.zeros(0, dtype=int)
     moves = moving(model)
     mass = np.where(moves, model.body_mass.numpy().astype(np.float64), 0.0)
@@ -644,7 +653,7 @@ def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
     whole = np.bincount(block, mass)
     whole *= np.where(np.bincount(block, hung & is_held) > 0, 2.0, 1.0)
     is_tree = np.bincount(block, hung) > 0
-    touches = np.isin(np.arange(mass.size), model.shape_body.numpy())
+    touches = np.isin(np.arange(mass.size), model.shape_body.numpy()[shapes])
     is_light = LIGHT_LINK * whole[block] > mass
     return np.flatnonzero(is_tree[block] & touches & moves & is_light)
 

@@ -97,6 +97,20 @@ def test_each_flag_has_a_cause_a_file_and_a_line_in_the_docs() -> None:
         assert f"| `{name}` | {by} {cause.having} | `{cause.code}` |" in text
 
 
+def test_shapes_that_collide_with_nothing_call_for_no_contact() -> None:
+    """Those only to look at, and sites; once one collides, and the solver is told, it does."""
+    model = boxes(2, mu=0.5)
+    flags = model.shape_flags.numpy().copy()
+    model.shape_flags.assign(flags & ~int(newton.ShapeFlags.COLLIDE_SHAPES))
+    solver = SolverAVBD(model)
+    names = ("contact", "pairs", "piles", "friction")
+    assert not any(solver.effects[name].on for name in names)
+    model.shape_flags.assign(flags)
+    assert "contact" in solver.unnoticed_changes()
+    solver.notify_model_changed(ModelFlags.SHAPE_PROPERTIES)
+    assert all(solver.effects[name].on for name in names)
+
+
 def test_only_bodies_that_share_a_world_are_pairs_and_only_free_ones_piles() -> None:
     """A body alone, two in worlds of their own, a robot of two links, and that with a box."""
 

@@ -87,7 +87,7 @@ BENCHMARKS: dict[str, Benchmark] = {
         Benchmark("pyramid_worlds", 2.0, ("avbd", "vbd", "xpbd", MJ_STEP, "mujoco_warp", "steel")),
         Benchmark("free_bodies", 2.0, (*_RIGID, *_PENALTY)),
         *(Benchmark(scene, 10.0, _RIGID) for scene in _CHAINS),
-        *(Benchmark(scene, 5.0, (*_RIGID, "avbd_converged")) for scene in _ROPES),
+        *(Benchmark(scene, 5.0, _RIGID) for scene in _ROPES),
         *(Benchmark(scene, 5.0, _RIGID) for scene in SINGLE_ROBOTS),
         *(Benchmark(scene, 5.0, _COARSE, dt=1.0 / 60.0) for scene in SINGLE_ROBOTS),
         Benchmark(

@@ -16,9 +16,6 @@ from newton_avbd.study.scenes import Scene
 ITERATIONS = 10
 """Iterations a step of the solvers that sweep over bodies or constraints."""
 
-CONVERGED = 100
-"""Iterations after which more would change nothing that is measured."""
-
 MJ_STEP = "mj_step"
 """Name of MuJoCo without Newton around it, which is no solver of Newton's."""
 
@@ -58,12 +55,6 @@ def _avbd(model: newton.Model) -> SolverBase:
     from newton_avbd import SolverAVBD
 
     return SolverAVBD(model, iterations=ITERATIONS)
-
-
-def _avbd_converged(model: newton.Model) -> SolverBase:
-    from newton_avbd import SolverAVBD
-
-    return SolverAVBD(model, iterations=CONVERGED)
 
 
 def _vbd(model: newton.Model) -> SolverBase:
@@ -121,6 +112,5 @@ PEERS: dict[str, Peer] = {
     "kamino": Peer("SolverKamino", _kamino),
     "semi_implicit": Peer("SolverSemiImplicit", _semi_implicit),
     "featherstone": Peer("SolverFeatherstone", _featherstone),
-    "avbd_converged": Peer(f"SolverAVBD({CONVERGED})", _avbd_converged),
 }
 """Solvers of Newton by name, ours first, and at the end ours as it would be without haste."""

@@ -140,8 +140,6 @@ def _quantity(name: str, value: float | None) -> str:
 
 def _bound(target: Target, value: float) -> str:
     """Write a value of a target: a fraction of a time, or as its quantity is written."""
-    if target.quantity == "energy":
-        return f"{100.0 * value:.2g} %"
     if target.against is not None:
         return f"1/{1.0 / value:.3g}" if value <= 1.0 else f"{value:.3g}"
     return _quantity(target.quantity, value)
