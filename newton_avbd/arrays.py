@@ -14,13 +14,13 @@ import warp as wp
 from . import buffers, data, views
 from .attributes import BREAK_LIMITS, break_limits
 from .checks import check_array
-from .effects import Callers, Effects, pushing_joints
+from .effects import Callers, Effects, free_joints, linking_joints, pushing_joints
 from .execute.beginning import UNKNOWN
 from .execute.launch import Launcher
 from .execute.scan import scratch_size
 from .execute.sleeping import AWAKE, STILL
 from .large import LARGE, LargeWorlds, obstacles
-from .rows.joint import KINDS, PUSHED_AT_COM
+from .rows.joint import KINDS
 from .settings import Settings
 from .topology import Topology, mimics, moving
 
@@ -87,16 +87,18 @@ class SolverArrays:
         """Buffers by body slot; the last slot is the static world, which stays zero."""
         model = self.model
         slots = model.body_count + 1
-        free_dof = np.full(model.body_count, -1, dtype=np.int32)
+        free = free_joints(model)
+        free_dof = np.full(model.body_count, -1)
         if model.joint_count:
-            kinds = model.joint_type.numpy()
-            free = np.isin(kinds, [int(kind) for kind in PUSHED_AT_COM])
-            free_dof[model.joint_child.numpy()[free]] = model.joint_qd_start.numpy()[:-1][free]
+            free_dof = np.where(free >= 0, model.joint_qd_start.numpy()[free], -1)
         self._no_contacts = data.ContactInput()
         self._control = data.ControlInput()
         self._control_arrays: tuple[wp.array | None, ...] = (None, None, None)
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
+            self._free_joint = wp.array(
+                free if linking_joints(model).size else free[:0], dtype=wp.int32
+            )
             self._free_dof = wp.array(free_dof, dtype=wp.int32)
             self._pushing = wp.array(pushing_joints(model), dtype=wp.int32)
             self._work = buffers.body_work(slots, self.settings.second_order)
@@ -126,7 +128,7 @@ class SolverArrays:
             for name, array in vars(model).items()
             if name.startswith(_BOUND) and isinstance(array, wp.array)
         }
-        self._bodies = views.body_model(model, self._free_dof)
+        self._bodies = views.body_model(model, self._free_joint, self._free_dof)
         self._joints = views.joint_model(model)
         self._shapes = views.shape_model(model)
         if model.constraint_mimic_count:
@@ -153,7 +155,7 @@ class SolverArrays:
         names = list(BREAK_LIMITS)
         self._joints.break_force = self._break_limits.get(names[0], self._unbreakable)
         self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
-        self._joints.enabled = self._is_whole
+        self._joints.enabled = self._bodies.joint_enabled = self._is_whole
 
     def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects, Callers]:
         """Which world each body belongs to, what is solved together, and with which effects."""

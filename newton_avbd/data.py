@@ -120,8 +120,11 @@ class BodyModel:
     flags: wp.array[wp.int32]
     world: wp.array[wp.int32]
     gravity: wp.array[wp.vec3]
+    free_joint: wp.array[wp.int32]
+    """The body's first FREE, DISTANCE or ROD joint, -1 without one."""
     free_dof: wp.array[wp.int32]
-    """First degree of freedom of the body's FREE, DISTANCE or ROD joint, -1 without one."""
+    """First degree of freedom of that joint, -1 without one."""
+    joint_enabled: wp.array[wp.bool]
 
 
 @wp.struct

@@ -89,9 +89,14 @@ CAUSES: dict[str, Cause] = {
         "with shapes, whose joints put many times its own mass behind its contacts",
         "execute/weights.py",
     ),
-    "reaction": Cause("joint", "of such a type with a parent body", "execute/bodies.py"),
+    "reaction": Cause(
+        "joint", "of such a type with a parent body, or not the child's first", "execute/bodies.py"
+    ),
     "joints": Cause(
-        "joint", "of another type than FREE, or with a parent body", "execute/trees.py", _OF_JOINTS
+        "joint",
+        "of another type than FREE, with a parent body, or not the child's first",
+        "execute/trees.py",
+        _OF_JOINTS,
     ),
     "flipped": Cause(
         "joint", "whose child carries its parent in the tree", "execute/trees.py", _OF_JOINTS
@@ -251,7 +256,6 @@ class Effects:
             The effects, and what calls for each.
         """
         shapes = _colliding(model)
-        types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
         axes = _Axes.of_model(model)
         driven = axes.driven()
         callers = {
@@ -269,11 +273,11 @@ class Effects:
                 : model.body_count if shapes.size and piles and not ramp else 0
             ],
             "gyroscopic": _unequal_moments(model),
-            "joint_force": np.flatnonzero(np.isin(types, [int(kind) for kind in PUSHED_AT_COM])),
+            "joint_force": _pushing(model),
             "reaction": pushing_joints(model),
             "light_roots": _light_roots(model, topology),
             "light_links": _light_links(model, topology)[: 0 if ramp else model.body_count],
-            "joints": np.union1d(np.flatnonzero(types != _FREE), pushing_joints(model)),
+            "joints": linking_joints(model),
             "flipped": topology.flipped,
             "loops": topology.loops,
             "closures": np.array([closure.joint for closure in topology.closures], dtype=int),
@@ -540,12 +544,34 @@ def _all(names: Iterable[str], value: bool) -> dict[str, Any]:
     return dict.fromkeys(names, value)
 
 
+def _pushing(model: newton.Model) -> np.ndarray:
+    """Joints whose generalized force is a wrench on their child."""
+    types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
+    return np.flatnonzero(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))
+
+
+def free_joints(model: newton.Model) -> np.ndarray:
+    """The first joint of each body whose force is a wrench on it, -1 without, (body_count,)."""
+    first = np.full(model.body_count, -1)
+    pushing = _pushing(model)[::-1]
+    if pushing.size:
+        first[model.joint_child.numpy()[pushing]] = pushing
+    return first
+
+
 def pushing_joints(model: newton.Model) -> np.ndarray:
-    """Joints with a parent body whose generalized force is a wrench on their child."""
-    if model.joint_count == 0:
-        return np.zeros(0, dtype=int)
-    pushing = np.isin(model.joint_type.numpy(), [int(kind) for kind in PUSHED_AT_COM])
-    return np.flatnonzero(pushing & (model.joint_parent.numpy() >= 0))
+    """Joints whose force is such a wrench, and not only that on a body without another one."""
+    pushing = _pushing(model)
+    if pushing.size == 0:
+        return pushing
+    is_other = free_joints(model)[model.joint_child.numpy()[pushing]] != pushing
+    return pushing[is_other | (model.joint_parent.numpy()[pushing] >= 0)]
+
+
+def linking_joints(model: newton.Model) -> np.ndarray:
+    """Joints that are more than the FREE joint of a body to the world."""
+    types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
+    return np.union1d(np.flatnonzero(types != _FREE), pushing_joints(model))
 
 
 @dataclass(frozen=True)

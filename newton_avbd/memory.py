@@ -69,6 +69,7 @@ _OWNERS: dict[str, str] = {
     "is_whole": "breaking",
     "unbreakable": "breaking",
     "pushing": "reaction",
+    "free_joint": "joints",
 }
 """Effect that a struct or one of its arrays is for; what is not here every scene has."""
 

@@ -28,7 +28,7 @@ from .execute.bodies import (
     BODIES_PER_THREAD,
     make_integrate,
     make_predict,
-    push_parents,
+    push_more,
     report_freed,
 )
 from .execute.breaking import enable_joints
@@ -379,7 +379,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         )
         if effects.reaction:
             self._launch(
-                push_parents,
+                push_more,
                 1,
                 [self._bodies, self._joints, control, dt, self._pushing, self._work],
             )

@@ -10,8 +10,8 @@ import warp as wp
 from . import data
 
 
-def body_model(model: newton.Model, free_dof: wp.array) -> Any:
-    """Bodies; ``free_dof`` is each one's first degree of freedom that pushes it, or -1."""
+def body_model(model: newton.Model, free_joint: wp.array, free_dof: wp.array) -> Any:
+    """Bodies, and each one's first joint that pushes it, with its degree of freedom, or -1."""
     bodies = data.BodyModel()
     bodies.mass = model.body_mass
     bodies.inertia = model.body_inertia
@@ -21,7 +21,10 @@ def body_model(model: newton.Model, free_dof: wp.array) -> Any:
     bodies.flags = model.body_flags
     bodies.world = model.body_world
     bodies.gravity = model.gravity
+    bodies.free_joint = free_joint
     bodies.free_dof = free_dof
+    if model.joint_count:
+        bodies.joint_enabled = model.joint_enabled
     return bodies
 
 

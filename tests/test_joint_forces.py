@@ -120,6 +120,57 @@ def test_a_wrench_on_a_free_body_is_one_in_the_world_at_the_com(kind: str) -> No
     assert acceleration[0, 3:] == pytest.approx(spin, abs=FIRST_STEP * np.linalg.norm(spin))
 
 
+@pytest.mark.parametrize("is_enabled", [True, False])
+@pytest.mark.parametrize("kind", ["free", "distance", "rod"])
+def test_a_wrench_between_two_bodies_acts_on_both(kind: str, is_enabled: bool) -> None:
+    """On the child at its COM, with the opposite on the parent; not where the joint is off.
+
+    The string is slack and the rod has no stiffness, so that bodies do not feel each other else.
+    """
+    builder, parent = body_without_gravity()
+    child = add_link(builder, mass=1.0, com=(-0.05, 0.1, 0.0), inertia=1.3 * TENSOR[::-1, ::-1])
+    base = builder.add_joint_free(parent)
+    settings = {"parent": parent, "child": child, "enabled": is_enabled, **FRAMES}
+    if kind == "free":
+        joint = builder.add_joint_free(**settings)
+    elif kind == "distance":
+        joint = builder.add_joint_distance(max_distance=5.0, **settings)
+    else:
+        joint = builder.add_joint_rod(stretch_stiffness=0.0, **settings)
+    builder.add_articulation([base, joint])
+    wrench = np.array([10.0, -20.0, 30.0, 0.1, 0.2, -0.3])
+    sim, acceleration = kick(builder, [*np.zeros(6), *wrench])
+    if not is_enabled:
+        assert np.abs(acceleration).max() == 0.0
+        return
+    arm = sim.center[child] - sim.center[parent]
+    torque = wrench[3:] + np.cross(arm, wrench[:3])
+    expected = [
+        [*-wrench[:3] / MASS, *np.linalg.solve(sim.world_inertia[0], -torque)],
+        [*wrench[:3], *np.linalg.solve(sim.world_inertia[1], wrench[3:])],
+    ]
+    for found, known in zip(acceleration, np.array(expected), strict=True):
+        assert found[:3] == pytest.approx(known[:3], abs=FIRST_STEP * 30.0)
+        assert found[3:] == pytest.approx(known[3:], abs=FIRST_STEP * np.linalg.norm(known[3:]))
+
+
+def test_all_joints_of_a_body_push_it() -> None:
+    """A FREE joint and two slack strings on one body: their wrenches add up."""
+    builder, body = body_without_gravity()
+    free = builder.add_joint_free(body)
+    builder.add_articulation([free])
+    builder.add_joint_distance(WORLD, body, max_distance=5.0, **FRAMES)
+    builder.add_joint_distance(WORLD, body, max_distance=6.0, **FRAMES)
+    wrenches = np.array(
+        [[10, -20, 30, 0.1, 0.2, -0.3], [5, 5, -7, 0.4, 0, 0.1], [-8, 2, 1, 0, 0, 0.5]]
+    )
+    sim, acceleration = kick(builder, wrenches.ravel())
+    total = wrenches.sum(axis=0)
+    spin = np.linalg.solve(sim.world_inertia[0], total[3:])
+    assert acceleration[0, :3] == pytest.approx(total[:3] / MASS, abs=FIRST_STEP * 15.0)
+    assert acceleration[0, 3:] == pytest.approx(spin, abs=FIRST_STEP * np.linalg.norm(spin))
+
+
 def test_forces_on_the_sliders_of_a_d6_joint_act_along_their_axes() -> None:
     """Two linear axes, displaced: each force along its axis, in the parent's anchor frame."""
     builder, body = body_without_gravity()

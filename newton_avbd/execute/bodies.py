@@ -182,6 +182,15 @@ def watch_pose(
         work.put[body] = wp.spatial_vector(moved + arm, rotation_between(rotation, end))
 
 
+@wp.func(inline=True)
+def joint_wrench(dof: int, control: wp.ref[ControlInput]) -> wp.spatial_vector:
+    """What a joint from this degree of freedom on pushes its child with, at the COM."""
+    f = control.joint_f
+    return wp.spatial_vector(
+        wp.vec3(f[dof], f[dof + 1], f[dof + 2]), wp.vec3(f[dof + 3], f[dof + 4], f[dof + 5])
+    )
+
+
 def make_wrench(effects: Effects) -> wp.Function:
     """The function that sums a body's external forces: body_f, and joint_f that pushes it."""
 
@@ -195,12 +204,12 @@ def make_wrench(effects: Effects) -> wp.Function:
         wrench = body_f[body]
         if wp.static(effects.joint_force):
             dof = model.free_dof[body]
+            if wp.static(effects.joints):  # a world of FREE joints has none to switch
+                joint = model.free_joint[body]
+                if joint >= 0 and not model.joint_enabled[joint]:
+                    dof = -1
             if dof >= 0:
-                joint_f = control.joint_f
-                wrench += wp.spatial_vector(
-                    wp.vec3(joint_f[dof], joint_f[dof + 1], joint_f[dof + 2]),
-                    wp.vec3(joint_f[dof + 3], joint_f[dof + 4], joint_f[dof + 5]),
-                )
+                wrench += joint_wrench(dof, control)
         return wrench
 
     return external_wrench
@@ -479,35 +488,53 @@ def make_integrate(effects: Effects) -> wp.Kernel:
     return integrate
 
 
+@wp.func
+def push(
+    body: int,
+    force: wp.vec3,
+    torque: wp.vec3,
+    h: float,
+    model: wp.ref[BodyModel],
+    work: wp.ref[BodyWork],
+):
+    """Adds a wrench at the body's COM to those that it has been predicted with."""
+    if work.inv_mass[body] == 0.0:
+        return
+    shift = model.inv_mass[body] * force
+    spin = work.inv_inertia[body] * torque
+    work.target[body] = work.target[body] + (h * h) * wp.spatial_vector(shift, spin)
+    work.momentum[body] = work.momentum[body] + h * torque
+    if work.wrench.shape[0] > 0:
+        work.wrench[body] = work.wrench[body] + wp.spatial_vector(force, torque)
+
+
 @wp.kernel(**KERNEL)
-def push_parents(
+def push_more(
     # Model:
     model: BodyModel,
     joints: JointModel,
     control: ControlInput,
     h: float,
     # In:
-    pushed: wp.array[wp.int32],
+    pushing: wp.array[wp.int32],
     # Work out:
     work: BodyWork,
 ):
-    """Reaction on the parents of joints whose generalized force is a wrench on the child.
+    """Wrenches of joints beyond those that bodies have been predicted with.
 
-    ``pushed`` lists these joints; one thread, so that the order of sums is always the same.
+    These are reactions on parents, and what further joints of a body push it with. ``pushing``
+    lists the joints; one thread, so that the order of sums is always the same.
     """
-    for i in range(pushed.shape[0]):
-        joint = pushed[i]
-        child = joints.child[joint]
-        parent = joints.parent[joint]
-        if work.inv_mass[parent] > 0.0 and joints.enabled[joint]:
-            dof = joints.dof_start[joint]
-            f = control.joint_f
-            force = wp.vec3(f[dof], f[dof + 1], f[dof + 2])
-            torque = wp.vec3(f[dof + 3], f[dof + 4], f[dof + 5])
-            torque += wp.cross(work.com[child] - work.com[parent], force)
-            push = model.inv_mass[parent] * force
-            spin = work.inv_inertia[parent] * torque
-            work.target[parent] = work.target[parent] - (h * h) * wp.spatial_vector(push, spin)
-            work.momentum[parent] = work.momentum[parent] - h * torque
-            if work.wrench.shape[0] > 0:
-                work.wrench[parent] = work.wrench[parent] - wp.spatial_vector(force, torque)
+    for i in range(pushing.shape[0]):
+        joint = pushing[i]
+        if joints.enabled[joint]:
+            child = joints.child[joint]
+            parent = joints.parent[joint]
+            wrench = joint_wrench(joints.dof_start[joint], control)
+            force = wp.spatial_top(wrench)
+            torque = wp.spatial_bottom(wrench)
+            if model.free_joint[child] != joint:
+                push(child, force, torque, h, model, work)
+            if parent >= 0:
+                arm = work.com[child] - work.com[parent]
+                push(parent, -force, -torque - wp.cross(arm, force), h, model, work)

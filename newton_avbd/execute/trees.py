@@ -793,8 +793,10 @@ def make_trees(
             )
             k = tree.axis_start[body] + dof
             index = joints.dof_start[joint] + dof
+            pushed = float(0.0)
             if joints.type[joint] != ROD:
-                axis.push += control.joint_f[index]
+                pushed = control.joint_f[index]
+            axis.push += pushed
             if wp.static(effects.coordinates):
                 q = tree.coordinate[k]
                 start = tree.start_coordinate[k]
@@ -847,7 +849,6 @@ def make_trees(
                     tree.laws[k] = law
             if wp.static(effects.light_roots):
                 if pivot == inert and axis.pivot == 0.0:
-                    pushed = control.joint_f[index]
                     if wp.static(effects.laws):
                         pushed += pull  # of friction that slips, or a drive at its limit
                     if dof < linear:
