@@ -107,7 +107,7 @@ class Effort:
 
     Attributes:
         repeats: Turns of each solver.
-        turn: CPU time of a turn, for each of the two ways of timing [s].
+        turn: CPU time of a turn, for each of the three ways of timing [s].
         budget: Wall-clock time after which a run for quality stops early [s].
         cold_starts: Cold starts of each solver.
         left_out: Solvers that take too long.
@@ -206,16 +206,19 @@ def compete(benchmark: Benchmark, solvers: list[str], effort: Effort) -> list[Re
         results[solver] = replace(result, quality=quality, note=note)
     eager: dict[str, list[float]] = {solver: [] for solver in contestants}
     replayed: dict[str, list[float]] = {solver: [] for solver in contestants}
+    collided: dict[str, list[float]] = {solver: [] for solver in contestants}
     for _ in range(effort.repeats):
         for solver, contestant in contestants.items():
             eager[solver].append(contestant.eager(effort.turn))
             replayed[solver].append(contestant.replayed(effort.turn))
+            collided[solver].append(contestant.collided(effort.turn))
     for solver in contestants:
         results[solver] = replace(
             results[solver],
             # A bare mj_step is no call of Newton's: it stands beside the replayed steps only.
             eager=math.nan if solver == MJ_STEP else median(eager[solver]),
             replayed=median(replayed[solver]),
+            collided=median(collided[solver]),
         )
     return [results[solver] for solver in solvers]
 

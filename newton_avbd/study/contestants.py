@@ -4,7 +4,8 @@
 """Running one solver on one scene: how well it does, and how long a step takes.
 
 Time is the CPU time of this process (``time.process_time``), so that what else the machine does
-counts as little as possible. Collision detection is outside of what is timed, or taken out of it.
+counts as little as possible. Collision detection is outside of what is timed, or taken out of it,
+unless it is asked for.
 """
 
 import math
@@ -12,6 +13,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from functools import partial
 
 import newton
 import numpy as np
@@ -100,8 +102,11 @@ class Contestant(ABC):
         """The state after the last step."""
 
     @abstractmethod
-    def replay(self) -> float:
-        """CPU time of a step without Python and launches around it [s]; NaN if there is no way."""
+    def replay(self, *, collide: bool = False) -> float:
+        """CPU time of a step without Python and launches around it [s]; NaN if there is no way.
+
+        With ``collide`` it includes finding the collisions.
+        """
 
     def run(self, seconds: float, budget: float) -> Quality:
         """Simulate, measure quality, and end in a state in which steps can be timed.
@@ -167,6 +172,12 @@ class Contestant(ABC):
         """Median CPU time of a replayed step over about ``seconds`` of steps [s], or NaN."""
         return _median(self.replay, seconds)
 
+    def collided(self, seconds: float) -> float:
+        """The same with the collision detection of each step; NaN where nothing can collide."""
+        if self.is_uninterrupted:
+            return math.nan
+        return _median(partial(self.replay, collide=True), seconds)
+
 
 class NewtonContestant(Contestant):
     """One of Newton's solvers, through ``SolverBase.step``.
@@ -189,7 +200,7 @@ class NewtonContestant(Contestant):
         if self.model.shape_contact_pair_count and not peer.detects:
             self._pipeline = newton.CollisionPipeline(self.model)
             self._contacts = self._pipeline.contacts()
-        self._graph: wp.Graph | None = None
+        self._graphs: dict[bool, wp.Graph] = {}
 
     def observe(self) -> newton.State:
         return self.state
@@ -205,16 +216,16 @@ class NewtonContestant(Contestant):
         self._step()
         return time.process_time() - begin - self._detection()
 
-    def replay(self) -> float:
+    def replay(self, *, collide: bool = False) -> float:
         if not self._peer.captures:
             return math.nan
-        if self._graph is None:
-            self._capture()
+        if collide not in self._graphs:
+            self._graphs[collide] = self._capture(collide)
         self._collide()
-        frames = FRAMES_IN_ONE_GO if self.is_uninterrupted else 1
+        frames = FRAMES_IN_ONE_GO if self.is_uninterrupted or collide else 1
         begin = time.process_time()
         for _ in range(frames):
-            wp.capture_launch(self._graph)
+            wp.capture_launch(self._graphs[collide])
         return (time.process_time() - begin) / (frames * GRAPH_STEPS)
 
     def _collide(self) -> None:
@@ -225,15 +236,17 @@ class NewtonContestant(Contestant):
         self.solver.step(self.state, self._next, self._control, self._contacts, self.scene.dt)
         self.state, self._next = self._next, self.state
 
-    def _capture(self) -> None:
+    def _capture(self, collide: bool) -> wp.Graph:
         """Record a frame of steps."""
         with wp.ScopedCapture(device="cpu") as capture:
             for _ in range(GRAPH_STEPS):
-                if self._contacts is not None:
+                if collide:
+                    self._collide()
+                elif self._contacts is not None:
                     generation = self._contacts.contact_generation
                     wp.launch(_renew, 1, inputs=[generation], device="cpu")
                 self._step()
-        self._graph = capture.graph
+        return capture.graph
 
     def _detection(self) -> float:
         """CPU time of the collision detection inside the last step [s]."""

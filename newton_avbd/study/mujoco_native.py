@@ -76,10 +76,15 @@ class MujocoContestant(Contestant):
             self._mujoco.mj_collision(self.mj_model, data)
         return elapsed - (time.process_time() - begin)
 
-    def replay(self) -> float:
+    def replay(self, *, collide: bool = False) -> float:
         # There is nothing around mj_step to take away, nor collisions to find where there are none.
-        steps = FRAMES_IN_ONE_GO * GRAPH_STEPS if self.is_uninterrupted else 1
-        return self.advance(steps) / steps
+        steps = FRAMES_IN_ONE_GO * GRAPH_STEPS if self.is_uninterrupted or collide else 1
+        if not collide:
+            return self.advance(steps) / steps
+        begin = time.process_time()
+        for data in self._data:
+            self._mujoco.mj_step(self.mj_model, data, steps)
+        return (time.process_time() - begin) / steps
 
     def observe(self) -> newton.State:
         found = [self._translation.read(data) for data in self._data]

@@ -28,13 +28,13 @@ def scene_table(scene: str, results: list[Result]) -> str:
     known = _JOINTED if any(quality.joints for quality in shown) else _FREE
     # What nobody has is not asked for here.
     columns = [name for name in known if any(q.value(name) is not None for q in shown)]
-    head = ["solver", "contacts", "eager", "/ avbd", "replayed", "/ avbd"]
+    head = ["solver", "contacts", "eager", "/ avbd", "replayed", "/ avbd", "collided", "/ avbd"]
     head += columns
     ours = next((result for result in results if result.solver == "avbd"), None)
     rows, notes = [], []
     for result in results:
         row = [_title(result.solver), NOTHING]
-        for name in ("eager", "replayed"):
+        for name in ("eager", "replayed", "collided"):
             time = getattr(result, name)
             row += [_time(time), _ratio(time, getattr(ours, name, math.nan))]
         quality = result.quality

@@ -34,6 +34,7 @@ class Result:
         solver: Name of the solver.
         eager: CPU time of a plain step [s]; NaN where there is none.
         replayed: CPU time of a step replayed from a graph [s]; NaN where there is none.
+        collided: The same with collision detection in it; NaN also where nothing can collide.
         quality: How well it did; None where it did not run, or only time was measured.
         note: What a reader must know, or nothing.
     """
@@ -42,6 +43,7 @@ class Result:
     solver: str
     eager: float = math.nan
     replayed: float = math.nan
+    collided: float = math.nan
     quality: Quality | None = None
     note: str = ""
 
@@ -52,7 +54,7 @@ class Target:
 
     Attributes:
         scene: Name of the scene.
-        quantity: ``eager`` or ``replayed``, or an attribute of :class:`Quality` or of its joints.
+        quantity: A time of :class:`Result`, or an attribute of :class:`Quality` or of its joints.
         bound: Largest value; of the time of ``against`` where that is given, else in SI units.
         against: Solver to compare with.
     """
@@ -141,6 +143,13 @@ def _robot(scene: str) -> tuple[Target, ...]:
     )
 
 
+def _collided(scene: str) -> tuple[Target, ...]:
+    return (
+        Target(scene, "collided", 1 / 3, "vbd"),
+        Target(scene, "collided", 1.0, NEWTON_PEER),
+    )
+
+
 TARGETS: tuple[Target, ...] = (
     Target("pyramid", "eager", 1 / 10, "vbd"),
     Target("pyramid", "eager", 1 / 4, "mujoco"),
@@ -168,6 +177,8 @@ TARGETS: tuple[Target, ...] = (
     *(target for scene in ("chain", "chain_100", "chain_10000") for target in _chain(scene)),
     *(target for scene in ("rope", "rope_100000") for target in _rope(scene)),
     *(target for scene in SINGLE_ROBOTS for target in _robot(scene)),
+    # The cartpole meets nothing.
+    *(target for scene in SINGLE_ROBOTS if scene != "cartpole" for target in _collided(scene)),
     Target("ant_worlds", "replayed", 1 / 5, "vbd"),
     Target("ant_worlds", "replayed", 1.0, "mujoco_warp"),
     Target("ant_worlds", "apart", 0.0),
