@@ -38,6 +38,26 @@ def test_a_weight_settles_on_a_limit_as_on_a_spring_and_damper(kd: float) -> Non
         assert q == pytest.approx(-G / ke, rel=1e-3)
 
 
+@pytest.mark.parametrize("kind", ["revolute", "d6", "universal"])
+def test_an_arm_settles_on_its_limit_as_on_a_spring(kind: str) -> None:
+    """ke q = m g a cos(q), with the COM of 1 kg 0.3 m beside the hinge; within 0.1 %."""
+    limit = {"limit_lower": 0.0, "limit_upper": 2.0, "limit_ke": 20.0, "limit_kd": 3.0}
+    axis = newton.ModelBuilder.JointDofConfig(axis=(0, -1, 0), **limit)
+    other = newton.ModelBuilder.JointDofConfig(axis=(0, 0, 1))
+    builder = newton.ModelBuilder()
+    link = add_link(builder, com=(0.3, 0.0, 0.0))
+    if kind == "revolute":
+        joint = builder.add_joint_revolute(WORLD, link, axis=(0, -1, 0), **limit)
+    else:
+        axes = [axis] if kind == "d6" else [axis, other]
+        joint = builder.add_joint_d6(WORLD, link, angular_axes=axes)
+    builder.add_articulation([joint])
+    sim = simulate(builder, compliant_contacts=True)
+    sim.run(3.0)
+    q = coordinates(sim)[0][0]
+    assert 20.0 * q == pytest.approx(-G * 0.3 * np.cos(q), rel=1e-3)
+
+
 def test_the_same_limit_is_hard_otherwise() -> None:
     sim = simulate(slider(500.0, 1.0))
     sim.step(240)

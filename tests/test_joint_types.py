@@ -7,6 +7,7 @@ from collections.abc import Callable
 import newton
 import numpy as np
 import pytest
+import warp as wp
 from helpers import NO_GRAVITY, G, Simulation, surface
 from joint_scenes import (
     WORLD,
@@ -18,6 +19,8 @@ from joint_scenes import (
     transform,
 )
 from scipy.spatial.transform import Rotation
+
+from newton_avbd import SolverAVBD
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 
@@ -117,6 +120,46 @@ def test_a_joint_holds_what_it_locks(kind: str) -> None:
     assert np.abs(gap).max() < 1.0e-6
     if kind != "ball":
         assert np.abs(turned).max() < 2.0e-6
+
+
+@pytest.mark.parametrize("angular", range(4))
+@pytest.mark.parametrize("linear", range(4))
+def test_a_d6_joint_leaves_its_axes_free_and_no_others(linear: int, angular: int) -> None:
+    """Pushed and turned anyhow, a body on 0 to 3 sliders and 0 to 3 hinges starts to move by
+
+    S (S^T M S)^-1 S^T f: S holds the axes where the body is, 0.1 m and 0.3 rad along each; each
+    turns about an axis that those before it carry. Within 0.2 %, for one step is a motion.
+    """
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    body = add_link(builder, mass=2.0, com=(0.02, 0.03, -0.05))
+    joint = builder.add_joint_d6(
+        WORLD,
+        body,
+        linear_axes=[Dof(axis=axis) for axis in XYZ[:linear]],
+        angular_axes=[Dof(axis=axis) for axis in XYZ[:angular]],
+        parent_xform=transform((0.3, -0.2, 1.0), TURN_P),
+        child_xform=transform((-0.3, 0.1, 0.05), TURN_C),
+    )
+    builder.add_articulation([joint])
+    set_coordinates(builder, joint, [0.1] * linear + [0.3] * angular)
+    sim = simulate(builder)
+    arm = sim.center[0] - anchor_frames(sim)[2][0]
+    axes = [(*TURN_P.apply(axis), 0.0, 0.0, 0.0) for axis in XYZ[:linear]]
+    carried = TURN_P
+    for axis in np.array(XYZ[:angular], dtype=float):
+        about = carried.apply(axis)
+        axes.append((*np.cross(about, arm), *about))
+        carried = carried * Rotation.from_rotvec(0.3 * axis)
+    wrench = np.array([3.0, -2.0, 5.0, 0.3, 0.2, -0.4])
+    expected = np.zeros(6)
+    if axes:
+        free = np.array(axes).T
+        mass = np.zeros((6, 6))
+        mass[:3, :3], mass[3:, 3:] = 2.0 * np.eye(3), sim.world_inertia[0]
+        expected = free @ np.linalg.solve(free.T @ mass @ free, free.T @ wrench)
+    sim.push(0, wrench[:3], torque=wrench[3:])
+    sim.step()
+    assert sim.velocity[0] / sim.dt == pytest.approx(expected, abs=2.0e-3 * np.abs(wrench).max())
 
 
 def test_a_d6_joint_of_two_axes_is_a_universal_joint() -> None:
@@ -339,6 +382,43 @@ def test_a_rod_bends_and_twists_by_torque_over_stiffness(axis: int, stiffness: f
     sim.run(1.5)
     turned = TURN_P.inv().apply((Rotation.from_quat(sim.pose[0, 3:]) * start.inv()).as_rotvec())
     assert turned == pytest.approx(torque / stiffness, abs=1.0e-3)
+
+
+def test_a_rod_resists_large_bends_by_newtons_measure() -> None:
+    """SolverVBD's energy is K k^2 / 2 with k = 2 tan(angle / 2): the torque K k (1 + k^2 / 4).
+
+    At one radian that is 1.42 of K times the angle; within 0.5 %.
+    """
+    sim = rod(
+        False, stretch_stiffness=1.0e5, stretch_damping=100.0, bend_stiffness=20.0, bend_damping=2.0
+    )
+    start = Rotation.from_quat(sim.pose[0, 3:])
+    bend = 2.0 * np.tan(0.5)
+    sim.push(0, torque=TURN_P.apply([20.0 * bend * (1.0 + 0.25 * bend**2), 0.0, 0.0]))
+    sim.run(2.0)
+    turned = TURN_P.inv().apply((Rotation.from_quat(sim.pose[0, 3:]) * start.inv()).as_rotvec())
+    assert turned == pytest.approx([1.0, 0.0, 0.0], abs=5.0e-3)
+
+
+@pytest.mark.parametrize("kind", SAME)
+def test_rest_frames_are_the_joints_and_not_where_bodies_were_put(kind: str) -> None:
+    """A model whose ``body_q`` is anywhere else: nothing moves that starts where joints hold it."""
+    simple, _, start, _ = SAME[kind]
+    settled = two_links(simple, start[0])
+    model = settled.model
+    wp.copy(model.gravity, wp.zeros_like(model.gravity))
+    placed = settled.state.body_q
+    pose = placed.numpy().copy()
+    pose[:, :3] += [[0.4, -0.3, 0.2], [-0.1, 0.5, 0.3]]
+    pose[:, 3:] = Rotation.from_rotvec([0.5, -0.4, 0.9]).as_quat()
+    model.body_q.assign(pose)
+    solver = SolverAVBD(model)
+    states = [model.state(), model.state()]
+    states[0].body_q.assign(placed)
+    for _ in range(10):
+        solver.step(*states, None, None, settled.dt)
+        states.reverse()
+    assert states[0].body_q.numpy() == pytest.approx(placed.numpy(), abs=1.0e-6)
 
 
 def test_joined_bodies_that_float_keep_their_momentum() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from newton_avbd import SolverAVBD
 from newton_avbd.study import pendulums
 from newton_avbd.study.chains import add_chain
 
@@ -64,6 +65,14 @@ def test_error_of_mujoco_falls_in_proportion_to_the_step(links: int) -> None:
     coarse, fine = pendulums.pendulum_errors(make, links, [1.0 / 120.0, 1.0 / 240.0]).values()
     assert 1e-4 < fine < 0.02
     assert coarse / fine == pytest.approx(2.0, rel=0.05)
+
+
+@pytest.mark.parametrize("links", [2, 3])
+def test_error_of_avbd_falls_in_proportion_to_the_step(links: int) -> None:
+    """Of the ends after 2 s; half the step halves it within 10 %, for what is left goes by h^2."""
+    coarse, fine = pendulums.pendulum_errors(SolverAVBD, links, [1.0 / 240.0, 1.0 / 480.0]).values()
+    assert 1e-3 < fine < 0.02
+    assert coarse / fine == pytest.approx(2.0, rel=0.1)
 
 
 def test_standing_still_is_an_error_of_where_it_should_be() -> None:
