@@ -1,14 +1,30 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""The example scripts run as their docstrings say and meet their own criteria."""
+"""The example scripts run as their docstrings say and meet their own criteria.
 
+Newton's, too, with its solver swapped: with ``NEWTON_EXAMPLES=all``, for they take half an hour.
+"""
+
+import os
+import re
 import runpy
+import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-EXAMPLES = sorted((Path(__file__).parent.parent / "examples").glob("*.py"))
+ROOT = Path(__file__).parent.parent
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+NEWTON_EXAMPLES = re.findall(
+    r"^\| `(\w+)` \| \w+ \| passes \|", (ROOT / "docs" / "examples.md").read_text(), re.MULTILINE
+)
+"""Those of the table in the documents."""
+OPTIONS = {
+    "pyramid": ["--num-pyramids", "3", "--pyramid-size", "5"],
+    "kamino_earworm_flowers": ["--world-count", "2"],
+}
+"""What some are called with: the first as in Newton's own test, the other to save time."""
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda script: script.stem)
@@ -25,3 +41,17 @@ def test_an_example_meets_its_own_criteria(script: Path, monkeypatch: pytest.Mon
 def test_there_are_examples() -> None:
     """Otherwise the test above tests nothing."""
     assert len(EXAMPLES) >= 2
+
+
+@pytest.mark.skipif(os.environ.get("NEWTON_EXAMPLES") != "all", reason="NEWTON_EXAMPLES=all")
+@pytest.mark.parametrize("name", NEWTON_EXAMPLES)
+def test_an_example_of_newton_passes_its_own_tests(name: str) -> None:
+    command = [sys.executable, "-m", "newton_avbd", "run", f"newton:{name}"]
+    ran = subprocess.run(
+        [*command, "--", *OPTIONS.get(name, [])], capture_output=True, text=True, check=False
+    )
+    assert ran.returncode == 0, ran.stdout + ran.stderr
+
+
+def test_the_documents_list_newton_s_examples() -> None:
+    assert len(NEWTON_EXAMPLES) == 41
