@@ -65,7 +65,7 @@ def target_turn(
     return h * wp.spatial_bottom(velocity) + (h * h) * spun
 
 
-@wp.func
+@wp.func(inline=True)  # a call would copy all that it takes, for each body
 def free_turn_of(
     model: wp.ref[BodyModel],
     body: int,
@@ -147,7 +147,8 @@ def is_finite(
     total += model.mass[body] * model.inv_mass[body]
     total += wp.ddot(model.inertia[body], model.inv_inertia[body])
     total += wp.dot(model.com[body], model.gravity[model.world[body]])
-    return wp.isfinite(total) and wp.dot(rotation, rotation) > 0.0
+    # of numbers that are not finite the difference is none; wp.isfinite is a call on a CPU
+    return total - total == 0.0 and wp.dot(rotation, rotation) > 0.0
 
 
 @wp.func
