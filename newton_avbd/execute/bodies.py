@@ -85,7 +85,7 @@ def free_turn_of(
     )
 
 
-@wp.func
+@wp.func(inline=True)
 def mean_spin(
     model: wp.ref[BodyModel],
     body: int,
