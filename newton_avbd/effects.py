@@ -327,10 +327,15 @@ class Effects:
         return False if self.on_gpu and self.joints else None
 
     @property
+    def spinning(self) -> bool:
+        """Whether linked bodies may turn fast about an axis that matters."""
+        return self.gyroscopic and self.joints
+
+    @property
     def tilting(self) -> bool:
         """Whether the spin of a linked body may have to be tilted. (Closures take the matrix of
         their tree to be symmetric, which that would not leave it.)"""
-        return self.gyroscopic and self.joints and not self.closures
+        return self.spinning and not self.closures
 
     @property
     def rods(self) -> bool:

@@ -296,6 +296,8 @@ class LargeWorlds:
             bodies,
             [model, body_q, body_qd, h, worlds, *end, history, body_qd_out],
         )
+        if effects.spinning:
+            launch(kernels.align_spins, bodies, [joints, worlds, work, tree, colors, body_qd_out])
         if effects.restitution and places:
             launch(kernels.leave_impacts, bodies, [worlds, colors, work, rows, history])
         if effects.armature:
@@ -319,11 +321,11 @@ class LargeWorlds:
             self._launch_if(colors.is_apart, lambda: recover(1, passes))
             launch(kernels.close_joints, bodies, [model, joints, worlds, colors, work, tree])
         if effects.loops:
-            launch(kernels.give_loops_back, self._loop_count, [loops, history])
+            launch(kernels.give_loops_back, self._loop_count, [joints, work, loops, history])
         launch(
             kernels.end_poses,
             bodies,
-            [model, body_q, *end, worlds, history, body_q_out],
+            [model, joints, body_q, *end, worlds, history, body_q_out],
         )
         if effects.gyroscopic and effects.pairs:
             launch(

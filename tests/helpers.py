@@ -38,14 +38,20 @@ class Simulation:
         collide: bool = True,
         make_solver: Callable[..., SolverBase] = SolverAVBD,
         keep_inertia: bool = False,
+        is_checked: bool = True,
         **settings: Any,
     ) -> None:
         """Finalizes ``builder``; ``settings`` go to the solver, ``collide`` detects each step.
 
-        ``keep_inertia`` leaves moments of inertia as they are that Newton thinks too small.
+        ``keep_inertia`` leaves moments of inertia as they are that Newton thinks too small;
+        ``is_checked=False`` takes what Newton would refuse.
         """
         self.dt = dt
-        self.model = builder.finalize(device="cpu", skip_validation_inertia=keep_inertia)
+        self.model = builder.finalize(
+            device="cpu",
+            skip_validation_inertia=keep_inertia,
+            skip_all_validations=not is_checked,
+        )
         self.pipeline = newton.CollisionPipeline(self.model) if collide else None
         self.contacts = self.pipeline.contacts() if self.pipeline else None
         self.solver = make_solver(self.model, **settings)

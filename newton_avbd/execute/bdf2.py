@@ -233,7 +233,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         history: wp.ref[History],
     ) -> bool:
         """Whether no velocity of a world is about to jump, and no linked body turns fast."""
-        if wp.static(effects.tilting):
+        if wp.static(effects.spinning):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 if wp.length_sq(work.spin_momentum[worlds.bodies[i]]) > 0.0:
                     return False

@@ -216,6 +216,7 @@ def make_begin(
                     tree.update[body] = coasting
                 if wp.static(effects.tilting):
                     tree.is_fast[body] = is_fast
+                if wp.static(effects.spinning):
                     if wp.length_sq(work.spin_momentum[body]) > 0.0:
                         shift = wp.spatial_top(tree.update[body])
                         turn = wp.spatial_bottom(work.target[body])
@@ -293,7 +294,7 @@ def make_begin(
             work.increment[body] = tree.update[body]
             if work.inv_mass[body] > 0.0:
                 turn = wp.vec3(0.0)
-                if wp.static(effects.tilting):
+                if wp.static(effects.spinning):
                     if wp.length_sq(work.spin_momentum[body]) > 0.0:
                         turn = wp.spatial_bottom(work.increment[body])
                 begin_turn(body, turn, body_q, work, tree)

@@ -311,7 +311,7 @@ def make_predict_body(effects: Effects) -> wp.Function:
             w, momentum = mean_spin(model, body, rotation, velocity, wrench, h)
             dtheta = h * w
             work.momentum[body] = momentum
-            if wp.static(effects.tilting):
+            if wp.static(effects.spinning):
                 is_fast = tree_joint[body] >= 0 and wp.length_sq(dtheta) > FAST * FAST
                 work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
             work.inertia[body] = world_inertia(rotation, model.inertia[body])

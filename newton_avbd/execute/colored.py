@@ -60,7 +60,7 @@ from .scale import (
     unsettled_update,
 )
 from .sweeps import make_sweep, make_sweep_block
-from .trees import is_linked, make_trees
+from .trees import is_linked, is_spinning, make_trees
 from .weights import make_weigh
 
 
@@ -88,6 +88,7 @@ class Colored(NamedTuple):
     break_trees: wp.Kernel | None
     break_loops: wp.Kernel | None
     end_velocities: wp.Kernel
+    align_spins: wp.Kernel | None
     leave_impacts: wp.Kernel | None
     end_armatures: wp.Kernel | None
     end_loop_armatures: wp.Kernel | None
@@ -192,18 +193,18 @@ def make_colored(effects: Effects) -> Colored:
     loop_functions = make_loops(effects)
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
-    loop_wrench = loop_functions.loop_wrench
+    loop_wrench, count_loop_turns = loop_functions.loop_wrench, loop_functions.count_turns
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     closures = make_closures(effects)
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
-    put_together = trees.put_together
+    align_spin, put_together = trees.align_spin, trees.put_together
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_at_once)
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
-    end_velocity, end_armature, end_pose = make_end(effects)
+    end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
     break_blocks, break_loop = make_break_joints(effects, gather)
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
@@ -798,6 +799,27 @@ def make_colored(effects: Effects) -> Colored:
                     release_impacts(body, worlds, rows, tree, loops)
         body_qd_out[body] = velocity
 
+    @kernel(effects.spinning)
+    def align_spins(
+        # Model:
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        colors: ColorWork,
+        # State out:
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Spins as their joints leave them; one thread a body, for the first of a block."""
+        block = wp.tid()
+        if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
+            first = worlds.rank[block]
+            for i in range(first, worlds.block_end[first]):
+                body = worlds.bodies[i]
+                if is_spinning(body, joints, work, tree):
+                    align_spin(body, joints, work, tree, body_qd_out)
+
     @kernel(effects.armature)
     def end_armatures(
         # Model:
@@ -933,7 +955,10 @@ def make_colored(effects: Effects) -> Colored:
 
     @kernel(effects.loops)
     def give_loops_back(
+        # Model:
+        joints: JointModel,
         # Work:
+        work: BodyWork,
         loops: LoopWork,
         # Out:
         history: History,
@@ -942,11 +967,13 @@ def make_colored(effects: Effects) -> Colored:
         i = wp.tid()
         history.loop_force[i] = loops.kept_force[i]
         history.loop_torque[i] = loops.kept_torque[i]
+        count_loop_turns(i, joints, work, loops, history)
 
     @kernel()
     def end_poses(
         # Model:
         model: BodyModel,
+        joints: JointModel,
         # State in:
         body_q: wp.array[wp.transform],
         # Work:
@@ -977,7 +1004,17 @@ def make_colored(effects: Effects) -> Colored:
                 if colors.has_impacts[world] == 1:
                     restore_impacts(body, colors.scale[world].h, work, rows)
             pose = end_pose(
-                worlds.rank[body], body_q, model, worlds, work, rows, tree, loops, islands, history
+                worlds.rank[body],
+                body_q,
+                model,
+                joints,
+                worlds,
+                work,
+                rows,
+                tree,
+                loops,
+                islands,
+                history,
             )
         body_q_out[body] = pose
         if body == worlds.bodies[colors.lane_start[colors.world_lane[world]]]:
@@ -1010,6 +1047,7 @@ def make_colored(effects: Effects) -> Colored:
         break_trees,
         break_loops,
         end_velocities,
+        align_spins,
         strikes.leave_impacts,
         end_armatures,
         end_loop_armatures,

@@ -30,6 +30,7 @@ from .islands import is_alone
 from .loops import has_loops
 from .piles import lasting_share
 from .slopes import end_axis
+from .trees import is_linked
 
 
 def make_remember(
@@ -129,8 +130,11 @@ class EndFunctions(NamedTuple):
     end_pose: wp.Function
 
 
-def make_end(effects: Effects) -> EndFunctions:
-    """Device functions that read velocities and poses off increments."""
+def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
+    """Device functions that read velocities and poses off increments.
+
+    ``count_turns`` remembers turns of a body's joint that its pose does not tell.
+    """
     coasting_increment = make_coasting(effects)
 
     @wp.func
@@ -241,6 +245,7 @@ def make_end(effects: Effects) -> EndFunctions:
         rank: int,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
@@ -260,6 +265,8 @@ def make_end(effects: Effects) -> EndFunctions:
             if wp.static(effects.loops):
                 is_turned = is_turned or has_loops(loops, body)
             rotation = renormalised(tree.rotation[body])
+            if is_linked(joints, tree, body):
+                count_turns(body, joints, work, tree, history)
         if not is_turned:
             rotation = turned(pose, increment)
             if wp.static(effects.gyroscopic):

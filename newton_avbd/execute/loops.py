@@ -40,6 +40,7 @@ from .trees import (
     anchor_rotation,
     ball_turn,
     carried_misfit,
+    full_turns,
     start_span,
 )
 
@@ -122,6 +123,16 @@ def distance_force(
     return force
 
 
+@wp.func
+def turn_of(
+    i: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork], loops: wp.ref[LoopWork]
+) -> wp.vec3:
+    """As :func:`.trees.full_turns` [rad]."""
+    joint = loops.joints[i]
+    parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
+    return full_turns(joints.child[joint], parent, work)
+
+
 @dataclass(frozen=True)
 class LoopFunctions:
     """Device functions of joints outside of trees, compiled for the joints of a scene."""
@@ -129,6 +140,7 @@ class LoopFunctions:
     begin_loop: wp.Function
     loop_wrench: wp.Function
     loop_curvature: wp.Function
+    count_turns: wp.Function
 
 
 def make_loops(effects: Effects) -> LoopFunctions:
@@ -163,9 +175,29 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if wp.static(effects.kinds.balls and effects.coordinates):
             if joints.type[joint] == BALL:
                 parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
-                turn = ball_turn(tree, joints.child[joint], parent, q_p)
+                turn = ball_turn(joints.child[joint], parent, q_p, work, tree)
                 return turn[dof]
-        return coordinate(joints, joint, dof, q_p, q_c, offset, known)
+        about = float(known)
+        if dof >= linear_count(joints, joint):
+            turn = turn_of(i, joints, work, loops)
+            if wp.length_sq(turn) > 0.0:
+                about += wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn)
+        return coordinate(joints, joint, dof, q_p, q_c, offset, about)
+
+    @wp.func
+    def count_turns(
+        i: int,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ):
+        """Remembers turns of a joint in the step that orientations do not tell."""
+        if wp.length_sq(turn_of(i, joints, work, loops)) > 0.0:
+            for dof in range(
+                joints.dof_start[loops.joints[i]], joints.dof_start[loops.joints[i] + 1]
+            ):
+                history.joint_angle[dof] = loops.coordinate[dof]
 
     @wp.func(inline=effects.inline)
     def begin_loop(
@@ -499,4 +531,4 @@ def make_loops(effects: Effects) -> LoopFunctions:
             aa += geometric_stiffness(sign * history.loop_force[i], arm) + pulled
         return linear_k, al, aa
 
-    return LoopFunctions(begin_loop, loop_wrench, loop_curvature)
+    return LoopFunctions(begin_loop, loop_wrench, loop_curvature, count_turns)

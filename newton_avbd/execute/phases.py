@@ -45,7 +45,7 @@ from .scale import (
     unsettled_update,
 )
 from .sweeps import make_sweep, make_sweep_block, make_sweep_world
-from .trees import is_linked, make_trees
+from .trees import is_linked, is_spinning, make_trees
 from .weights import make_weigh
 
 
@@ -94,7 +94,7 @@ def make_phases(effects: Effects) -> Phases:
     find_impacts = impacts.find_impacts
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     loop_functions = make_loops(effects) if effects.loops else ABSENT
-    loop_wrench = loop_functions.loop_wrench
+    loop_wrench, count_loop_turns = loop_functions.loop_wrench, loop_functions.count_turns
     contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
     sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
@@ -106,7 +106,7 @@ def make_phases(effects: Effects) -> Phases:
     trees = ABSENT
     if effects.joints:
         trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
-    put_together = trees.put_together
+    align_spin, put_together = trees.align_spin, trees.put_together
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
@@ -115,7 +115,7 @@ def make_phases(effects: Effects) -> Phases:
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
     breaking = make_break_joints(effects, gather) if effects.breaking else ABSENT
     break_blocks, break_loop = breaking.break_blocks, breaking.break_loop
-    end_velocity, end_armature, end_pose = make_end(effects)
+    end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
     count_passes = make_count_passes(effects)
 
     @wp.func
@@ -533,6 +533,11 @@ def make_phases(effects: Effects) -> Phases:
                 if wp.static(effects.bdf2):
                     remember_motion(body, body_qd[body], scale, joints, work, rows, tree, history)
             body_qd_out[body] = velocity
+        if wp.static(effects.spinning):
+            for i in range(body_start, body_end):
+                body = worlds.bodies[i]
+                if is_spinning(body, joints, work, tree):
+                    align_spin(body, joints, work, tree, body_qd_out)
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):
@@ -593,6 +598,7 @@ def make_phases(effects: Effects) -> Phases:
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 history.loop_force[i] = loops.kept_force[i]
                 history.loop_torque[i] = loops.kept_torque[i]
+                count_loop_turns(i, joints, work, loops, history)
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -605,6 +611,7 @@ def make_phases(effects: Effects) -> Phases:
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
@@ -622,7 +629,9 @@ def make_phases(effects: Effects) -> Phases:
             body = worlds.bodies[i]
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
-                pose = end_pose(i, body_q, model, worlds, work, rows, tree, loops, islands, history)
+                pose = end_pose(
+                    i, body_q, model, joints, worlds, work, rows, tree, loops, islands, history
+                )
             body_q_out[body] = pose
         if wp.static(effects.gyroscopic and effects.pairs):
             if has_islands:

@@ -42,7 +42,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
-from ..rows.joint import BALL, ROD
+from ..rows.joint import BALL, ROD, wrapped
 from .bodies import has_rows
 from .slopes import begin_axis
 
@@ -58,6 +58,8 @@ FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
+COUNTED = wp.constant(1.0)
+"""Turn of a joint in a step from which orientations may not tell it [rad]."""
 
 
 @wp.func
@@ -216,9 +218,30 @@ def relative_turn(child: int, parent: int, tree: wp.ref[TreeWork]) -> wp.quat:
 
 
 @wp.func
-def ball_turn(tree: wp.ref[TreeWork], child: int, parent: int, q_p: wp.quat) -> wp.vec3:
+def full_turns(child: int, parent: int, work: wp.ref[BodyWork]) -> wp.vec3:
+    """About how far a body turns in the step against its parent [rad], world axes.
+
+    Orientations do not tell turns of more than half a revolution: this does, for a motor. Zero
+    where there is nothing to tell.
+    """
+    turn = wp.spatial_bottom(work.increment[child] - work.increment[parent])
+    if wp.length_sq(turn) > COUNTED * COUNTED:
+        return turn
+    return wp.vec3(0.0)
+
+
+@wp.func
+def ball_turn(
+    child: int, parent: int, q_p: wp.quat, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
+) -> wp.vec3:
     """Turn of a ball joint in the step [rad], parent anchor frame."""
-    return wp.quat_rotate_inv(q_p, rotation_vector(relative_turn(child, parent, tree)))
+    turn = rotation_vector(relative_turn(child, parent, tree))
+    about = full_turns(child, parent, work)
+    if wp.length_sq(about) > 0.0:
+        axis = wp.normalize(turn)
+        angle = wp.dot(axis, about)
+        turn = (angle + wrapped(wp.dot(axis, turn) - angle)) * axis
+    return wp.quat_rotate_inv(q_p, turn)
 
 
 @wp.func
@@ -228,6 +251,14 @@ def is_linked(joints: wp.ref[JointModel], tree: wp.ref[TreeWork], body: int) -> 
     if joint < 0:
         return False
     return joints.enabled[joint]
+
+
+@wp.func
+def is_spinning(
+    body: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
+) -> bool:
+    """Whether the body has a joint and turns so fast that its spin resists tilting."""
+    return wp.length_sq(work.spin_momentum[body]) > 0.0 and is_linked(joints, tree, body)
 
 
 @wp.func
@@ -322,6 +353,8 @@ class TreeFunctions:
     measure_start: wp.Function
     measure_velocity: wp.Function
     measure_moved: wp.Function
+    count_turns: wp.Function
+    align_spin: wp.Function
     sweep_tree: wp.Function
     put_together: wp.Function
 
@@ -343,7 +376,7 @@ def make_trees(
     linear_axis = joint_functions.linear_axis
     coordinate, velocity = joint_functions.coordinate, joint_functions.velocity
     linear_misfit = joint_functions.linear_misfit
-    angular_axis = joint_functions.angular_axis
+    angular_axis, axis_of = joint_functions.angular_axis, joint_functions.axis_of
     angular_misfit = joint_functions.angular_misfit
     locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
@@ -440,6 +473,35 @@ def make_trees(
         misfit = linear_misfit(joints, joint, q_p, offset)
         work.increment[body] = work.increment[body] - wp.spatial_vector(misfit, wp.vec3(0.0))
 
+    @wp.func
+    def align_spin(
+        body: int,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        body_qd: wp.array[wp.spatial_vector],
+    ):
+        """Takes from the spin of a fast body what its joint locks; parents go first.
+
+        A spin that is off the axis by rounding turns the target off it, by more the longer the body
+        is along the axis; that the joint holds the body against it carried the spin along, to twice
+        as far off in each step of two radians.
+        """
+        joint = tree.joint[body]
+        parent = tree.parent[body]
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
+        q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        spin = wp.spatial_bottom(body_qd[body])
+        if parent < body_qd.shape[0]:
+            spin -= wp.spatial_bottom(body_qd[parent])
+        lock = angular_lock(joints, joint, q_p, q_c)
+        # twice: by what rounds its axis once would slow the spin, step by step
+        locked = lock * (lock * spin)
+        body_qd[body] = body_qd[body] - wp.spatial_vector(wp.vec3(0.0), locked)
+
     @wp.func(inline=effects.inline)
     def joint_coordinate(
         body: int,
@@ -464,14 +526,43 @@ def make_trees(
             q_p, q_c = in_joint_order(sign, q_p, q_c)
         if wp.static(effects.kinds.balls):
             if joints.type[joint] == BALL:
-                turn = sign * ball_turn(tree, body, parent, q_p)
+                turn = sign * ball_turn(body, parent, q_p, work, tree)
                 return turn[dof]
         offset = wp.vec3(0.0)
-        if dof < linear_count(joints, joint):
+        about = float(known)
+        if dof >= linear_count(joints, joint):
+            turn = full_turns(body, parent, work)
+            if wp.length_sq(turn) > 0.0:
+                about += sign * wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn)
+        else:
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
             offset = sign * anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-        return coordinate(joints, joint, dof, q_p, q_c, offset, known)
+        return coordinate(joints, joint, dof, q_p, q_c, offset, about)
+
+    @wp.func
+    def count_turns(
+        body: int,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ):
+        """Remembers turns of the body's joint in the step that orientations do not tell."""
+        joint = tree.joint[body]
+        parent = tree.parent[body]
+        turn = full_turns(body, parent, work)
+        if wp.length_sq(turn) > 0.0:
+            sign, frame_p, frame_c = frames_of(joint, body, joints)
+            q_p = anchor_rotation(tree, parent, frame_p)
+            q_c = anchor_rotation(tree, body, frame_c)
+            if wp.static(effects.flipped):
+                q_p, q_c = in_joint_order(sign, q_p, q_c)
+            linear = linear_count(joints, joint)
+            for dof in range(linear, linear + angular_count(joints, joint)):
+                about = sign * wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn)
+                index = joints.dof_start[joint] + dof
+                history.joint_angle[index] = history.joint_angle[index] + about
 
     @wp.func(inline=effects.inline)
     def measure_start(
@@ -1136,5 +1227,12 @@ def make_trees(
         return farthest
 
     return TreeFunctions(
-        measure_misfit, measure_start, measure_velocity, measure_moved, sweep_tree, put_together
+        measure_misfit,
+        measure_start,
+        measure_velocity,
+        measure_moved,
+        count_turns,
+        align_spin,
+        sweep_tree,
+        put_together,
     )

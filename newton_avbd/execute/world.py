@@ -272,6 +272,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             scale,
             body_q,
             model,
+            joints,
             worlds,
             work,
             rows,
