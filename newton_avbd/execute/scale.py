@@ -105,16 +105,22 @@ def unsettled_update(scale: WorldScale) -> float:
 
 
 @wp.func
+def is_unsettled(update: float, scale: WorldScale) -> bool:
+    """Whether the last sweep's update, squared [m^2], is such as impacts leave."""
+    expected = STRUCK * scale.gravity * scale.h * scale.h
+    if scale.gravity == 0.0:
+        expected = STRUCK_SHARE * scale.reach
+    struck = wp.max(expected, settled_update(scale))
+    return update > struck * struck
+
+
+@wp.func
 def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
     """Whether the last sweep's update, squared [m^2], says that impacts go on in a world.
 
     A first sweep moves whatever is to move, and says nothing about that.
     """
-    expected = STRUCK * scale.gravity * scale.h * scale.h
-    if scale.gravity == 0.0:
-        expected = STRUCK_SHARE * scale.reach
-    struck = wp.max(expected, settled_update(scale))
-    return sweeps > 1 and update > struck * struck and wp.isfinite(update)
+    return sweeps > 1 and is_unsettled(update, scale) and wp.isfinite(update)
 
 
 def make_count_passes(effects: Effects) -> wp.Function:

@@ -25,10 +25,11 @@ from ..rows.contact import RECOVERY
 from .bodies import make_predict_body
 from .contacts import make_sort_by_owner
 from .denormals import flush_denormals, restore_denormals
+from .energy import energy_of, is_thrown, slow_down
 from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .phases import make_phases
-from .scale import COLD_FACTOR, COLD_STEPS, is_struck
+from .scale import COLD_FACTOR, COLD_STEPS, is_struck, is_unsettled
 
 
 @functools.cache
@@ -144,6 +145,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         update = float(0.0)
         recovery = float(0.0)
         has_islands = bool(False)
+        energy = float(wp.inf)
         rounds = int(wp.static(1 if effects.ramp else 3 if effects.contact else 2))
         for _round in range(rounds):
             if recovery == 0.0:
@@ -224,6 +226,9 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 )
             history.parity[world] = 1 - history.parity[world]
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
+            if wp.static(effects.joints and effects.contact):
+                if is_unsettled(update, scale) and is_thrown(world, worlds, work, tree):
+                    energy = energy_of(world, body_q, body_qd, model, worlds, work)
             end_velocities(
                 world,
                 has_impacts,
@@ -283,6 +288,9 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             body_q_out,
             body_qd_out,
         )
+        if wp.static(effects.joints and effects.contact):
+            if energy < wp.inf:
+                slow_down(world, energy, body_q_out, model, worlds, work, tree, body_qd_out)
 
     @wp.func
     def solve_worlds(
