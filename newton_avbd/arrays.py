@@ -105,7 +105,7 @@ class SolverArrays:
             self._islands = buffers.island_work(slots)
             self._rows = buffers.row_work(slots)
             self._history = buffers.history(model, self.settings.second_order)
-            self._rest_angle = wp.array(self._initial_angles(), dtype=float)
+            self._rest_angle = wp.array(self._initial_angles(), dtype=wp.float64)
 
     def _initial_angles(self) -> np.ndarray:
         """Coordinate of each joint axis in the model, with its turns, shape (joint_dof_count,)."""

@@ -149,8 +149,8 @@ def tree_work(model: newton.Model, topology: Topology) -> Any:
     tree.parent = wp.array(parent, dtype=wp.int32)
     tree.axis_start = wp.array(topology.axis_start, dtype=wp.int32)
     tree.axes = wp.zeros(int(topology.axis_start[-1]), dtype=data.TreeAxis)
-    tree.coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
-    tree.start_coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=float)
+    tree.coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=wp.float64)
+    tree.start_coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=wp.float64)
     tree.laws = wp.zeros(int(topology.axis_start[-1]), dtype=data.AxisLaw)
     tree.fewest = wp.zeros(slots, dtype=wp.int32)
     tree.patience = wp.zeros(slots, dtype=wp.int32)
@@ -193,7 +193,7 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.piece = wp.zeros(dofs, dtype=wp.vec3i)
     history.joined_qd = wp.zeros((model.joint_count, 2), dtype=wp.spatial_vector)
     history.axis_velocity = wp.zeros(dofs, dtype=float)
-    history.held_at = wp.zeros(dofs, dtype=float)
+    history.held_at = wp.zeros(dofs, dtype=wp.float64)
     history.limit_force = wp.zeros(dofs, dtype=float)
     history.friction_force = wp.zeros(dofs, dtype=float)
 
@@ -238,8 +238,8 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     loops.side = wp.zeros(joints.size, dtype=wp.int32)
     loops.k_l = wp.zeros(joints.size, dtype=float)
     loops.k_a = wp.zeros(joints.size, dtype=float)
-    loops.coordinate = wp.zeros(model.joint_dof_count, dtype=float)
-    loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=float)
+    loops.coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
+    loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
     return loops
 
 

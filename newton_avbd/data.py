@@ -495,9 +495,10 @@ class TreeWork:
     axis_start: wp.array[wp.int32]
     """First of the body's entries in ``axes``."""
     axes: wp.array[TreeAxis]
-    coordinate: wp.array[float]
-    """Coordinate of each entry of ``axes`` after the increments [m or rad]."""
-    start_coordinate: wp.array[float]
+    coordinate: wp.array[wp.float64]
+    """Coordinate of each entry of ``axes`` after the increments [m or rad]; for a ball its turn in
+    the step."""
+    start_coordinate: wp.array[wp.float64]
     laws: wp.array[AxisLaw]
     """Laws of the entries of ``axes``."""
     fewest: wp.array[wp.int32]
@@ -586,9 +587,9 @@ class LoopWork:
     """Penalty of shifts [N/m]; zero for a joint that does nothing."""
     k_a: wp.array[float]
     """Penalty of turns [N m/rad]."""
-    start_coordinate: wp.array[float]
+    start_coordinate: wp.array[wp.float64]
     """Coordinate at the start of the step, by degree of freedom of the model [m or rad]."""
-    coordinate: wp.array[float]
+    coordinate: wp.array[wp.float64]
     """Coordinate at the last dual update [m or rad]."""
 
 
@@ -752,7 +753,7 @@ class LastStep:
 class AxisMotion:
     """How a coordinate of a joint, or its velocity, changed in the last step."""
 
-    start: float
+    start: wp.float64
     """Its value at the start of the step."""
     rate: float
     """Its rate at the end."""
@@ -784,7 +785,7 @@ class History:
     loop_force: wp.array[wp.vec3]
     """Multipliers of the joints outside of trees: force on the child [N], world frame."""
     loop_torque: wp.array[wp.vec3]
-    joint_angle: wp.array[float]
+    joint_angle: wp.array[wp.float64]
     """Angle of each degree of freedom with its turns counted [rad], shape (joint_dof_count,)."""
     broken: wp.array[wp.bool]
     """Joints that broke since the last reset; empty where none can."""
@@ -795,7 +796,7 @@ class History:
     armature [m/s and rad/s]."""
     axis_velocity: wp.array[float]
     """Velocity of a degree of freedom with armature in the last step [m/s or rad/s]."""
-    held_at: wp.array[float]
+    held_at: wp.array[wp.float64]
     """Coordinate at which friction holds a degree of freedom of a tree [m or rad]."""
     limit_force: wp.array[float]
     """Multiplier of the limit that holds a degree of freedom outside of trees, zero where none does

@@ -169,9 +169,11 @@ def lets_go(
 
 
 @wp.func
-def is_beyond(joints: wp.ref[JointModel], dof: int, at: float, history: wp.ref[History]) -> bool:
+def is_beyond(
+    joints: wp.ref[JointModel], dof: int, at: wp.float64, history: wp.ref[History]
+) -> bool:
     """Whether a coordinate that goes on as in the last step would be beyond a limit."""
-    goes_to = 2.0 * at - history.coordinate[dof].start
+    goes_to = wp.float32(at + (at - history.coordinate[dof].start))
     lower = joints.limit_lower[dof] - LIMIT_JOLT
     return goes_to < lower or goes_to > joints.limit_upper[dof] + LIMIT_JOLT
 

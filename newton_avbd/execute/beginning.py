@@ -150,7 +150,8 @@ def make_begin(
                 rate += history.axis_velocity[dof]
             tree.start_velocity[dof] = rate
             if wp.static(effects.bdf2):
-                tree.start_velocity[dof] = begin_axis(dof, rate, scale, history.rate)
+                led = begin_axis(dof, wp.float64(rate), scale, history.rate)
+                tree.start_velocity[dof] = wp.float32(led)
 
     @wp.func(inline=effects.inline)
     def measure_blocks(

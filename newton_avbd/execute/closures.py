@@ -32,7 +32,7 @@ from .trees import ROUNDING, anchor_shift, is_linked, is_put, relative_turn
 def mimic_misfit(
     closure: Closure,
     dof: int,
-    coordinate: wp.array[float],
+    coordinate: wp.array[wp.float64],
     joints: wp.ref[JointModel],
     tree: wp.ref[TreeWork],
 ) -> float:
@@ -40,7 +40,8 @@ def mimic_misfit(
     coefficients = joints.mimic_coefficients[closure.joint]
     leader = coordinate[tree.axis_start[closure.leader_body] + dof]
     follower = coordinate[tree.axis_start[closure.body] + dof]
-    return follower - (coefficients[0] + coefficients[1] * leader)
+    lead = wp.float64(coefficients[1]) * leader
+    return wp.float32(follower - wp.float64(coefficients[0]) - lead)
 
 
 @wp.func
@@ -135,7 +136,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 for dof in range(closure.rows):
                     misfit = mimic_misfit(closure, dof, tree.start_coordinate, joints, tree)
                     closures.misfit[closure.row + dof] = misfit
-                    reach = tree.start_coordinate[tree.axis_start[closure.body] + dof]
+                    reach = wp.float32(tree.start_coordinate[tree.axis_start[closure.body] + dof])
                     rounding = tree.rounding[closure.body] + 2.0 * ROUNDING * (2.0 + wp.abs(reach))
                     if wp.abs(misfit) > rounding:
                         is_open = True
@@ -249,10 +250,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         if push == 0.0:
             return
         dof = joints.dof_start[joint]
-        stop = upper_stop(joints, dof, loops.start_coordinate[dof], recovery)
+        start = wp.float32(loops.start_coordinate[dof])
+        stop = upper_stop(joints, dof, start, recovery)
         side = int(1)
         if push > 0.0:
-            stop = lower_stop(joints, dof, loops.start_coordinate[dof], recovery)
+            stop = lower_stop(joints, dof, start, recovery)
             side = -1
         if joints.limit_lower[dof] == joints.limit_upper[dof]:
             side = 2
@@ -388,7 +390,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             return wp.inf
         # as of turns of bodies: Newton's method leaves half of the angle times the update
         across = wp.length(wp.cross(direction, moved))
-        length = wp.max(loops.start_coordinate[joints.dof_start[joint]], across)
+        length = wp.max(wp.float32(loops.start_coordinate[joints.dof_start[joint]]), across)
         return 0.5 * across / wp.max(length, 1.0e-12)
 
     @wp.func

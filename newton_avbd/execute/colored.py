@@ -802,6 +802,7 @@ def make_colored(effects: Effects) -> Colored:
     @kernel(effects.spinning)
     def align_spins(
         # Model:
+        model: BodyModel,
         joints: JointModel,
         # Work:
         worlds: WorldWork,
@@ -818,7 +819,7 @@ def make_colored(effects: Effects) -> Colored:
             for i in range(first, worlds.block_end[first]):
                 body = worlds.bodies[i]
                 if is_spinning(body, joints, work, tree):
-                    align_spin(body, joints, work, tree, body_qd_out)
+                    align_spin(body, model, joints, work, tree, body_qd_out)
 
     @kernel(effects.armature)
     def end_armatures(

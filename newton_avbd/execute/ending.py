@@ -212,8 +212,8 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
     def end_armature(
         joint: int,
         first: int,
-        coordinate: wp.array[float],
-        start_coordinate: wp.array[float],
+        coordinate: wp.array[wp.float64],
+        start_coordinate: wp.array[wp.float64],
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
         body_qd_out: wp.array[wp.spatial_vector],
@@ -227,10 +227,11 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             history.axis_velocity[dof] = UNKNOWN
             if joints.enabled[joint]:
-                rate = (coordinate[k] - start_coordinate[k]) / scale.step
+                rate = wp.float32(coordinate[k] - start_coordinate[k]) / scale.step
                 history.axis_velocity[dof] = rate
                 if wp.static(effects.bdf2):
-                    end_axis(dof, tree.start_velocity[dof], rate, scale, history.rate)
+                    led = wp.float64(tree.start_velocity[dof])
+                    end_axis(dof, led, wp.float64(rate), scale, history.rate)
             k += 1
         for end in range(2):
             body = wp.where(end == 0, joints.child[joint], joints.parent[joint])
@@ -265,8 +266,9 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             if wp.static(effects.loops):
                 is_turned = is_turned or has_loops(loops, body)
             rotation = renormalised(tree.rotation[body])
-            if is_linked(joints, tree, body):
-                count_turns(body, joints, work, tree, history)
+            if wp.static(effects.kinds.angles):
+                if is_linked(joints, tree, body):
+                    count_turns(body, joints, work, tree, history)
         if not is_turned:
             rotation = turned(pose, increment)
             if wp.static(effects.gyroscopic):

@@ -111,7 +111,7 @@ def distance_force(
     ``held`` is its multiplier.
     """
     index = joints.dof_start[loops.joints[i]]
-    start = loops.start_coordinate[index]
+    start = wp.float32(loops.start_coordinate[index])
     force = float(0.0)
     if joints.limit_lower[index] >= 0.0:
         lower = axis_rows.lower_stop(joints, index, start, recovery)
@@ -164,24 +164,24 @@ def make_loops(effects: Effects) -> LoopFunctions:
         q_p: wp.quat,
         q_c: wp.quat,
         offset: wp.vec3,
-        known: float,
+        known: wp.float64,
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         loops: wp.ref[LoopWork],
-    ) -> float:
+    ) -> wp.float64:
         """Coordinate of a degree of freedom after the increments; a ball's turn in the step."""
         joint = loops.joints[i]
         if wp.static(effects.kinds.balls and effects.coordinates):
             if joints.type[joint] == BALL:
                 parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
                 turn = ball_turn(joints.child[joint], parent, q_p, work, tree)
-                return turn[dof]
-        about = float(known)
+                return wp.float64(turn[dof])
+        about = wp.float64(known)
         if dof >= linear_count(joints, joint):
             turn = turn_of(i, joints, work, loops)
             if wp.length_sq(turn) > 0.0:
-                about += wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn)
+                about += wp.float64(wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn))
         return coordinate(joints, joint, dof, q_p, q_c, offset, about)
 
     @wp.func
@@ -262,12 +262,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
         linear = linear_count(joints, joint)
         if joints.type[joint] == DISTANCE:
             index = joints.dof_start[joint]
-            q = wp.length(offset)
-            loops.start_coordinate[index] = q
-            rounding = ROUNDING * (wp.length(work.com[child]) + q)
+            length = wp.length(offset)
+            loops.start_coordinate[index] = wp.float64(length)
+            rounding = ROUNDING * (wp.length(work.com[child]) + length)
             lower = joints.limit_lower[index]
             upper = joints.limit_upper[index]
-            is_open = q < lower - rounding or (upper >= 0.0 and q > upper + rounding)
+            is_open = length < lower - rounding or (upper >= 0.0 and length > upper + rounding)
         else:
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
@@ -288,7 +288,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     def axis_force(
         i: int,
         dof: int,
-        q: float,
+        q: wp.float64,
         turn_away: wp.vec3,
         rest_away: wp.vec3,
         h: float,
@@ -302,27 +302,27 @@ def make_loops(effects: Effects) -> LoopFunctions:
         it, which are held by multipliers."""
         joint = loops.joints[i]
         index = joints.dof_start[joint] + dof
-        start = loops.start_coordinate[index]
+        moved = wp.float32(q - loops.start_coordinate[index])
         force = float(control.joint_f[index])
         stiffness = float(0.0)
         friction = float(0.0)
         stop = float(0.0)
         if wp.static(effects.rods):
             if joints.type[joint] == ROD:
-                pull, k_rod = axis_rows.rod_response(joints, index, q, q - start, h)
+                pull, k_rod = axis_rows.rod_response(joints, index, wp.float32(q), moved, h)
                 return pull, k_rod, friction, stop
         if wp.static(effects.coordinates):
             start_velocity = float(0.0)
             if wp.static(effects.armature):
                 start_velocity = tree.start_velocity[index]
             pull, k = linear_force(
-                joints, control, joint, dof, q, start, start_velocity, turn_away, rest_away, h
+                joints, control, joint, dof, q, moved, start_velocity, turn_away, rest_away, h
             )
             force += pull
             stiffness += k
         if wp.static(effects.effort_limits):
             away = axis_rows.away_from(control.target_q, joints, joint, dof, q, turn_away)
-            pull, k = axis_rows.drive(joints, control, index, away, q - start, h)
+            pull, k = axis_rows.drive(joints, control, index, away, moved, h)
             effort = axis_rows.most_effort(joints, index)
             force += wp.clamp(pull, -effort, effort)
             if wp.abs(pull) < effort:
@@ -333,23 +333,20 @@ def make_loops(effects: Effects) -> LoopFunctions:
             if wp.static(effects.joint_friction):
                 most = axis_rows.most_friction(joints, joint, index)
                 held = history.friction_force[index]
-                friction = wp.clamp(held - penalty * (q - start), -most, most)
+                friction = wp.clamp(held - penalty * moved, -most, most)
                 force += friction
                 # what slides faster than friction stops in a step is not held back
-                if (
-                    wp.abs(held) < most
-                    or penalty * wp.abs(q - start) < wp.static(2.0 * PENALTY) * most
-                ):
+                if wp.abs(held) < most or penalty * wp.abs(moved) < wp.static(2.0 * PENALTY) * most:
                     stiffness += penalty
             if wp.static(effects.stops):
-                lower, upper = stops(joints, index, start, 0.0, h)
+                lower, upper = stops(joints, index, q, moved, 0.0, h)
                 held = history.limit_force[index]
-                stop = wp.max(held + penalty * (lower - q), 0.0)
+                stop = wp.max(held + penalty * lower, 0.0)
                 if stop == 0.0:
-                    stop = wp.min(held + penalty * (upper - q), 0.0)
+                    stop = wp.min(held + penalty * upper, 0.0)
                 force += stop
                 reach = wp.where(is_linear, loops.reach[i], loops.turn_reach[i])
-                if held != 0.0 or q - reach < lower or q + reach > upper:
+                if held != 0.0 or -reach < lower or reach > upper:
                     stiffness += penalty
         return force, stiffness, friction, stop
 

@@ -19,7 +19,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from ..rows.joint import has_axes, wrapped
+from ..rows.joint import counted, has_axes
 from .launch import KERNEL, uncollected
 from .loops import make_loops
 from .trees import is_linked
@@ -182,7 +182,6 @@ def count_turns(
     for dof in range(linear, linear + joints.dof_dim[joint, 1]):
         index = joints.dof_start[joint] + dof
         coord = joints.coord_start[joint] + dof
-        known = history.joint_angle[index]
-        angle = known + wrapped(joint_q_out[coord] - known)
-        joint_q_out[coord] = angle
+        angle = counted(joint_q_out[coord], history.joint_angle[index])
+        joint_q_out[coord] = wp.float32(angle)
         history.joint_angle[index] = angle

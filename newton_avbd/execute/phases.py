@@ -537,7 +537,7 @@ def make_phases(effects: Effects) -> Phases:
             for i in range(body_start, body_end):
                 body = worlds.bodies[i]
                 if is_spinning(body, joints, work, tree):
-                    align_spin(body, joints, work, tree, body_qd_out)
+                    align_spin(body, model, joints, work, tree, body_qd_out)
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):

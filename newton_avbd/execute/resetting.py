@@ -27,7 +27,10 @@ def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
 
 @wp.func
 def forget_axes(
-    joint: int, joints: wp.ref[JointModel], rest_angle: wp.array[float], history: wp.ref[History]
+    joint: int,
+    joints: wp.ref[JointModel],
+    rest_angle: wp.array[wp.float64],
+    history: wp.ref[History],
 ):
     """Mends a joint, lets go its limits, and puts the turns of its angles back."""
     if joint >= 0:
@@ -37,7 +40,7 @@ def forget_axes(
             history.piece[dof] = wp.vec3i(0, 0, 0)
             history.limit_force[dof] = 0.0
             history.friction_force[dof] = 0.0
-            history.held_at[dof] = 0.0
+            history.held_at[dof] = wp.float64(0.0)
             history.joint_angle[dof] = rest_angle[dof]
 
 
@@ -54,7 +57,7 @@ def reset_bodies(
     joints: JointModel,
     tree: TreeWork,
     loops: LoopWork,
-    rest_angle: wp.array[float],
+    rest_angle: wp.array[wp.float64],
     sleep: SleepWork,
     # Work out:
     work: BodyWork,

@@ -59,19 +59,25 @@ def next_slope(scale: WorldScale, change: Any, slope: Any):
 
 
 @wp.func
-def begin_axis(dof: int, start: float, scale: WorldScale, motions: wp.array[AxisMotion]) -> float:
+def begin_axis(
+    dof: int, start: wp.float64, scale: WorldScale, motions: wp.array[AxisMotion]
+) -> wp.float64:
     """Where a step starts a degree of freedom, ahead of the value that it has."""
     motion = motions[dof]
     motions[dof].start = start
-    return start + lead(scale, motion.rate, motion.slope)
+    return start + wp.float64(lead(scale, motion.rate, motion.slope))
 
 
 @wp.func
 def end_axis(
-    dof: int, lead_start: float, end: float, scale: WorldScale, motions: wp.array[AxisMotion]
+    dof: int,
+    lead_start: wp.float64,
+    end: wp.float64,
+    scale: WorldScale,
+    motions: wp.array[AxisMotion],
 ):
     """How a degree of freedom moved from where :func:`begin_axis` started it."""
     motion = motions[dof]
-    motion.rate = (end - lead_start) / scale.step
-    motion.slope = next_slope(scale, end - motion.start, motion.slope)
+    motion.rate = wp.float32(end - lead_start) / scale.step
+    motion.slope = next_slope(scale, wp.float32(end - motion.start), motion.slope)
     motions[dof] = motion

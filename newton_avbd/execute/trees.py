@@ -14,7 +14,7 @@ from ..algebra.block import (
     half_solve,
     other_half,
 )
-from ..algebra.so3 import exp_quat, rotation_vector, turned_from
+from ..algebra.so3 import exp_quat, rotation_vector, turned_from, world_inertia
 from ..blocks import tree as algebra
 from ..blocks.closure import (
     MISSED,
@@ -476,12 +476,13 @@ def make_trees(
     @wp.func
     def align_spin(
         body: int,
+        model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         body_qd: wp.array[wp.spatial_vector],
     ):
-        """Takes from the spin of a fast body what its joint locks; parents go first.
+        """Takes from the spin of a fast body what its joint locks, by a torque between its ends.
 
         A spin that is off the axis by rounding turns the target off it, by more the longer the body
         is along the axis; that the joint holds the body against it carried the spin along, to twice
@@ -494,25 +495,36 @@ def make_trees(
         q_c = anchor_rotation(tree, body, frame_c)
         if wp.static(effects.flipped):
             q_p, q_c = in_joint_order(sign, q_p, q_c)
+        lock = angular_lock(joints, joint, q_p, q_c)
         spin = wp.spatial_bottom(body_qd[body])
+        mobility_c = world_inertia(tree.rotation[body], model.inv_inertia[body])
+        mobility_p = wp.mat33(0.0)
         if parent < body_qd.shape[0]:
             spin -= wp.spatial_bottom(body_qd[parent])
-        lock = angular_lock(joints, joint, q_p, q_c)
-        # twice: by what rounds its axis once would slow the spin, step by step
-        locked = lock * (lock * spin)
-        body_qd[body] = body_qd[body] - wp.spatial_vector(wp.vec3(0.0), locked)
+            if work.inv_mass[parent] > 0.0:
+                mobility_p = world_inertia(tree.rotation[parent], model.inv_inertia[parent])
+        mobility = mobility_c + mobility_p
+        # what is free is left free, and the matrix has an inverse
+        free = wp.identity(n=3, dtype=float) - lock
+        matrix = lock * mobility * lock + wp.trace(mobility) * free
+        # twice locked: what rounds the axis once would slow the spin, step by step
+        torque = -(lock * (wp.inverse(matrix) * (lock * (lock * spin))))
+        none = wp.vec3(0.0)
+        body_qd[body] = body_qd[body] + wp.spatial_vector(none, mobility_c * torque)
+        if parent < body_qd.shape[0]:
+            body_qd[parent] = body_qd[parent] - wp.spatial_vector(none, mobility_p * torque)
 
     @wp.func(inline=effects.inline)
     def joint_coordinate(
         body: int,
         dof: int,
-        known: float,
+        known: wp.float64,
         static_slot: int,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
-    ) -> float:
+    ) -> wp.float64:
         """Coordinate of the body's joint as ``tree`` has it; for a ball its turn in the step.
 
         An angle is the one nearest to the ``known`` one, so that turns are counted.
@@ -527,13 +539,14 @@ def make_trees(
         if wp.static(effects.kinds.balls):
             if joints.type[joint] == BALL:
                 turn = sign * ball_turn(body, parent, q_p, work, tree)
-                return turn[dof]
+                return wp.float64(turn[dof])
         offset = wp.vec3(0.0)
-        about = float(known)
+        about = wp.float64(known)
         if dof >= linear_count(joints, joint):
             turn = full_turns(body, parent, work)
             if wp.length_sq(turn) > 0.0:
-                about += sign * wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn)
+                axis = axis_of(joints, joint, dof, q_p, q_c)
+                about += wp.float64(sign * wp.dot(axis, turn))
         else:
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
@@ -562,7 +575,7 @@ def make_trees(
             for dof in range(linear, linear + angular_count(joints, joint)):
                 about = sign * wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn)
                 index = joints.dof_start[joint] + dof
-                history.joint_angle[index] = history.joint_angle[index] + about
+                history.joint_angle[index] = history.joint_angle[index] + wp.float64(about)
 
     @wp.func(inline=effects.inline)
     def measure_start(
@@ -590,12 +603,13 @@ def make_trees(
                 body, dof, history.joint_angle[index], static_slot, model, joints, work, tree
             )
             history.joint_angle[index] = q
-            rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(q)
+            at = wp.float32(q)
+            rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(at)
             if dof >= linear_count(joints, joint):
-                rounding = 2.0 * ROUNDING * (2.0 + wp.abs(q))
+                rounding = 2.0 * ROUNDING * (2.0 + wp.abs(at))
             if wp.static(effects.hard_limits):
                 lower = joints.limit_lower[index] - rounding
-                if q < lower or q > joints.limit_upper[index] + rounding:
+                if at < lower or at > joints.limit_upper[index] + rounding:
                     is_beyond = True
             if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
@@ -604,7 +618,7 @@ def make_trees(
                 q = begin_axis(index, q, scale, history.coordinate)
             if wp.static(effects.joint_friction):
                 # what rounding moves, friction brings back
-                drift = wp.abs(q - history.held_at[index])
+                drift = wp.float32(wp.abs(q - history.held_at[index]))
                 is_off = drift > rounding + 2.0 * ROUNDING * wp.length(work.com[body])
                 if is_off or history.piece[index][2] != 0:
                     history.held_at[index] = q
@@ -823,8 +837,8 @@ def make_trees(
                     pull, stiffness = axis_rows.rod_response(
                         joints,
                         joints.dof_start[joint] + 3 + dof,
-                        q,
-                        q - tree.start_coordinate[k],
+                        wp.float32(q),
+                        wp.float32(q - tree.start_coordinate[k]),
                         h,
                     )
                     response[dof] = pull
@@ -890,7 +904,7 @@ def make_trees(
             axis.push += pushed
             if wp.static(effects.coordinates):
                 q = tree.coordinate[k]
-                start = tree.start_coordinate[k]
+                moved = wp.float32(q - tree.start_coordinate[k])
                 start_velocity = float(0.0)
                 if wp.static(effects.armature):
                     start_velocity = tree.start_velocity[index]
@@ -901,7 +915,7 @@ def make_trees(
                         joint,
                         dof,
                         q,
-                        start,
+                        moved,
                         start_velocity,
                         turn_away,
                         rest_away,
@@ -911,7 +925,9 @@ def make_trees(
                     pivot += stiffness
                 if wp.static(effects.rods):
                     if joints.type[joint] == ROD:
-                        pull, stiffness = axis_rows.rod_response(joints, index, q, q - start, h)
+                        pull, stiffness = axis_rows.rod_response(
+                            joints, index, wp.float32(q), moved, h
+                        )
                         if dof < linear:
                             axis.push += pull
                             pivot += stiffness
@@ -926,7 +942,7 @@ def make_trees(
                         joint,
                         dof,
                         q,
-                        start,
+                        moved,
                         turn_away,
                         recovery,
                         h,
@@ -1045,11 +1061,11 @@ def make_trees(
                             q = wp.clamp(q, law.lower, law.upper)
                 if wp.static(effects.coordinates):
                     at = tree.coordinate[k]
-                    tree.coordinate[k] = at + q
+                    tree.coordinate[k] = at + wp.float64(q)
                     if wp.static(effects.limits and effects.compliance):
                         index = joints.dof_start[joint] + dofs - 1 - i
-                        side = axis_rows.limit_side(joints, index, at)
-                        if side != axis_rows.limit_side(joints, index, at + q):
+                        side = axis_rows.limit_side(joints, index, wp.float32(at))
+                        if side != axis_rows.limit_side(joints, index, wp.float32(at) + q):
                             wrong += 1
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]

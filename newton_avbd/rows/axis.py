@@ -92,7 +92,7 @@ def away_from(
     joints: wp.ref[JointModel],
     joint: int,
     dof: int,
-    q: float,
+    q: wp.float64,
     turn: wp.vec3,
 ) -> float:
     """How far a coordinate is from one in the layout of the joint coordinates [m or rad].
@@ -101,7 +101,7 @@ def away_from(
     """
     if joints.type[joint] == BALL:
         return turn[dof]
-    return target[joints.coord_start[joint] + dof] - q
+    return wp.float32(wp.float64(target[joints.coord_start[joint] + dof]) - q)
 
 
 @wp.func
@@ -211,8 +211,8 @@ def make_axis(effects: Effects) -> AxisFunctions:
         control: wp.ref[ControlInput],
         joint: int,
         dof: int,
-        q: float,
-        start: float,
+        q: wp.float64,
+        moved: float,
         start_velocity: float,
         turn_away: wp.vec3,
         rest_away: wp.vec3,
@@ -220,7 +220,6 @@ def make_axis(effects: Effects) -> AxisFunctions:
     ):
         """What is linear in the coordinate, ``joint_f`` aside, and its curvature."""
         index = joints.dof_start[joint] + dof
-        moved = q - start
         force = 0.0
         stiffness = 0.0
         if wp.static(effects.drives and not effects.effort_limits):
@@ -238,24 +237,30 @@ def make_axis(effects: Effects) -> AxisFunctions:
             force += pull
             stiffness += k
         if wp.static(effects.limits and effects.compliance):
-            pull, k = soft_limit(joints, index, q, moved, h)
+            pull, k = soft_limit(joints, index, wp.float32(q), moved, h)
             force += pull
             stiffness += k
         return force, stiffness
 
     @wp.func
-    def stops(joints: wp.ref[JointModel], dof: int, start: float, recovery: float, h: float):
-        """The interval that the coordinate is held in [m or rad]; limits beat velocity limits."""
+    def stops(
+        joints: wp.ref[JointModel], dof: int, q: wp.float64, moved: float, recovery: float, h: float
+    ):
+        """Steps from the coordinate to the ends of the interval that it is held in [m or rad].
+
+        Limits beat velocity limits.
+        """
         lower = float(-wp.inf)
         upper = float(wp.inf)
         if wp.static(effects.velocity_limits):
             limit = joints.velocity_limit[dof]
             if limit > 0.0 and limit < NO_LIMIT:
-                lower = start - h * limit
-                upper = start + h * limit
+                lower = -h * limit - moved
+                upper = h * limit - moved
         if wp.static(effects.hard_limits):
-            least = lower_stop(joints, dof, start, recovery)
-            most = upper_stop(joints, dof, start, recovery)
+            at = wp.float32(q)
+            least = lower_stop(joints, dof, at - moved, recovery) - at
+            most = upper_stop(joints, dof, at - moved, recovery) - at
             lower = wp.clamp(lower, least, most)
             upper = wp.clamp(upper, least, most)
         return lower, upper
@@ -267,8 +272,8 @@ def make_axis(effects: Effects) -> AxisFunctions:
         history: wp.ref[History],
         joint: int,
         dof: int,
-        q: float,
-        start: float,
+        q: wp.float64,
+        moved: float,
         turn_away: wp.vec3,
         recovery: float,
         h: float,
@@ -285,22 +290,22 @@ def make_axis(effects: Effects) -> AxisFunctions:
         slip = 1
         law = AxisLaw()
         if wp.static(effects.stops):
-            lower, upper = stops(joints, index, start, recovery, h)
-            law.lower = lower - q
-            law.upper = upper - q
+            lower, upper = stops(joints, index, q, moved, recovery, h)
+            law.lower = lower
+            law.upper = upper
             side = known[0]
             if side == 0 and law.lower > 0.0:
                 side = -1
             if side == 0 and law.upper < 0.0:
                 side = 1
         if wp.static(effects.joint_friction):
-            law.hold = history.held_at[index] - q
+            law.hold = wp.float32(history.held_at[index] - q)
             law.friction = most_friction(joints, joint, index)
             if law.friction > 0.0:
                 slip = known[2]
         if wp.static(effects.effort_limits):
             away = away_from(control.target_q, joints, joint, dof, q, turn_away)
-            pull, stiffness = drive(joints, control, index, away, q - start, h)
+            pull, stiffness = drive(joints, control, index, away, moved, h)
             law.drive = pull
             law.drive_stiffness = stiffness
             law.effort = most_effort(joints, index)

@@ -96,6 +96,17 @@ def wrapped(angle: float) -> float:
 
 
 @wp.func
+def counted(angle: float, known: wp.float64) -> wp.float64:
+    """The angle with as many whole turns as brings it nearest to the ``known`` one [rad].
+
+    In float64: after hours of turns float32 would not tell how far a wheel turns in a step.
+    """
+    found = wp.float64(angle)
+    turns = wp.round((known - found) * wp.static(wp.float64(0.5 / math.pi)))
+    return found + wp.static(wp.float64(2.0 * math.pi)) * turns
+
+
+@wp.func
 def rod_stiffness(q_p: wp.quat, q_c: wp.quat, stiffness: wp.vec3) -> wp.vec3:
     """Bound of J^T K J about each axis of the parent frame [N m/rad], J as in :func:`rod_torque`.
 
@@ -177,6 +188,11 @@ class JointKinds:
     """Joints whose angular axes are those of the parent frame: BALL and ROD."""
     rods: bool = False
     distances: bool = False
+
+    @property
+    def angles(self) -> bool:
+        """Joints with angles, whose turns are counted."""
+        return self.euler or 1 in self.angular
 
     @classmethod
     def of_model(cls, model: newton.Model) -> "JointKinds":
@@ -467,8 +483,8 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         q_p: wp.quat,
         q_c: wp.quat,
         offset: wp.vec3,
-        known: float,
-    ) -> float:
+        known: wp.float64,
+    ) -> wp.float64:
         """Coordinate of a degree of freedom [m or rad]; zero for a ball.
 
         ``offset`` leads from the parent anchor to the child anchor. An angle is the one nearest to
@@ -476,11 +492,10 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         """
         linear = linear_count(joints, joint)
         if dof < linear:
-            return wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+            return wp.float64(wp.dot(linear_axis(joints, joint, dof, q_p), offset))
         if joints.type[joint] == BALL:
-            return 0.0
-        found = angle(joints, joint, dof - linear, q_p, q_c)
-        return known + wrapped(found - known)
+            return wp.float64(0.0)
+        return counted(angle(joints, joint, dof - linear, q_p, q_c), known)
 
     @wp.func
     def velocity(
