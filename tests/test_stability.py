@@ -54,6 +54,7 @@ SECONDS = {
     "teleports": 5.0,
     "teleports_energy": 2.6,
     "resets": 1.0,
+    "fast_car": 20.0,
 }
 """Seconds to simulate here, where half a second would show nothing or take long."""
 

@@ -14,7 +14,7 @@ import warp as wp
 from newton_avbd.study.chains import add_chain
 from newton_avbd.study.hard_bodies import fastest
 from newton_avbd.study.hard_case import Bounds, Catalog, Trial
-from newton_avbd.study.hard_joints import OPEN, at
+from newton_avbd.study.hard_joints import OPEN, add_link, at
 from newton_avbd.study.hard_piles import SUNK, add_box, block
 from newton_avbd.study.measure import kinetic_energy
 from newton_avbd.study.scenes import add_ground, add_pyramid, add_stack
@@ -223,6 +223,50 @@ STEPS.add(
     act=_THROWS.act,
     vbd_ke=4e6,
 )
+
+CAR_WHEEL = 0.3
+"""Radius of the wheels of the car [m]."""
+CAR_SPEED = 400.0
+"""Speed that its motors are to reach [rad/s]: 6.7 radians a step. It starts at half of it."""
+CAR_DRIVE = 0.5
+"""What each of its motors pushes with for a lack of speed [N m s/rad]."""
+
+
+@STEPS.declare(
+    "fast_car",
+    "motors take the wheels of a car to more than a revolution a step, at 60 steps a second",
+    # wheels that roll: as fast as they turn, where they touch
+    Bounds(penetration=1e-4, joint=1e-3 * CAR_WHEEL, drift=1.001 * CAR_WHEEL * CAR_SPEED),
+    drift=fastest,
+    drift_unit="m/s",
+    dt=1.0 / 60.0,
+    seconds=30.0,
+)
+def _(builder: newton.ModelBuilder) -> None:
+    add_ground(builder, mu=1.0, gap=0.02)
+    chassis = add_link(builder, at(0.0, 0.0, CAR_WHEEL + 0.2), (1.6, 0.6, 0.2))
+    joints = [builder.add_joint_free(chassis)]
+    for x, y in ((-0.6, -0.5), (-0.6, 0.5), (0.6, -0.5), (0.6, 0.5)):
+        wheel = builder.add_link(xform=at(x, y, CAR_WHEEL))
+        cfg = block(builder, density=300.0, mu=1.0, gap=0.02)
+        builder.add_shape_sphere(wheel, radius=CAR_WHEEL, cfg=cfg)
+        joints.append(
+            builder.add_joint_revolute(
+                chassis,
+                wheel,
+                parent_xform=at(x, y, -0.2),
+                axis=(0.0, 1.0, 0.0),
+                target_kd=CAR_DRIVE,
+                target_qd=CAR_SPEED,
+                actuator_mode=newton.JointTargetMode.VELOCITY,
+            )
+        )
+    builder.add_articulation(joints)
+    spin = 0.5 * CAR_SPEED
+    for body in range(chassis, chassis + 5):
+        turning = 0.0 if body == chassis else spin
+        builder.body_qd[body] = wp.spatial_vector(CAR_WHEEL * spin, 0.0, 0.0, 0.0, turning, 0.0)
+    builder.joint_qd[:] = [CAR_WHEEL * spin, *5 * [0.0], *4 * [spin]]
 
 
 class _Replays:
