@@ -297,7 +297,7 @@ class LargeWorlds:
             [model, body_q, body_qd, h, worlds, *end, history, body_qd_out],
         )
         if effects.spinning:
-            spins = [model, joints, worlds, work, tree, colors, body_qd_out]
+            spins = [model, joints, worlds, work, tree, loops, colors, body_qd_out]
             launch(kernels.align_spins, bodies, spins)
         if effects.restitution and places:
             launch(kernels.leave_impacts, bodies, [worlds, colors, work, rows, history])

@@ -8,7 +8,7 @@ import newton
 import numpy as np
 import pytest
 from helpers import NO_GRAVITY, Simulation, in_float32
-from joint_scenes import add_link, set_control, set_coordinates, transform
+from joint_scenes import add_link, set_control, set_coordinates, simulate, transform
 from scipy.spatial.transform import Rotation
 
 from newton_avbd.study.hard_case import Trial
@@ -174,6 +174,48 @@ def test_a_wheel_that_has_turned_for_hours_keeps_its_speed(kind: str) -> None:
     for _ in range(240):
         sim.step()
         assert relative_speed(sim) == pytest.approx(100.0, abs=1.0e-3)
+
+
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+@pytest.mark.parametrize("speed", [200.0, 1000.0])
+def test_a_universal_joint_turns_unevenly(speed: float, parallel: str) -> None:
+    """cos b <= w_2/w_1 <= 1/cos b for shafts at an angle b = 0.35 rad, on a bearing each.
+
+    Up to 4.2 radians a step, for two seconds, to 1e-3; it takes both bounds on. The output shaft
+    keeps its place and spins about its axis alone.
+    """
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    bend = Rotation.from_euler("z", 0.35)
+    axis = bend.apply([1.0, 0.0, 0.0])
+    slim = (0.01, 0.1, 0.1)
+    driven, output = add_link(builder, inertia=slim), add_link(builder, inertia=slim)
+    drive = {"target_kd": 5.0, "actuator_mode": newton.JointTargetMode.VELOCITY}
+    turning = newton.ModelBuilder.JointDofConfig
+    joints = [
+        builder.add_joint_revolute(-1, driven, axis=(1.0, 0.0, 0.0), target_qd=speed, **drive),
+        builder.add_joint_d6(
+            driven,
+            output,
+            angular_axes=[turning(axis=(0.0, 1.0, 0.0)), turning(axis=(0.0, 0.0, 1.0))],
+            parent_xform=transform((0.5, 0.0, 0.0)),
+            child_xform=transform((-0.5, 0.0, 0.0)),
+        ),
+    ]
+    builder.add_articulation(joints)
+    set_coordinates(builder, joints[1], [0.0, 0.35])
+    place = np.array([0.5, 0.0, 0.0]) + 0.5 * axis
+    builder.add_joint_revolute(-1, output, parent_xform=transform(place, bend), axis=(1, 0, 0))
+    sim = simulate(builder, parallel=parallel)
+    ratios = []
+    for _ in range(480):
+        sim.step()
+        spin = sim.velocity[output, 3:]
+        ratios.append(spin @ axis / sim.velocity[driven, 3])
+        assert np.linalg.norm(spin - (spin @ axis) * axis) < 1.0e-3 * speed
+    assert min(ratios) == pytest.approx(np.cos(0.35), abs=1.0e-3)
+    assert max(ratios) == pytest.approx(1.0 / np.cos(0.35), abs=1.0e-3)
+    assert sim.center[output] == pytest.approx(place, abs=1.0e-4)
+    assert sim.solver.status.held_steps.max() == 0
 
 
 def test_a_car_rolls_by_its_law() -> None:

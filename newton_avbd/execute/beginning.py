@@ -25,10 +25,10 @@ from ..data import (
 from ..effects import Effects
 from .bodies import has_rows
 from .islands import begin_island
-from .loops import LoopFunctions, has_loops, has_outer_loops, parent_slot
+from .loops import LoopFunctions, has_loops, has_outer_loops
 from .piles import in_pile
 from .slopes import begin_axis
-from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked
+from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked, parent_slot
 
 UNKNOWN = wp.constant(math.inf)
 """Velocity of a joint's coordinate that no step has followed: disabled, or without armature."""

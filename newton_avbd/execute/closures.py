@@ -24,8 +24,8 @@ from ..rows import joint as joint_rows
 from ..rows.axis import lower_stop, upper_stop
 from ..rows.contact import PENALTY
 from ..rows.joint import is_string
-from .loops import distance_force, loop_geometry, parent_slot
-from .trees import ROUNDING, anchor_shift, is_linked, is_put, relative_turn
+from .loops import distance_force, loop_geometry
+from .trees import ROUNDING, anchor_shift, is_linked, is_put, parent_slot, relative_turn
 
 
 @wp.func

@@ -60,7 +60,7 @@ from .scale import (
     unsettled_update,
 )
 from .sweeps import make_sweep, make_sweep_block
-from .trees import is_linked, is_spinning, make_trees
+from .trees import is_linked, make_trees
 from .weights import make_weigh
 
 
@@ -197,7 +197,7 @@ def make_colored(effects: Effects) -> Colored:
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     closures = make_closures(effects)
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
-    align_spin, put_together = trees.align_spin, trees.put_together
+    align_block, put_together = trees.align_spins, trees.put_together
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_at_once)
@@ -808,6 +808,7 @@ def make_colored(effects: Effects) -> Colored:
         worlds: WorldWork,
         work: BodyWork,
         tree: TreeWork,
+        loops: LoopWork,
         colors: ColorWork,
         # State out:
         body_qd_out: wp.array[wp.spatial_vector],
@@ -816,10 +817,17 @@ def make_colored(effects: Effects) -> Colored:
         block = wp.tid()
         if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
             first = worlds.rank[block]
-            for i in range(first, worlds.block_end[first]):
-                body = worlds.bodies[i]
-                if is_spinning(body, joints, work, tree):
-                    align_spin(body, model, joints, work, tree, body_qd_out)
+            align_block(
+                first,
+                worlds.block_end[first],
+                model,
+                joints,
+                worlds,
+                work,
+                tree,
+                loops,
+                body_qd_out,
+            )
 
     @kernel(effects.armature)
     def end_armatures(

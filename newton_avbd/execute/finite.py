@@ -16,6 +16,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .bodies import report_held, vector_sum
+from .resetting import forget_joints
 
 
 def make_is_world_finite(effects: Effects) -> wp.Function:
@@ -88,13 +89,17 @@ def hold_world(
     world: int,
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
+    joints: wp.ref[JointModel],
     worlds: wp.ref[WorldWork],
     rows: wp.ref[RowWork],
+    tree: wp.ref[TreeWork],
+    loops: wp.ref[LoopWork],
     history: wp.ref[History],
     body_q_out: wp.array[wp.transform],
     body_qd_out: wp.array[wp.spatial_vector],
 ):
-    """Passes a world through unchanged, counts it, and forgets its contacts."""
+    """Passes a world through unchanged, counts it, and forgets its contacts and what its joints
+    pushed with: that may not be finite, either."""
     report_held(worlds, worlds.of_body[worlds.bodies[worlds.body_start[world]]])
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = worlds.bodies[i]
@@ -105,6 +110,8 @@ def hold_world(
         for side in range(2):
             history.start[side, body] = 0
             history.end[side, body] = 0
+        if tree.joint.shape[0] > 0:
+            forget_joints(body, joints, tree, loops, history)
     history.age[world] = 0
     history.filling[world, 0] = 0
     # all worlds stay on the same side: their records lie in one array

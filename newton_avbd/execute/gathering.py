@@ -19,8 +19,8 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
-from .loops import parent_slot
 from .piles import in_pile, is_link
+from .trees import parent_slot
 
 
 @wp.func

@@ -41,15 +41,9 @@ from .trees import (
     ball_turn,
     carried_misfit,
     full_turns,
+    parent_slot,
     start_span,
 )
-
-
-@wp.func
-def parent_slot(joints: wp.ref[JointModel], joint: int, static_slot: int) -> int:
-    """Slot of the joint's parent."""
-    parent = joints.parent[joint]
-    return wp.where(parent < 0, static_slot, parent)
 
 
 @wp.func

@@ -32,7 +32,7 @@ from .ending import make_end, make_remember
 from .gathering import make_assemble, make_gather
 from .impacts import leave_impacts, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
-from .loops import make_loops, parent_slot
+from .loops import make_loops
 from .piles import make_piles
 from .scale import (
     COLD_FACTOR,
@@ -45,7 +45,7 @@ from .scale import (
     unsettled_update,
 )
 from .sweeps import make_sweep, make_sweep_block, make_sweep_world
-from .trees import is_linked, is_spinning, make_trees
+from .trees import is_linked, make_trees, parent_slot
 from .weights import make_weigh
 
 
@@ -106,7 +106,7 @@ def make_phases(effects: Effects) -> Phases:
     trees = ABSENT
     if effects.joints:
         trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
-    align_spin, put_together = trees.align_spin, trees.put_together
+    align_spins, put_together = trees.align_spins, trees.put_together
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
@@ -534,10 +534,7 @@ def make_phases(effects: Effects) -> Phases:
                     remember_motion(body, body_qd[body], scale, joints, work, rows, tree, history)
             body_qd_out[body] = velocity
         if wp.static(effects.spinning):
-            for i in range(body_start, body_end):
-                body = worlds.bodies[i]
-                if is_spinning(body, joints, work, tree):
-                    align_spin(body, model, joints, work, tree, body_qd_out)
+            align_spins(body_start, body_end, model, joints, worlds, work, tree, loops, body_qd_out)
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):

@@ -26,20 +26,47 @@ def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
 
 
 @wp.func
+def let_go(joint: int, joints: wp.ref[JointModel], history: wp.ref[History]):
+    """Lets go what limits and friction of a joint hold."""
+    if joint >= 0:
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            history.piece[dof] = wp.vec3i(0, 0, 0)
+            history.limit_force[dof] = 0.0
+            history.friction_force[dof] = 0.0
+
+
+@wp.func
+def forget_joints(
+    body: int,
+    joints: wp.ref[JointModel],
+    tree: wp.ref[TreeWork],
+    loops: wp.ref[LoopWork],
+    history: wp.ref[History],
+):
+    """Forgets what the joints of a body have pushed with."""
+    history.joint_force[body] = wp.vec3(0.0)
+    history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    let_go(tree.joint[body], joints, history)
+    if loops.joints.shape[0] > 0:
+        for i in range(loops.body_start[body], loops.body_start[body + 1]):
+            loop = loops.items[i] / 2
+            history.loop_force[loop] = wp.vec3(0.0)
+            history.loop_torque[loop] = wp.vec3(0.0)
+            let_go(loops.joints[loop], joints, history)
+
+
+@wp.func
 def forget_axes(
     joint: int,
     joints: wp.ref[JointModel],
     rest_angle: wp.array[wp.float64],
     history: wp.ref[History],
 ):
-    """Mends a joint, lets go its limits, and puts the turns of its angles back."""
+    """Mends a joint, and puts the turns of its angles back."""
     if joint >= 0:
         if history.broken.shape[0] > 0:
             history.broken[joint] = False
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            history.piece[dof] = wp.vec3i(0, 0, 0)
-            history.limit_force[dof] = 0.0
-            history.friction_force[dof] = 0.0
             history.held_at[dof] = wp.float64(0.0)
             history.joint_angle[dof] = rest_angle[dof]
 
@@ -89,17 +116,13 @@ def reset_bodies(
         disturb(body, worlds, sleep)
         sleep.end[body] = sleep.start[body]
     if tree.joint.shape[0] > 0:
-        history.joint_force[body] = wp.vec3(0.0)
+        forget_joints(body, joints, tree, loops, history)
         history.left_q[body] = wp.transform()
         history.lost[body] = wp.vec3(0.0)
-        history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         forget_axes(tree.joint[body], joints, rest_angle, history)
     if loops.joints.shape[0] > 0:
         for i in range(loops.body_start[body], loops.body_start[body + 1]):
-            loop = loops.items[i] / 2
-            history.loop_force[loop] = wp.vec3(0.0)
-            history.loop_torque[loop] = wp.vec3(0.0)
-            forget_axes(loops.joints[loop], joints, rest_angle, history)
+            forget_axes(loops.joints[loops.items[i] / 2], joints, rest_angle, history)
     history.age[worlds.of_body[body]] = 0
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0

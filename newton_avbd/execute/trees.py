@@ -254,11 +254,20 @@ def is_linked(joints: wp.ref[JointModel], tree: wp.ref[TreeWork], body: int) -> 
 
 
 @wp.func
-def is_spinning(
-    body: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
-) -> bool:
-    """Whether the body has a joint and turns so fast that its spin resists tilting."""
-    return wp.length_sq(work.spin_momentum[body]) > 0.0 and is_linked(joints, tree, body)
+def parent_slot(joints: wp.ref[JointModel], joint: int, static_slot: int) -> int:
+    """Slot of the joint's parent."""
+    parent = joints.parent[joint]
+    return wp.where(parent < 0, static_slot, parent)
+
+
+@wp.func
+def turning_mobility(
+    body: int, model: wp.ref[BodyModel], work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
+) -> wp.mat33:
+    """What a torque does to the spin of a body after the increments [1/(kg m^2)], world axes."""
+    if work.inv_mass[body] == 0.0:
+        return wp.mat33(0.0)
+    return world_inertia(tree.rotation[body], model.inv_inertia[body])
 
 
 @wp.func
@@ -354,7 +363,7 @@ class TreeFunctions:
     measure_velocity: wp.Function
     measure_moved: wp.Function
     count_turns: wp.Function
-    align_spin: wp.Function
+    align_spins: wp.Function
     sweep_tree: wp.Function
     put_together: wp.Function
 
@@ -474,35 +483,26 @@ def make_trees(
         work.increment[body] = work.increment[body] - wp.spatial_vector(misfit, wp.vec3(0.0))
 
     @wp.func
-    def align_spin(
-        body: int,
+    def align_ends(
+        joint: int,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         body_qd: wp.array[wp.spatial_vector],
     ):
-        """Takes from the spin of a fast body what its joint locks, by a torque between its ends.
-
-        A spin that is off the axis by rounding turns the target off it, by more the longer the body
-        is along the axis; that the joint holds the body against it carried the spin along, to twice
-        as far off in each step of two radians.
-        """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        """Takes what a joint locks from the spins of its ends, by a torque between them."""
+        child = joints.child[joint]
+        parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
+        q_p = anchor_rotation(tree, parent, joints.parent_frame[joint])
+        q_c = anchor_rotation(tree, child, joints.child_frame[joint])
         lock = angular_lock(joints, joint, q_p, q_c)
-        spin = wp.spatial_bottom(body_qd[body])
-        mobility_c = world_inertia(tree.rotation[body], model.inv_inertia[body])
+        spin = wp.spatial_bottom(body_qd[child])
+        mobility_c = turning_mobility(child, model, work, tree)
         mobility_p = wp.mat33(0.0)
         if parent < body_qd.shape[0]:
             spin -= wp.spatial_bottom(body_qd[parent])
-            if work.inv_mass[parent] > 0.0:
-                mobility_p = world_inertia(tree.rotation[parent], model.inv_inertia[parent])
+            mobility_p = turning_mobility(parent, model, work, tree)
         mobility = mobility_c + mobility_p
         # what is free is left free, and the matrix has an inverse
         free = wp.identity(n=3, dtype=float) - lock
@@ -510,9 +510,38 @@ def make_trees(
         # twice locked: what rounds the axis once would slow the spin, step by step
         torque = -(lock * (wp.inverse(matrix) * (lock * (lock * spin))))
         none = wp.vec3(0.0)
-        body_qd[body] = body_qd[body] + wp.spatial_vector(none, mobility_c * torque)
+        body_qd[child] = body_qd[child] + wp.spatial_vector(none, mobility_c * torque)
         if parent < body_qd.shape[0]:
             body_qd[parent] = body_qd[parent] - wp.spatial_vector(none, mobility_p * torque)
+
+    @wp.func
+    def align_spins(
+        first: int,
+        end: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        body_qd: wp.array[wp.spatial_vector],
+    ):
+        """Takes what joints lock from the spins of fast bodies in blocks; parents go first.
+
+        A spin that is off the axis by rounding turns the target off it, by more the longer the body
+        is along the axis; that the joint holds the body against it carried the spin along, to twice
+        as far off in each step of two radians.
+        """
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                if is_linked(joints, tree, body):
+                    align_ends(tree.joint[body], model, joints, work, tree, body_qd)
+                if wp.static(effects.closures and effects.loops):
+                    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                        loop = loops.items[k] / 2
+                        if loops.is_exact[loop] and loops.k_l[loop] > 0.0:
+                            align_ends(loops.joints[loop], model, joints, work, tree, body_qd)
 
     @wp.func(inline=effects.inline)
     def joint_coordinate(
@@ -1248,7 +1277,7 @@ def make_trees(
         measure_velocity,
         measure_moved,
         count_turns,
-        align_spin,
+        align_spins,
         sweep_tree,
         put_together,
     )

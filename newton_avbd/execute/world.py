@@ -81,7 +81,19 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
     ):
         """The step of one world, phase by phase; what is not finite is held still."""
         if not is_world_finite(world, joints, control, worlds, work, tree, loops):
-            hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
+            hold_world(
+                world,
+                body_q,
+                body_qd,
+                joints,
+                worlds,
+                rows,
+                tree,
+                loops,
+                history,
+                body_q_out,
+                body_qd_out,
+            )
             return
 
         # Before the sweeps: contacts, then joints, then the blocks of both.
@@ -208,7 +220,19 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 history,
             )
             if not is_solution_finite(world, worlds, work):
-                hold_world(world, body_q, body_qd, worlds, rows, history, body_q_out, body_qd_out)
+                hold_world(
+                    world,
+                    body_q,
+                    body_qd,
+                    joints,
+                    worlds,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                    body_q_out,
+                    body_qd_out,
+                )
                 return
             if wp.static(effects.breaking):
                 break_joints(
