@@ -45,6 +45,10 @@ from .trees import (
     start_span,
 )
 
+STALE = wp.constant(0.5)
+"""Turn of an end in a step from which a joint that is solved with a tree forgets what it pushed
+with [rad]: what rows that imply each other push each other with would turn against others."""
+
 
 @wp.func
 def mean_inverse(inv_inertia: wp.mat33) -> float:
@@ -240,6 +244,11 @@ def make_loops(effects: Effects) -> LoopFunctions:
             history.loop_force[i] = wp.vec3(0.0)
             history.loop_torque[i] = wp.vec3(0.0)
             return False
+        turn_c = wp.length_sq(wp.spatial_bottom(work.target[child]))
+        turn_p = wp.length_sq(wp.spatial_bottom(work.target[parent]))
+        if loops.is_exact[i] and wp.max(turn_c, turn_p) > STALE * STALE:
+            history.loop_force[i] = wp.vec3(0.0)
+            history.loop_torque[i] = wp.vec3(0.0)
         loops.kept_force[i] = history.loop_force[i]
         loops.kept_torque[i] = history.loop_torque[i]
         loops.k_l[i] = PENALTY / (inv_mass * h * h)
