@@ -418,3 +418,21 @@ def test_changes_that_a_step_does_not_see_are_named() -> None:
     assert sim.solver.unnoticed_changes() == ["friction", "model.body_com"]
     sim.solver.notify_model_changed(ModelFlags.SHAPE_PROPERTIES)
     assert sim.solver.unnoticed_changes() == []
+
+
+@pytest.mark.parametrize("name", ["joint_force", "loop_force", "loop_torque", "acceleration"])
+def test_a_step_that_ends_in_what_is_not_finite_holds_for_that_step(name: str) -> None:
+    """What joints pushed with is forgotten then: it once kept the world held for good."""
+    builder = newton.ModelBuilder()
+    joints = add_hinge_chain(builder, 3)
+    last = builder.joint_child[joints[-1]]
+    builder.add_joint_ball(-1, last, child_xform=wp.transform(wp.vec3(0.05, 0.0, 0.0)))
+    builder.body_q[last] = wp.transform(wp.vec3(0.25, 0.0, 0.0), wp.quat_identity())
+    builder.joint_X_p[-1] = wp.transform(wp.vec3(0.3, 0.0, 0.0), wp.quat_identity())
+    sim = simulate(builder)
+    sim.step(8)
+    getattr(sim.solver._history, name).fill_(np.nan)
+    sim.step(8)
+    assert sim.solver.status.held_steps.max() <= 1
+    assert np.isfinite(snapshot(sim.state)).all()
+    assert np.abs(sim.velocity).max() > 0.0
