@@ -328,7 +328,8 @@ def make_predict_body(effects: Effects) -> wp.Function:
             work.increment[body] = target
             return
         # Start from the share of its free acceleration that the body had in the last step (VBD,
-        # section 3.7): a resting body starts at rest, a falling one at its target.
+        # section 3.7): a resting body starts at rest, a falling one at its target. Bodies that push
+        # each other start from their velocities.
         coasting = h * velocity
         work.increment[body] = coasting + falling[body] * (target - coasting)
 

@@ -189,6 +189,10 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         history.falling[body] = wp.clamp(
             wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
         )
+        if wp.static(effects.pairs):
+            if is_touched_by(body, rows, islands) and has_no_joints(rank, worlds, tree, loops):
+                # of a pile that is what sweeps had not finished, and would go on in the next step
+                history.falling[body] = 0.0
         velocity = increment / step
         if wp.static(effects.bdf2):
             velocity = (increment - work.lead[body]) / step
