@@ -322,7 +322,8 @@ class LargeWorlds:
             self._launch_if(colors.is_apart, lambda: recover(1, passes))
             launch(kernels.close_joints, bodies, [model, joints, worlds, colors, work, tree])
         if effects.loops:
-            launch(kernels.give_loops_back, self._loop_count, [joints, work, loops, history])
+            back = [joints, worlds, work, loops, colors, history]
+            launch(kernels.give_loops_back, self._loop_count, back)
         launch(
             kernels.end_poses,
             bodies,

@@ -23,9 +23,16 @@ TENSOR = np.array([[0.03, 0.004, -0.002], [0.004, 0.05, 0.003], [-0.002, 0.003, 
 """An inertia tensor without symmetry [kg m^2], that of a body of about 1 kg and 0.5 m."""
 
 
-def simulate(builder: newton.ModelBuilder, **settings: Any) -> Simulation:
-    """A simulation without contacts that starts at the builder's ``joint_q`` and ``joint_qd``."""
-    return Simulation(builder, collide=False, make_solver=_posed, **settings)
+def simulate(builder: newton.ModelBuilder, *, collide: bool = False, **settings: Any) -> Simulation:
+    """A simulation that starts at the builder's ``joint_q`` and ``joint_qd``."""
+    return Simulation(builder, collide=collide, make_solver=_posed, **settings)
+
+
+def add_contact(builder: newton.ModelBuilder, body: int) -> None:
+    """Gives a body something to collide with, far away: a scene without is not colored."""
+    weightless = newton.ModelBuilder.ShapeConfig(density=0.0)
+    builder.add_shape_sphere(body, radius=0.02, cfg=weightless)
+    builder.add_shape_plane(plane=(0.0, 0.0, 1.0, 50.0), width=0.0, length=0.0)
 
 
 def _posed(model: newton.Model, **settings: Any) -> SolverBase:

@@ -17,7 +17,7 @@ import pytest
 import warp as wp
 from contract import contact_count, resting_box, snapshot
 from helpers import Array, Simulation, add_box, add_ground, add_mass
-from joint_scenes import add_hinge_chain, simulate
+from joint_scenes import add_contact, add_hinge_chain, simulate
 from newton import ModelFlags
 from workshop import BODIES, add_workshop, spoil, workshops
 
@@ -420,8 +420,11 @@ def test_changes_that_a_step_does_not_see_are_named() -> None:
     assert sim.solver.unnoticed_changes() == []
 
 
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
 @pytest.mark.parametrize("name", ["joint_force", "loop_force", "loop_torque", "acceleration"])
-def test_a_step_that_ends_in_what_is_not_finite_holds_for_that_step(name: str) -> None:
+def test_a_step_that_ends_in_what_is_not_finite_holds_for_that_step(
+    name: str, parallel: str
+) -> None:
     """What joints pushed with is forgotten then: it once kept the world held for good."""
     builder = newton.ModelBuilder()
     joints = add_hinge_chain(builder, 3)
@@ -429,7 +432,9 @@ def test_a_step_that_ends_in_what_is_not_finite_holds_for_that_step(name: str) -
     builder.add_joint_ball(-1, last, child_xform=wp.transform(wp.vec3(0.05, 0.0, 0.0)))
     builder.body_q[last] = wp.transform(wp.vec3(0.25, 0.0, 0.0), wp.quat_identity())
     builder.joint_X_p[-1] = wp.transform(wp.vec3(0.3, 0.0, 0.0), wp.quat_identity())
-    sim = simulate(builder)
+    add_contact(builder, last)
+    sim = simulate(builder, collide=True, parallel=parallel)
+    assert sim.solver.parallel == parallel
     sim.step(8)
     getattr(sim.solver._history, name).fill_(np.nan)
     sim.step(8)

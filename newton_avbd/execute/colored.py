@@ -48,6 +48,7 @@ from .impacts import make_impacts
 from .joining import join_at_once
 from .launch import KERNEL, uncollected
 from .loops import make_loops
+from .resetting import forget_joints
 from .scale import (
     COLD_FACTOR,
     COLD_STEPS,
@@ -967,16 +968,19 @@ def make_colored(effects: Effects) -> Colored:
         # Model:
         joints: JointModel,
         # Work:
+        worlds: WorldWork,
         work: BodyWork,
         loops: LoopWork,
+        colors: ColorWork,
         # Out:
         history: History,
     ):
         """Ends what :func:`keep_loops` began; one thread a joint."""
         i = wp.tid()
-        history.loop_force[i] = loops.kept_force[i]
-        history.loop_torque[i] = loops.kept_torque[i]
-        count_loop_turns(i, joints, work, loops, history)
+        if colors.is_finite[loop_world(i, joints, worlds, work, loops)] == 1:
+            history.loop_force[i] = loops.kept_force[i]
+            history.loop_torque[i] = loops.kept_torque[i]
+            count_loop_turns(i, joints, work, loops, history)
 
     @kernel()
     def end_poses(
@@ -1008,6 +1012,8 @@ def make_colored(effects: Effects) -> Colored:
             for side in range(2):
                 history.start[side, body] = 0
                 history.end[side, body] = 0
+            if tree.joint.shape[0] > 0:
+                forget_joints(body, joints, tree, loops, history)
         elif work.inv_mass[body] > 0.0:
             if wp.static(effects.restitution):
                 if colors.has_impacts[world] == 1:

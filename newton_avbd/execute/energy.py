@@ -3,15 +3,18 @@
 """Energy of impacts that do not settle: they leave trees no more than there was.
 
 Where an impact turns a link by more than a radian beyond where it was going, iterations need not
-settle, and what they leave may be faster than what came. The bodies of trees are slowed down then
-to the energy that the world had, and what gravity added.
+settle, and what they leave may be faster than what came. Trees that touch something are slowed down
+then to the energy that what touches had, and what gravity added. What drives do in such a step is
+not told from that.
 """
 
 import warp as wp
 
 from ..algebra.so3 import world_inertia
-from ..data import BodyModel, BodyWork, TreeWork, WorldWork
+from ..data import BodyModel, BodyWork, RowWork, TreeWork, WorldScale, WorldWork
+from ..rows import contact as contact_rows
 from .beginning import is_in_tree
+from .scale import impact_of
 
 THROWN = wp.constant(1.0)
 """Turn beyond its target from which a link is said to be thrown about [rad]."""
@@ -36,6 +39,47 @@ def is_thrown(
 
 
 @wp.func
+def is_tree_hit(
+    world: int,
+    scale: WorldScale,
+    body_qd: wp.array[wp.spatial_vector],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
+    tree: wp.ref[TreeWork],
+) -> bool:
+    """Whether a contact of a tree closes as in an impact: what motors throw about is none."""
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        for k in range(rows.owned_start[body], rows.owned_end[body]):
+            row = rows.rows[k]
+            other = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            is_of_tree = is_in_tree(i, worlds, tree)
+            if work.inv_mass[row.b] > 0.0:
+                other = scale.step * body_qd[row.b]
+                is_of_tree = is_of_tree or is_in_tree(worlds.rank[row.b], worlds, tree)
+            if is_of_tree:
+                span = work.com[body] - work.com[row.b]
+                u = contact_rows.slip(row, scale.step * body_qd[body], other, span)
+                if wp.dot(row.normal, u) + wp.max(row.gap, 0.0) < -impact_of(scale):
+                    return True
+    return False
+
+
+@wp.func
+def touches(i: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
+    """Whether something touches the block of the i-th body."""
+    first = int(i)
+    end = worlds.block_end[i]
+    while first > 0 and worlds.block_end[first - 1] == end:
+        first -= 1
+    for k in range(first, end):
+        if tree.is_touched[worlds.bodies[k]]:
+            return True
+    return False
+
+
+@wp.func
 def kinetic_energy(
     body: int,
     body_q: wp.array[wp.transform],
@@ -57,12 +101,13 @@ def energy_of(
     model: wp.ref[BodyModel],
     worlds: wp.ref[WorldWork],
     work: wp.ref[BodyWork],
+    tree: wp.ref[TreeWork],
 ) -> float:
-    """Kinetic energy of what moves in a world [J]."""
+    """Kinetic energy of what moves in a world and touches something [J]."""
     energy = float(0.0)
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0:
+        if work.inv_mass[body] > 0.0 and touches(i, worlds, tree):
             energy += kinetic_energy(body, body_q, body_qd, model)
     return energy
 
@@ -78,15 +123,16 @@ def slow_down(
     tree: wp.ref[TreeWork],
     body_qd: wp.array[wp.spatial_vector],
 ):
-    """Slows the trees of a world down to the energy ``before`` [J] and what gravity added.
+    """Slows the trees of a world that touch something down to the energy ``before`` [J] of what
+    does, and what gravity added.
 
     Takes poses and velocities after the step.
     """
-    excess = energy_of(world, body_q, body_qd, model, worlds, work) - before
+    excess = energy_of(world, body_q, body_qd, model, worlds, work, tree) - before
     in_trees = float(0.0)
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0:
+        if work.inv_mass[body] > 0.0 and touches(i, worlds, tree):
             fall = wp.dot(model.gravity[model.world[body]], wp.spatial_top(work.increment[body]))
             excess -= model.mass[body] * fall
             if is_in_tree(i, worlds, tree):
@@ -95,5 +141,6 @@ def slow_down(
         share = wp.sqrt(wp.max(1.0 - excess / in_trees, 0.0))
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = worlds.bodies[i]
-            if work.inv_mass[body] > 0.0 and is_in_tree(i, worlds, tree):
+            is_moving = work.inv_mass[body] > 0.0 and is_in_tree(i, worlds, tree)
+            if is_moving and touches(i, worlds, tree):
                 body_qd[body] = share * body_qd[body]

@@ -146,7 +146,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
-    axis_of = joint_functions.axis_of
+    axis_of, advance = joint_functions.axis_of, joint_functions.advance
     coordinate = joint_functions.coordinate
     linear_misfit = joint_functions.linear_misfit
     linear_lock = joint_functions.linear_lock
@@ -179,7 +179,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if dof >= linear_count(joints, joint):
             turn = turn_of(i, joints, work, loops)
             if wp.length_sq(turn) > 0.0:
-                about += wp.float64(wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn))
+                about += advance(joints, joint, dof, q_p, q_c, turn)
         return coordinate(joints, joint, dof, q_p, q_c, offset, about)
 
     @wp.func

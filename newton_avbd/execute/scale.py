@@ -105,12 +105,17 @@ def unsettled_update(scale: WorldScale) -> float:
 
 
 @wp.func
+def impact_of(scale: WorldScale) -> float:
+    """What moves farther in a step than is expected, as in an impact [m]."""
+    if scale.gravity == 0.0:
+        return STRUCK_SHARE * scale.reach
+    return STRUCK * scale.gravity * scale.h * scale.h
+
+
+@wp.func
 def is_unsettled(update: float, scale: WorldScale) -> bool:
     """Whether the last sweep's update, squared [m^2], is such as impacts leave."""
-    expected = STRUCK * scale.gravity * scale.h * scale.h
-    if scale.gravity == 0.0:
-        expected = STRUCK_SHARE * scale.reach
-    struck = wp.max(expected, settled_update(scale))
+    struck = wp.max(impact_of(scale), settled_update(scale))
     return update > struck * struck
 
 

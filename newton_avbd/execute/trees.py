@@ -231,6 +231,17 @@ def full_turns(child: int, parent: int, work: wp.ref[BodyWork]) -> wp.vec3:
 
 
 @wp.func
+def is_fast_shaft(body: int, work: wp.ref[BodyWork]) -> bool:
+    """Whether a body turns far in the step, about an axis along which it is long: farther, the
+    longer it is."""
+    turn = wp.spatial_bottom(work.increment[body])
+    size = wp.length_sq(turn)
+    about = wp.dot(turn, work.inertia[body] * turn)
+    across = 0.5 * (wp.trace(work.inertia[body]) * size - about)
+    return size * (across - about) > COUNTED * COUNTED * about
+
+
+@wp.func
 def ball_turn(
     child: int, parent: int, q_p: wp.quat, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
 ) -> wp.vec3:
@@ -384,8 +395,9 @@ def make_trees(
     angular_count = joint_functions.angular_count
     linear_axis = joint_functions.linear_axis
     coordinate, velocity = joint_functions.coordinate, joint_functions.velocity
+    advance = joint_functions.advance
     linear_misfit = joint_functions.linear_misfit
-    angular_axis, axis_of = joint_functions.angular_axis, joint_functions.axis_of
+    angular_axis = joint_functions.angular_axis
     angular_misfit = joint_functions.angular_misfit
     locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
@@ -526,15 +538,16 @@ def make_trees(
         loops: wp.ref[LoopWork],
         body_qd: wp.array[wp.spatial_vector],
     ):
-        """Takes what joints lock from the spins of fast bodies in blocks; parents go first.
+        """Takes what joints lock from the spins of fast long bodies in blocks; parents go first.
 
         A spin that is off the axis by rounding turns the target off it, by more the longer the body
         is along the axis; that the joint holds the body against it carried the spin along, to twice
-        as far off in each step of two radians.
+        as far off in each step of two radians. (Of discs and slower spins, what is off is how the
+        axis turns; without it they would lose speed.)
         """
         for i in range(first, end):
             body = worlds.bodies[i]
-            if wp.length_sq(work.spin_momentum[body]) > 0.0:
+            if wp.length_sq(work.spin_momentum[body]) > 0.0 and is_fast_shaft(body, work):
                 if is_linked(joints, tree, body):
                     align_ends(tree.joint[body], model, joints, work, tree, body_qd)
                 if wp.static(effects.closures and effects.loops):
@@ -574,8 +587,7 @@ def make_trees(
         if dof >= linear_count(joints, joint):
             turn = full_turns(body, parent, work)
             if wp.length_sq(turn) > 0.0:
-                axis = axis_of(joints, joint, dof, q_p, q_c)
-                about += wp.float64(sign * wp.dot(axis, turn))
+                about += advance(joints, joint, dof, q_p, q_c, sign * turn)
         else:
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
@@ -602,9 +614,9 @@ def make_trees(
                 q_p, q_c = in_joint_order(sign, q_p, q_c)
             linear = linear_count(joints, joint)
             for dof in range(linear, linear + angular_count(joints, joint)):
-                about = sign * wp.dot(axis_of(joints, joint, dof, q_p, q_c), turn)
+                about = advance(joints, joint, dof, q_p, q_c, sign * turn)
                 index = joints.dof_start[joint] + dof
-                history.joint_angle[index] = history.joint_angle[index] + wp.float64(about)
+                history.joint_angle[index] = history.joint_angle[index] + about
 
     @wp.func(inline=effects.inline)
     def measure_start(

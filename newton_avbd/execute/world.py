@@ -25,7 +25,7 @@ from ..rows.contact import RECOVERY
 from .bodies import make_predict_body
 from .contacts import make_sort_by_owner
 from .denormals import flush_denormals, restore_denormals
-from .energy import energy_of, is_thrown, slow_down
+from .energy import energy_of, is_thrown, is_tree_hit, slow_down
 from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .phases import make_phases
@@ -252,7 +252,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
             if wp.static(effects.joints and effects.contact):
                 if is_unsettled(update, scale) and is_thrown(world, worlds, work, tree):
-                    energy = energy_of(world, body_q, body_qd, model, worlds, work)
+                    if is_tree_hit(world, scale, body_qd, worlds, work, rows, tree):
+                        energy = energy_of(world, body_q, body_qd, model, worlds, work, tree)
             end_velocities(
                 world,
                 has_impacts,

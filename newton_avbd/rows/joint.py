@@ -231,6 +231,7 @@ class JointFunctions:
     axis_of: wp.Function
     coordinate: wp.Function
     velocity: wp.Function
+    advance: wp.Function
 
 
 @functools.cache
@@ -525,6 +526,23 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
                     return wp.dot(axis, spin) / wp.max(1.0 - along * along, 1.0e-6)
         return wp.dot(axis, spin)
 
+    @wp.func
+    def advance(
+        joints: wp.ref[JointModel],
+        joint: int,
+        dof: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        turn: wp.vec3,
+    ) -> wp.float64:
+        """About how far a turn of the child against the parent [rad] takes an angle of a joint that
+        is no ball, where that may go round: the bends of a rod do not."""
+        if wp.static(kinds.rods):
+            if joints.type[joint] == ROD and dof != linear_count(joints, joint) + 2:
+                return wp.float64(0.0)
+        relative = wp.spatial_vector(wp.vec3(0.0), turn)
+        return wp.float64(velocity(joints, joint, dof, q_p, q_c, relative))
+
     return JointFunctions(
         linear_count,
         angular_count,
@@ -539,4 +557,5 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         axis_of,
         coordinate,
         velocity,
+        advance,
     )
