@@ -659,6 +659,10 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             yield "worlds.step", self._worlds.step
         if self._work.put_from is not None:
             yield "work.put_from", self._work.put_from
+        for name, joints in (("tree", self._tree), ("loops", self._loops)):
+            # where joints to kinematic bodies were before those are put elsewhere
+            if joints.coordinate is not None:
+                yield f"{name}.coordinate", joints.coordinate
         if self._large is not None:
             yield "colors.color", self._large.colors.color
 

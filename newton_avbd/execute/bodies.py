@@ -237,7 +237,10 @@ def has_rows(rows: wp.ref[RowWork], body: int) -> bool:
 def report_held(worlds: wp.ref[WorldWork], world: int):
     """Counts a step in which a world (or a body in it) was held still, and says so once."""
     if wp.atomic_add(worlds.held, world, 1) == 0:
-        wp.printf("SolverAVBD: world %d is not finite and is held still until it is reset\n", world)
+        wp.printf(
+            "SolverAVBD: world %d is not finite and is held still while that lasts; reset it\n",
+            world,
+        )
 
 
 @wp.kernel(**KERNEL)
