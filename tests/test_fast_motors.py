@@ -259,6 +259,38 @@ def test_a_motor_on_what_rests_starts() -> None:
     assert sim.center[box] == pytest.approx([0.0, 0.0, 0.25], abs=1.0e-4)
 
 
+@pytest.mark.parametrize("is_root", [False, True])
+@pytest.mark.parametrize(("across", "speed"), [(0.2, 400.0), (0.2, 2000.0), (0.1, 700.0)])
+def test_a_shaft_in_a_free_housing_keeps_its_spin(
+    across: float, speed: float, is_root: bool
+) -> None:
+    """Also one that is the root of its tree: for a second, and the angular momentum with it.
+
+    As the root it gained energy without bounds. One of equal moments kept to its axis from 1,000
+    rad/s on only.
+    """
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    shaft_of = {"inertia": (across, WHEEL, across)}
+    housing_of = {"mass": 3.0, "inertia": (BASE, BASE, 2.1)}
+    if is_root:
+        shaft, housing = add_link(builder, **shaft_of), add_link(builder, **housing_of)
+    else:
+        housing, shaft = add_link(builder, **housing_of), add_link(builder, **shaft_of)
+    place = transform(rotation=FRAME)
+    builder.body_q[shaft] = place
+    xform = {"child_xform" if is_root else "parent_xform": place}
+    ends = (shaft, housing) if is_root else (housing, shaft)
+    builder.add_articulation([builder.add_joint_revolute(*ends, axis=AXIS, **xform)])
+    sim = Simulation(builder, collide=False, is_checked=False)
+    sim.set_velocity(shaft, angular=FRAME.apply(AXIS) * speed)
+    before = sim.spin_momentum.sum(axis=0)
+    sim.step(960 if across == 0.1 else 240)
+    axis = Rotation.from_quat(sim.pose[shaft, 3:]).apply(AXIS)
+    assert sim.velocity[shaft, 3:] @ axis == pytest.approx(speed, rel=1.0e-4)
+    lost = np.linalg.norm(sim.spin_momentum.sum(axis=0) - before)
+    assert lost < 5.0e-5 * np.linalg.norm(before)
+
+
 @pytest.mark.parametrize(("speed", "frame"), [(500.0, 5.0), (2000.0, 5.0)])
 def test_a_flywheel_in_a_frame_that_turns_keeps_its_speed(speed: float, frame: float) -> None:
     """A second at 2 and 8 radians a step, about an axis that goes round at 0.02, to 2 %.

@@ -315,7 +315,9 @@ def make_predict_body(effects: Effects) -> wp.Function:
             dtheta = h * w
             work.momentum[body] = momentum
             if wp.static(effects.spinning):
-                is_fast = tree_joint[body] >= 0 and wp.length_sq(dtheta) > FAST * FAST
+                rank = worlds.rank[body]
+                is_linked = tree_joint[body] >= 0 or worlds.block_end[rank] > rank + 1
+                is_fast = is_linked and wp.length_sq(dtheta) > FAST * FAST
                 work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
             work.inertia[body] = world_inertia(rotation, model.inertia[body])
             if wp.static(effects.contact or effects.loops or effects.reaction):

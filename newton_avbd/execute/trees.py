@@ -60,6 +60,8 @@ MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 COUNTED = wp.constant(1.0)
 """Turn of a joint in a step from which orientations may not tell it [rad]."""
+WIDE = wp.constant(0.8)
+"""Moment across an axis, of that about it, up to which a spin keeps to the axis at any speed."""
 
 
 @wp.func
@@ -232,13 +234,15 @@ def full_turns(child: int, parent: int, work: wp.ref[BodyWork]) -> wp.vec3:
 
 @wp.func
 def is_fast_shaft(body: int, work: wp.ref[BodyWork]) -> bool:
-    """Whether a body turns far in the step, about an axis along which it is long: farther, the
-    longer it is."""
+    """Whether a body turns so far in the step, about an axis along which it is so long, that its
+    spin does not keep to it by itself."""
+    if wp.length_sq(work.spin_momentum[body]) == 0.0:
+        return False
     turn = wp.spatial_bottom(work.increment[body])
     size = wp.length_sq(turn)
     about = wp.dot(turn, work.inertia[body] * turn)
     across = 0.5 * (wp.trace(work.inertia[body]) * size - about)
-    return size * (across - about) > COUNTED * COUNTED * about
+    return across > WIDE * about and size * across > COUNTED * COUNTED * about
 
 
 @wp.func
@@ -547,9 +551,11 @@ def make_trees(
         """
         for i in range(first, end):
             body = worlds.bodies[i]
-            if wp.length_sq(work.spin_momentum[body]) > 0.0 and is_fast_shaft(body, work):
-                if is_linked(joints, tree, body):
+            is_fast = is_fast_shaft(body, work)
+            if is_linked(joints, tree, body):
+                if is_fast or is_fast_shaft(tree.parent[body], work):
                     align_ends(tree.joint[body], model, joints, work, tree, body_qd)
+            if is_fast:
                 if wp.static(effects.closures and effects.loops):
                     for k in range(loops.body_start[body], loops.body_start[body + 1]):
                         loop = loops.items[k] / 2
