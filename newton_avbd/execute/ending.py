@@ -28,9 +28,12 @@ from .beginning import UNKNOWN, is_in_tree, make_coasting
 from .bodies import has_rows, pose_sum, report_held
 from .islands import is_alone
 from .loops import has_loops
-from .piles import lasting_share
+from .piles import lasting_share, row_count, row_of
 from .slopes import end_axis
 from .trees import is_linked
+
+HELD = wp.constant(0.5)
+"""Share of its free acceleration below which a body is held by what it pushes."""
 
 
 def make_remember(
@@ -164,6 +167,15 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         return False
 
     @wp.func
+    def pushes_others(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> bool:
+        """Whether a body and others that move push each other."""
+        for k in range(row_count(body, rows)):
+            row = rows.rows[row_of(body, k, rows)]
+            if work.inv_mass[row.b] > 0.0 and wp.length_sq(row.force) > 0.0:
+                return True
+        return False
+
+    @wp.func
     def end_velocity(
         rank: int,
         step: float,
@@ -190,9 +202,10 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
         )
         if wp.static(effects.pairs):
-            if is_touched_by(body, rows, islands) and has_no_joints(rank, worlds, tree, loops):
-                # of a pile that is what sweeps had not finished, and would go on in the next step
-                history.falling[body] = 0.0
+            if history.falling[body] < HELD and has_no_joints(rank, worlds, tree, loops):
+                if pushes_others(body, work, rows):
+                    # of a pile that is what sweeps had not finished, and would go on next time
+                    history.falling[body] = 0.0
         velocity = increment / step
         if wp.static(effects.bdf2):
             velocity = (increment - work.lead[body]) / step
