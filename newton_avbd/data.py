@@ -806,7 +806,8 @@ class History:
     friction_force: wp.array[float]
     """Multiplier of friction on a degree of freedom outside of trees [N or N m]."""
     falling: wp.array[float]
-    """Share of its free acceleration that a body had in the last step, 0 to 1."""
+    """Share of its free acceleration that a body had in the last step, 0 to 1; 0 for a body of a
+    pile that others hold."""
     step: wp.array[float]
     """Length of the last step [s], shape (world_count,)."""
     age: wp.array[wp.int32]

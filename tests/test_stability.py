@@ -59,22 +59,32 @@ SECONDS = {
 """Seconds to simulate here, where half a second would show nothing or take long."""
 
 BEYOND = {
-    "landing_20": "detection names one point of boxes that meet elsewhere at the end of a step",
-    "teleports": "boxes put into each other part upwards, and fall from more than assumed",
+    "landing_20": (
+        "penetration",
+        "detection names one point of boxes that meet elsewhere at the end of a step",
+    ),
+    "teleports": (
+        "drift",
+        "boxes put into each other part upwards, and fall from more than assumed",
+    ),
 }
-"""Cases that SolverAVBD does not withstand; docs/stability.md says more."""
+"""Cases that SolverAVBD does not withstand: the bound that it may miss, and why;
+docs/stability.md says more."""
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_solver_withstands(name: str, request: pytest.FixtureRequest) -> None:
-    if name in BEYOND:
-        request.applymarker(pytest.mark.xfail(reason=BEYOND[name]))
+def test_solver_withstands(name: str) -> None:
+    """Also those of :data:`BEYOND` keep all bounds but one."""
     case = CASES[name]
     if not WHOLE:
         case = dataclasses.replace(case, seconds=SECONDS.get(name, 0.5))
     outcome = try_case(case, "avbd")
-    assert outcome.failures(case.bounds) == [], outcome
+    missed, reason = BEYOND.get(name, ("", ""))
+    failures = outcome.failures(case.bounds)
+    assert [bound for bound in failures if bound != missed] == [], outcome
     assert outcome.seconds == pytest.approx(case.seconds, rel=0.02)
+    if failures:
+        pytest.xfail(reason)
 
 
 def _moved(dt: Callable[[int], float]) -> float:

@@ -333,8 +333,8 @@ def make_predict_body(effects: Effects) -> wp.Function:
             work.increment[body] = target
             return
         # Start from the share of its free acceleration that the body had in the last step (VBD,
-        # section 3.7): a resting body starts at rest, a falling one at its target. Bodies that push
-        # each other start from their velocities.
+        # section 3.7): a resting body starts at rest, a falling one at its target. Of one that
+        # others hold the share counts as none (:mod:`.ending`).
         coasting = h * velocity
         work.increment[body] = coasting + falling[body] * (target - coasting)
 
