@@ -22,7 +22,9 @@ from .execute.sleeping import AWAKE, STILL
 from .large import LARGE, LargeWorlds, obstacles
 from .rows.joint import KINDS
 from .settings import Settings
+from .solved import SolvedModel, solved_model
 from .topology import Topology, mimics, moving
+from .welds import Welds
 
 _BOUND = ("body_", "joint_", "shape_material_", "shape_body", "gravity")
 """How the arrays of a model begin that the kernels read."""
@@ -50,6 +52,10 @@ class SolverArrays:
 
     model: newton.Model
     device: wp.Device
+    _solved: newton.Model | SolvedModel
+    """The model as the solver solves it: what welds join is one body."""
+    _retired: list[tuple]
+    """What graphs that were captured before arrays were made anew go on using."""
     contacts: newton.Contacts | None
     settings: Settings
     iterations: int
@@ -59,6 +65,11 @@ class SolverArrays:
 
     def _make_arrays(self) -> None:
         """Makes all arrays that can be made before the first step."""
+        self._welds = self._find_welds()
+        self._solved = solved_model(self.model, self._welds) or self.model
+        self._refresh_solved()
+        self._weld_loads: data.LinkLoads | None = None
+        self._weld_contact_f: wp.array | None = None
         self._flags: Effects
         self._callers: Callers
         self._worlds: data.WorldWork
@@ -73,19 +84,39 @@ class SolverArrays:
         self._buffer_count = 0
         self._moving_surfaces = False
         self._capacity = 0
-        # what graphs that were captured before arrays were made anew go on using
-        self._retired: list[tuple] = []
         self._allocate_bodies()
         self._bind_model()
         self._group_worlds()
         if self._flags.contact and self.contacts is not None:
             self._contact_input(self.contacts)
-        elif self._flags.contact and self.model.rigid_contact_max:
-            self._allocate_contacts(self.model.rigid_contact_max)
+        elif self._flags.contact and self._solved.rigid_contact_max:
+            self._allocate_contacts(self._solved.rigid_contact_max)
+
+    def _find_welds(self) -> Welds:
+        """Which links of the model are one body."""
+        return Welds.of_model(
+            self.model,
+            wanted="welds" not in self._without,
+            breakable="breaking" not in self._without,
+        )
+
+    def _refresh_solved(self) -> None:
+        """Makes what is solved follow the model's masses and joint frames, on the device."""
+        if isinstance(self._solved, SolvedModel):
+            self._solved.refresh(self._launch)
+
+    def _make_arrays_anew(self) -> None:
+        """Makes all arrays for another grouping of links; only the turns of joints are kept."""
+        # graphs that were captured before go on using the old arrays
+        self._retired.append(tuple(vars(self).values()))
+        turns = self._history.joint_angle
+        self._make_arrays()
+        if turns is not None and self._history.joint_angle is not None:
+            wp.copy(self._history.joint_angle, turns)
 
     def _allocate_bodies(self) -> None:
         """Buffers by body slot; the last slot is the static world, which stays zero."""
-        model = self.model
+        model = self._solved
         slots = model.body_count + 1
         free = free_joints(model)
         free_dof = np.full(model.body_count, -1)
@@ -109,7 +140,7 @@ class SolverArrays:
 
     def _initial_angles(self) -> np.ndarray:
         """Coordinate of each joint axis in the model, with its turns, shape (joint_dof_count,)."""
-        model = self.model
+        model = self._solved
         angles = np.zeros(model.joint_dof_count, dtype=np.float32)
         if model.joint_count:
             joint_q, types = model.joint_q.numpy(), model.joint_type.numpy().tolist()
@@ -122,10 +153,10 @@ class SolverArrays:
     def _bind_model(self) -> None:
         """Points the kernels to the model's arrays."""
         self._forget_launches()
-        model = self.model
+        model = self._solved
         self._bound = {
             name: array
-            for name, array in vars(model).items()
+            for name, array in vars(self.model).items()
             if name.startswith(_BOUND) and isinstance(array, wp.array)
         }
         self._bodies = views.body_model(model, self._free_joint, self._free_dof)
@@ -143,11 +174,11 @@ class SolverArrays:
         """Joints that can break are enabled by an array of the solver's own."""
         if not self.device.is_capturing:
             left = "breaking" in self._without
-            self._break_limits = {} if left else break_limits(self.model)
+            self._break_limits = {} if left else break_limits(self._solved)
         if not self._break_limits:
             return
         if self._history.broken is None:
-            count = self.model.joint_count
+            count = self._solved.joint_count
             with wp.ScopedDevice(self.device):
                 self._history.broken = wp.zeros(count, dtype=wp.bool)
                 self._is_whole = wp.zeros(count, dtype=wp.bool)
@@ -159,12 +190,12 @@ class SolverArrays:
 
     def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects, Callers]:
         """Which world each body belongs to, what is solved together, and with which effects."""
-        groups = _solver_worlds(self.model)
+        groups = _solver_worlds(self._solved)
         topology = Topology.of_model(
-            self.model, groups, trees=self.settings.blocks == "articulation"
+            self._solved, groups, trees=self.settings.blocks == "articulation"
         )
         flags, callers = Effects.of_model(
-            self.model,
+            self._solved,
             topology,
             piles=self.settings.blocks == "articulation",
             compliance=self.settings.compliant_contacts,
@@ -239,7 +270,7 @@ class SolverArrays:
             )
             # bodies that would be grouped otherwise, and joints held, if these bodies moved
             self._taken_as_fixed = wp.array(
-                topology.idle | (groups == self.model.world_count), dtype=wp.bool
+                topology.idle | (groups == self._solved.world_count), dtype=wp.bool
             )
             buffers.add_world_history(self._history, self._world_count, self.settings.second_order)
 
@@ -261,7 +292,7 @@ class SolverArrays:
     def _allocate_piles(self) -> None:
         """Buffers for the piles of free bodies."""
         if self._flags.piles:
-            slots = self.model.body_count + 1
+            slots = self._solved.body_count + 1
             count = slots if self.settings.sleeping else self._world_count
             with wp.ScopedDevice(self.device):
                 self._rows.piles = buffers.pile_work(slots, count)
@@ -271,16 +302,16 @@ class SolverArrays:
         self._tree = data.TreeWork()
         if self._flags.joints:
             with wp.ScopedDevice(self.device):
-                self._tree = buffers.tree_work(self.model, topology)
+                self._tree = buffers.tree_work(self._solved, topology)
                 if self._history.joint_force is None:
-                    buffers.add_joint_history(self._history, self.model, self._rest_angle)
+                    buffers.add_joint_history(self._history, self._solved, self._rest_angle)
 
     def _allocate_loops(self, topology: Topology, groups: np.ndarray) -> None:
         """Buffers for the joints outside of trees."""
         self._loops = data.LoopWork()
         if self._flags.loops:
             with wp.ScopedDevice(self.device):
-                self._loops = buffers.loop_work(self.model, topology, groups)
+                self._loops = buffers.loop_work(self._solved, topology, groups)
                 self._history.loop_force = wp.zeros(topology.loops.size, dtype=wp.vec3)
                 self._history.loop_torque = wp.zeros(topology.loops.size, dtype=wp.vec3)
 
@@ -299,7 +330,7 @@ class SolverArrays:
         self._retired.append((self._sleep, self._worlds.island, self._worlds.pace))
         self._retired.append((self._rows.awake, self._rows.awake_count))
         self._retired.append((self._seen_worlds, self._seen_history))
-        model, topology = self.model, self._topology
+        model, topology = self._solved, self._topology
         assert topology is not None
         slots, capacity = model.body_count + 1, self._capacity
         with wp.ScopedDevice(self.device):
@@ -361,7 +392,7 @@ class SolverArrays:
             self._rows.rows = wp.empty(capacity, dtype=data.ContactRow)
             self._rows.other_rows = wp.empty(capacity, dtype=wp.int32)
             if self._flags.on_gpu:
-                size = scratch_size(self.model.body_count)
+                size = scratch_size(self._solved.body_count)
                 self._rows.sums = wp.empty(size, dtype=wp.int32)
             # what sleeps keeps its records beyond those of the rows
             room = 2 * capacity if self.settings.sleeping else capacity
@@ -402,8 +433,8 @@ class SolverArrays:
                     shape = [buffers.SIDES, room] if of_history else [room]
                     setattr(owner, name, wp.zeros(shape, dtype=dtype))
             if effects.restitution and rows.struck_qd is None:
-                rows.struck_qd = wp.zeros(self.model.body_count + 1, dtype=wp.spatial_vector)
-                rows.struck_at = wp.zeros(self.model.body_count + 1, dtype=float)
+                rows.struck_qd = wp.zeros(self._solved.body_count + 1, dtype=wp.spatial_vector)
+                rows.struck_at = wp.zeros(self._solved.body_count + 1, dtype=float)
         self._forget_launches()
 
     def _forget_contacts(self) -> None:
@@ -445,7 +476,7 @@ class SolverArrays:
         if all(a is b for a, b in zip(arrays, self._control_arrays, strict=True)):
             return self._control
         for name in ("joint_f", "joint_target_q", "joint_target_qd") if self._flags.joints else ():
-            count = getattr(self.model, name).shape[0]
+            count = getattr(self._solved, name).shape[0]
             check_array(f"control.{name}", getattr(source, name), count, self.device)
         self._control_arrays = arrays
         self._control = data.ControlInput()

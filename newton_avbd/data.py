@@ -180,6 +180,64 @@ class JointModel:
 
 
 @wp.struct
+class LinkModel:
+    """The links of the user's model, and the bodies that welds make of them (:mod:`.welds`)."""
+
+    body: wp.array[wp.int32]
+    """Body of each link; -1 for one that is part of the static world."""
+    frame: wp.array[wp.transform]
+    """Pose of each link in the frame of its body, or in the world."""
+    arm: wp.array[wp.vec3]
+    """From the COM of the body to that of the link [m], body frame."""
+    com: wp.array[wp.vec3]
+    """The model's arrays of links."""
+    mass: wp.array[float]
+    inertia: wp.array[wp.mat33]
+    inv_mass: wp.array[float]
+    inv_inertia: wp.array[wp.mat33]
+    leader: wp.array[wp.int32]
+    """By body: the link whose frame is the body's."""
+    member_start: wp.array[wp.int32]
+    """By body: first of its links in ``members``."""
+    members: wp.array[wp.int32]
+    push_start: wp.array[wp.int32]
+    """By body: first of the joints that push it at the COM of a link, and not at its own."""
+    pushed: wp.array[wp.int32]
+    """That link."""
+    push_joint: wp.array[wp.int32]
+    push_dof: wp.array[wp.int32]
+    push_sign: wp.array[float]
+    """1 on the child of such a joint, -1 on its parent."""
+    joint: wp.array[wp.int32]
+    """Index in the model of each joint that the solver knows."""
+    enabled_in: wp.array[wp.bool]
+    """The model's array of joints."""
+    enabled: wp.array[wp.bool]
+    """By joint that the solver knows."""
+    body_q: wp.array[wp.transform]
+    """State of the bodies at the start of the step, and the external wrenches on them."""
+    body_qd: wp.array[wp.spatial_vector]
+    body_f: wp.array[wp.spatial_vector]
+    body_q_out: wp.array[wp.transform]
+    """State at its end."""
+    body_qd_out: wp.array[wp.spatial_vector]
+
+
+@wp.struct
+class LinkLoads:
+    """What welds carry, found on demand."""
+
+    link: wp.array[wp.spatial_vector]
+    """By link: wrench that joints have to give it, about its COM [N, N m]."""
+    order: wp.array[wp.int32]
+    """Links that a weld ties to the next one towards the root of their body, farthest first."""
+    towards: wp.array[wp.int32]
+    """By link: that next link; -1 for the world."""
+    weld: wp.array[wp.int32]
+    """By link: that weld, a joint of the model; -1 at a root."""
+
+
+@wp.struct
 class ControlInput:
     """What drives the joints in the step."""
 
@@ -196,6 +254,8 @@ class ShapeModel:
     """The model's shapes and their materials, read live."""
 
     body: wp.array[wp.int32]
+    frame: wp.array[wp.transform]
+    """Pose of each shape's link in the frame of its body; empty where every link is a body."""
     mu: wp.array[float]
     """Friction coefficient."""
     mu_torsional: wp.array[float]

@@ -41,6 +41,11 @@ _OF_BUFFER = "contact buffer"
 
 CAUSES: dict[str, Cause] = {
     "contact": Cause("shape", "that collides with others", "rows/contact.py"),
+    "welds": Cause(
+        "weld",
+        "that makes its links one body: a FIXED joint, or a D6 that leaves no axis free",
+        "execute/links.py",
+    ),
     "pairs": Cause(
         "body", "that could meet another one of its world", "execute/islands.py", _OF_BODIES
     ),
@@ -160,6 +165,8 @@ class Effects:
     """A body whose principal moments of inertia differ."""
     joint_force: bool
     """A joint whose generalized force is a wrench on its body: FREE, DISTANCE or ROD."""
+    welds: bool = False
+    """Links that joints without a free axis make one body."""
     kinds: JointKinds = field(default_factory=JointKinds)
     """The kinds of joints that hold something."""
     reaction: bool = False
@@ -274,6 +281,7 @@ class Effects:
             ],
             "gyroscopic": _unequal_moments(model),
             "joint_force": _pushing(model),
+            "welds": getattr(model, "weld_indices", np.zeros(0, dtype=int)),
             "reaction": pushing_joints(model),
             "light_roots": _light_roots(model, topology),
             "light_links": _light_links(model, topology)[: 0 if ramp else model.body_count],
@@ -433,7 +441,7 @@ class Callers:
         """Callers from the indices of bodies, joints or shapes, by effect."""
 
         def named(name: str) -> list[str]:
-            labels = getattr(model, f"{CAUSES[name].by}_label")
+            labels = getattr(model, f"{CAUSES[name].by}_label", ())
             return [labels[i] for i in items[name][:_MOST_NAMES]]
 
         return cls(

@@ -34,6 +34,16 @@ from .execute.bodies import (
 from .execute.breaking import enable_joints
 from .execute.contacts import make_sort_contacts
 from .execute.launch import Compiler, Launcher
+from .execute.links import (
+    gather_bodies,
+    load_by_contacts,
+    load_by_joints,
+    load_links,
+    load_welds,
+    refer_contact_force,
+    reset_links,
+    scatter_links,
+)
 from .execute.observables import (
     count_turns,
     export_acceleration,
@@ -54,6 +64,7 @@ from .execute.world import make_solve, make_step
 from .memory import bytes_by_effect, members
 from .report import Report, Status
 from .settings import Settings, register_scene_settings
+from .solved import BodyState, SolvedModel
 
 
 class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
@@ -205,6 +216,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             collision_frequency_type=collision_frequency_type,
         )
         self._launch = Launcher(self.device)
+        self._retired = []
         self._predictors, self._workers = Workers(workers), Workers(workers)
         self.settings = settings
         """What the arguments and the scene say, as arguments of a solver that does the same."""
@@ -275,16 +287,21 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
+        given, result = state_in, state_out
+        if self._flags.welds:
+            given, result = self._gather_bodies(state_in, control_input)
         needs_solve = self._flags.joints or self._flags.bdf2 or self._flags.sleeping
         if contacts is None and not needs_solve:
-            self._integrate(state_in, state_out, control_input, dt)
+            self._integrate(given, result, control_input, dt)
         else:
-            self._solve(state_in, state_out, control_input, contacts, dt)
+            self._solve(given, result, control_input, contacts, dt)
+        if self._flags.welds:
+            self._scatter_links(state_in, state_out)
         if contacts is None and self._work.put_from is not None:
             self._work.put_from.zero_()
 
         for body_qdd in accelerations:
-            self._launch_bodies(export_acceleration, [state_out.body_qd, dt, body_qdd])
+            self._launch_links(export_acceleration, [state_out.body_qd, dt, body_qdd])
         for contact_f in _requested(
             observables and observables.contact_f, contacts and contacts.force
         ):
@@ -292,14 +309,50 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         for body_parent_f in _requested(
             observables and observables.body_parent_f, state_out.body_parent_f
         ):
-            self._export_parent_force(body_parent_f, state_out, control_input, contacts, dt)
+            if self._flags.welds:
+                self._export_weld_force(body_parent_f, state_in, control_input, contacts, dt)
+            else:
+                self._export_parent_force(body_parent_f, result, control_input, contacts, dt)
         if self.writes_joint_state:
             self._write_joint_state(state_out)
 
+    def _gather_bodies(
+        self, state_in: newton.State, control: data.ControlInput
+    ) -> tuple[BodyState, BodyState]:
+        """States of the bodies that welds make of links, before and after the step."""
+        solved = self._solved
+        assert isinstance(solved, SolvedModel)
+        self._launch(
+            gather_bodies,
+            max(solved.body_count, solved.joint_count),
+            [
+                self._bodies,
+                solved.links,
+                control,
+                state_in.body_q,
+                state_in.body_qd,
+                state_in.body_f,
+            ],
+        )
+        return solved.given, solved.result
+
+    def _scatter_links(self, state_in: newton.State, state_out: newton.State) -> None:
+        """States of the links, by those of their bodies."""
+        self._launch_links(
+            scatter_links,
+            [
+                self._solved.links,
+                state_in.body_q,
+                state_in.body_qd,
+                state_out.body_q,
+                state_out.body_qd,
+            ],
+        )
+
     def _integrate(
         self,
-        state_in: newton.State,
-        state_out: newton.State,
+        state_in: BodyState,
+        state_out: BodyState,
         control: data.ControlInput,
         dt: float,
     ) -> None:
@@ -321,8 +374,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
 
     def _solve(
         self,
-        state_in: newton.State,
-        state_out: newton.State,
+        state_in: BodyState,
+        state_out: BodyState,
         control: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,
@@ -333,8 +386,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if effects.breaking:
             self._launch(
                 enable_joints,
-                self.model.joint_count,
-                [self.model.joint_enabled, self._history.broken, self._joints.enabled],
+                self._solved.joint_count,
+                [self._solved.joint_enabled, self._history.broken, self._joints.enabled],
             )
         seen = self._see_worlds()
         after_prediction = [
@@ -362,7 +415,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         each = BODIES_PER_THREAD if self.device.is_cpu else 1
         self._launch(
             make_predict(self._flags, each),
-            -(-self.model.body_count // each),
+            -(-self._solved.body_count // each),
             [
                 0,
                 self._bodies,
@@ -408,8 +461,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         self,
         seen: SeenWorlds,
         effects: Effects,
-        state_in: newton.State,
-        state_out: newton.State,
+        state_in: BodyState,
+        state_out: BodyState,
         control: data.ControlInput,
         contacts: data.ContactInput,
         dt: float,
@@ -433,7 +486,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if effects.joints:
             self._launch(
                 watch_joints,
-                self.model.joint_count,
+                self._solved.joint_count,
                 [self._joints, control, self._worlds, self._sleep],
             )
         self._launch(
@@ -554,15 +607,20 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             repaired_poses=self._worlds.repaired.numpy().copy(),
             sweeps=self._worlds.sweeps.numpy().copy(),
             update=self._worlds.update.numpy().copy(),
-            sleeping_bodies=int(
-                0 if self._worlds.island is None else np.sum(self._worlds.island.numpy() >= 0)
-            ),
-            broken_joints=np.flatnonzero(
-                [] if self._history.broken is None else self._history.broken.numpy()
-            ),
+            sleeping_bodies=self._count_sleeping(),
+            broken_joints=self._welds.joint[
+                [] if self._history.broken is None else np.flatnonzero(self._history.broken.numpy())
+            ],
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
             dropped_contacts=int(self._worlds.dropped.numpy()[0]),
         )
+
+    def _count_sleeping(self) -> int:
+        """How many bodies of the model sleep."""
+        if self._worlds.island is None:
+            return 0
+        sleeps = self._worlds.island.numpy()[:-1] >= 0
+        return int(np.sum(sleeps[self._welds.body[self._welds.body >= 0]]))
 
     def report(self) -> Report:
         """Sweeps and residual of each world in the last step; copies them from the device.
@@ -593,18 +651,27 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         mask = self._normalize_reset_world_mask(world_mask)
         if self.model.body_count == 0:
             return
+        selected = self._no_mask if mask is None else mask
+        wanted = StateFlags.BODY_Q | StateFlags.BODY_QD if flags is None else StateFlags(int(flags))
+        model = self._solved
         if self._large is not None:
-            empty = self._no_mask if mask is None else mask
-            self._large.forget(self._launch, self.model.body_world, empty)
-        model = self.model
+            self._large.forget(self._launch, model.body_world, selected)
+        bodies: newton.State | BodyState = state
+        if isinstance(model, SolvedModel) and self._flags.welds:
+            bodies = model.given
+            rest = [self.model.body_world, self.model.body_q, self.model.body_qd]
+            kinds = [bool(wanted & StateFlags.BODY_Q), bool(wanted & StateFlags.BODY_QD)]
+            self._launch_links(
+                reset_links, [*rest, selected, *kinds, state.body_q, state.body_qd]
+            )
         self._launch_bodies(
             reset_bodies,
             [
                 model.body_world,
                 model.body_q,
                 model.body_qd,
-                self._no_mask if mask is None else mask,
-                int(StateFlags.BODY_Q | StateFlags.BODY_QD) if flags is None else int(flags),
+                selected,
+                int(wanted),
                 self._worlds,
                 self._joints,
                 self._tree,
@@ -613,8 +680,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 self._sleep,
                 self._work,
                 self._history,
-                state.body_q,
-                state.body_qd,
+                bodies.body_q,
+                bodies.body_qd,
             ],
         )
 
@@ -693,6 +760,12 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         """
         if not int(flags) & int(ModelFlags.ALL):
             return
+        welds = self._welds if self.device.is_capturing else self._find_welds()
+        if welds != self._welds:
+            check_model(self.model, ramp=self.settings.ramp)
+            self._make_arrays_anew()
+            return
+        self._refresh_solved()
         self._bind_model()
         if self._flags.sleeping:
             for array, value in ((self._sleep.still, 0.0), (self._sleep.woken, 1)):
@@ -701,7 +774,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if self.device.is_capturing:
             self._flags = self._flags.for_any_values().leaving_out(self._without)
             self._flags_apart = self._flags.without_contact()
-            if self.model.body_count:
+            if self._solved.body_count:
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
             return
         check_model(self.model, ramp=self.settings.ramp)
@@ -719,6 +792,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             Names of effects that the kernels do not hold, ``"topology"`` where other bodies move or
             other joints hold, and arrays of the model that stand in the place of others.
         """
+        if self._find_welds() != self._welds:
+            return ["topology"]
         _, topology, flags, _ = self._look_at_model()
         return [
             *self._flags.missing(flags),
@@ -831,11 +906,78 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                     contact_f,
                 ],
             )
+        if self._flags.welds and contacts is not None:
+            source = self._contact_input(contacts)
+            links, pose = self._solved.links, self._work.pose
+            self._launch(
+                refer_contact_force,
+                source.capacity,
+                [links, self.model.shape_body, source, pose, contact_f],
+            )
+
+    def _export_weld_force(
+        self,
+        body_parent_f: wp.array,
+        state_in: newton.State,
+        control: data.ControlInput,
+        contacts: newton.Contacts | None,
+        dt: float,
+    ) -> None:
+        """The wrench that each link gets through its inbound joints, welds among them."""
+        model, solved = self.model, self._solved
+        assert isinstance(solved, SolvedModel)
+        if self._weld_loads is None:
+            with wp.ScopedDevice(self.device):
+                self._weld_loads = solved.loads()
+                self._weld_joint_f = wp.zeros(solved.joint_count, dtype=wp.spatial_vector)
+        loads, links = self._weld_loads, solved.links
+        self._weld_joint_f.zero_()
+        self._export_parent_force(self._weld_joint_f, solved.result, control, contacts, dt)
+        given = [model.body_world, model.gravity, state_in.body_f, dt, self._worlds]
+        self._launch_links(load_links, [links, *given, loads, body_parent_f])
+        if contacts is not None:
+            source = self._contact_input(contacts)
+            if self._weld_contact_f is None or self._weld_contact_f.shape[0] < source.capacity:
+                self._retired.append((self._weld_contact_f,))
+                self._weld_contact_f = wp.zeros(
+                    source.capacity, dtype=wp.spatial_vector, device=self.device
+                )
+            contact_f = self._weld_contact_f
+            self._export_contact_force(contact_f, contacts)
+            pose = self._work.pose
+            self._launch(
+                load_by_contacts,
+                source.capacity,
+                [links, model.shape_body, source, pose, contact_f, loads],
+            )
+        pose = solved.result.body_q
+        ends = [model.joint_parent, model.joint_child]
+        self._launch(
+            load_by_joints,
+            solved.joint_count,
+            [
+                self._bodies,
+                self._joints,
+                links,
+                *ends,
+                control,
+                pose,
+                self._weld_joint_f,
+                self._worlds,
+                loads,
+                body_parent_f,
+            ],
+        )
+        self._launch(
+            load_welds,
+            1,
+            [links, model.joint_child, pose, self._worlds, loads, body_parent_f],
+        )
 
     def _export_parent_force(
         self,
         body_parent_f: wp.array,
-        state_out: newton.State,
+        state_out: BodyState,
         control: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,
@@ -847,7 +989,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         seen = self._see_worlds()
         self._launch(
             make_export_parent_force(self._flags_with(contacts)),
-            self.model.body_count if self._flags.sleeping else self._world_count,
+            self._solved.body_count if self._flags.sleeping else self._world_count,
             [
                 self._bodies,
                 self._joints,
@@ -869,12 +1011,16 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         newton.eval_ik(self._all_joints, state_out, state_out.joint_q, state_out.joint_qd)
         self._launch(
             count_turns,
-            self.model.joint_count,
+            self._solved.joint_count,
             [self._joints, self._history, state_out.joint_q],
         )
 
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a body."""
+        self._launch(kernel, self._solved.body_count, arguments)
+
+    def _launch_links(self, kernel: wp.Kernel, arguments: list) -> None:
+        """Launches a kernel with one thread a link, that is a body of the model."""
         self._launch(kernel, self.model.body_count, arguments)
 
 

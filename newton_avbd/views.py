@@ -64,6 +64,8 @@ def shape_model(model: newton.Model) -> Any:
     """Shapes and their materials."""
     shapes = data.ShapeModel()
     shapes.body = model.shape_body
+    if hasattr(model, "shape_frame"):
+        shapes.frame = model.shape_frame
     shapes.mu = model.shape_material_mu
     shapes.mu_torsional = model.shape_material_mu_torsional
     shapes.mu_rolling = model.shape_material_mu_rolling

@@ -42,6 +42,12 @@ def body_slot(shapes: wp.ref[ShapeModel], shape: int, static_slot: int) -> int:
 
 
 @wp.func
+def point_on(shapes: wp.ref[ShapeModel], shape: int, point: wp.vec3) -> wp.vec3:
+    """A point in the frame of a shape's link, in the frame of the body that the link is part of."""
+    return wp.transform_point(shapes.frame[shape], point)
+
+
+@wp.func
 def owner_of(worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], slot0: int, slot1: int) -> int:
     """Slot of the body of a contact that is visited first; -1 when the solver moves neither."""
     moves0 = work.inv_mass[slot0] > 0.0
@@ -373,6 +379,9 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
             record.shape1 = contacts.shape1[contact]
             record.point0 = contacts.point0[contact]
             record.point1 = contacts.point1[contact]
+            if wp.static(effects.welds):
+                record.point0 = point_on(shapes, record.shape0, record.point0)
+                record.point1 = point_on(shapes, record.shape1, record.point1)
             row = linearise(
                 body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
             )

@@ -95,7 +95,10 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         # Out:
         body_parent_f: wp.array[wp.spatial_vector],
     ):
-        """What holds a subtree is what its bodies lack: momentum that no other force gave."""
+        """What holds a subtree is what its bodies lack: momentum that no other force gave.
+
+        Where welds make bodies of links it goes to ``body_parent_f`` by joint, not by child.
+        """
         world = wp.tid()
         if wp.static(effects.sleeping):
             if world >= worlds.island_start[worlds.island_start.shape[0] - 1]:
@@ -108,7 +111,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         inv_h2 = 1.0 / (step * step)
         for i in range(first, end):
             body = worlds.bodies[i]
-            if wp.static(effects.sleeping):
+            if wp.static(effects.sleeping and not effects.welds):
                 # of what sleeps, the last force stays
                 body_parent_f[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             lacking = step * body_qd_out[body] - work.target[body]
@@ -145,7 +148,8 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                 if parent >= 0:
                     pull = wp.spatial_vector(force, torque + wp.cross(arm_p, force))
                     tree.load[parent] = tree.load[parent] + pull
-                body_parent_f[child] = body_parent_f[child] + push
+                at = wp.where(wp.static(effects.welds), joint, child)
+                body_parent_f[at] = body_parent_f[at] + push
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
@@ -154,10 +158,11 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                 handed = handed_down(tree.span[body], load)
                 tree.load[parent] = tree.load[parent] + handed
                 child = joints.child[tree.joint[body]]
+                at = wp.where(wp.static(effects.welds), tree.joint[body], child)
                 if child == body:
-                    body_parent_f[body] = body_parent_f[body] + load
+                    body_parent_f[at] = body_parent_f[at] + load
                 else:
-                    body_parent_f[child] = body_parent_f[child] - handed
+                    body_parent_f[at] = body_parent_f[at] - handed
         # the sweeps of the next step start from zero
         for i in range(first, end):
             tree.load[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))

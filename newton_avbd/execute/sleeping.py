@@ -28,7 +28,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .bodies import make_wrench, unit_pose
-from .contacts import FAR, anchor_distance, body_arm, body_slot
+from .contacts import FAR, anchor_distance, body_arm, body_slot, point_on
 from .islands import begin_island, disturb, island_of, unite
 from .launch import KERNEL, uncollected
 
@@ -736,6 +736,9 @@ def export_sleeping_force(
     b = body_slot(shapes, shape1, static_slot)
     point0 = contacts.point0[contact]
     point1 = contacts.point1[contact]
+    if shapes.frame.shape[0] > 0:
+        point0 = point_on(shapes, shape0, point0)
+        point1 = point_on(shapes, shape1, point1)
     arm0 = body_arm(work.pose, model, a, static_slot, point0)
     arm1 = body_arm(work.pose, model, b, static_slot, point1)
     apart = (work.com[b] - work.com[a]) + (arm1 - arm0)
