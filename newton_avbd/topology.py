@@ -148,9 +148,10 @@ class Topology:
 
     @property
     def is_alone(self) -> np.ndarray:
-        """Whether each body is a block of its own and hangs on no joint of a tree."""
-        is_single = np.bincount(self.block_end)[self.block_end] == 1
-        return is_single[self.rank] & (self.joint < 0)
+        """Whether each body is a block of its own and hangs on no joint that is solved with it."""
+        is_alone = (np.bincount(self.block_end)[self.block_end] == 1)[self.rank] & (self.joint < 0)
+        is_alone[[closure.body for closure in self.closures]] = False
+        return is_alone
 
     def in_company(self, chosen: np.ndarray) -> np.ndarray:
         """Those of the chosen bodies whose world has another one of them."""
@@ -357,10 +358,6 @@ def _closures(
 
     rows_with = rows_by_block(links + strings)
     strings = [link for link in strings if rows_with(link[2]) <= STRING_ROWS]
-    # one that holds a body by itself is none of a tree
-    root = merged(links + strings)
-    members = Counter(_find(root, body) for body in range(len(root)))
-    strings = [link for link in strings if members[_find(root, tied(link[2])[0])] > 1]
     rows_with = rows_by_block(links + strings)
     kept = [link for link in links + strings if link[1] >= 0 or rows_with(link[2]) <= CLOSURE_ROWS]
     closures = []
