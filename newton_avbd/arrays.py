@@ -83,6 +83,7 @@ class SolverArrays:
         self._inputs: WeakKeyDictionary[newton.Contacts, data.ContactInput] = WeakKeyDictionary()
         self._buffer_count = 0
         self._moving_surfaces = False
+        self._mimics: wp.array | None = None
         self._capacity = 0
         self._allocate_bodies()
         self._bind_model()
@@ -162,13 +163,20 @@ class SolverArrays:
         self._bodies = views.body_model(model, self._free_joint, self._free_dof)
         self._joints = views.joint_model(model)
         self._shapes = views.shape_model(model)
-        if model.constraint_mimic_count:
-            if not self.device.is_capturing:
-                _, coefficients = mimics(model)
-                self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
-            self._joints.mimic_coefficients = self._mimics
         if model.joint_count:
+            self._bind_mimics()
             self._bind_break_limits()
+
+    def _bind_mimics(self) -> None:
+        """Chains of mimic joints and sparse ones have coefficients that the model's array lacks."""
+        if not self.device.is_capturing:
+            _, coefficients = mimics(self.model)
+            if self._mimics is not None:
+                self._mimics.assign(coefficients)
+            elif np.any(coefficients != self.model.joint_mimic_coeffs.numpy()):
+                self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
+        if self._mimics is not None:
+            self._joints.mimic_coefficients = self._mimics
 
     def _bind_break_limits(self) -> None:
         """Joints that can break are enabled by an array of the solver's own."""

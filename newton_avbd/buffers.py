@@ -145,7 +145,9 @@ def tree_work(model: newton.Model, topology: Topology) -> Any:
     parent[:-1] = np.where(topology.parent < 0, count, topology.parent)
     rotation = np.zeros((slots, 4), dtype=np.float32)
     rotation[:, 3] = 1.0
-    tree.joint = wp.array(np.append(topology.joint, -1), dtype=wp.int32)
+    joint = np.append(topology.joint, int(data.NO_JOINT))
+    joint[:-1][~topology.is_alone & (topology.joint < 0)] = int(data.LONE)
+    tree.joint = wp.array(joint, dtype=wp.int32)
     tree.parent = wp.array(parent, dtype=wp.int32)
     tree.axis_start = wp.array(topology.axis_start, dtype=wp.int32)
     tree.axes = wp.zeros(int(topology.axis_start[-1]), dtype=data.TreeAxis)

@@ -541,6 +541,12 @@ class AxisLaw:
     """The piece that substitution found that it should be."""
 
 
+NO_JOINT = wp.constant(-1)
+"""In the place of the joint that links a body to its parent: the body has none."""
+LONE = wp.constant(-2)
+"""Likewise, of a body that is solved as a tree all the same: strings hold it."""
+
+
 @wp.struct
 class TreeWork:
     """Per body slot: the tree that joints make of the bodies of an articulation.
@@ -549,7 +555,8 @@ class TreeWork:
     """
 
     joint: wp.array[wp.int32]
-    """Joint that links the body to its parent; -1 for a root that floats."""
+    """Joint that links the body to its parent; :data:`NO_JOINT` or :data:`LONE` for a root that
+    floats."""
     parent: wp.array[wp.int32]
     """Slot of the parent; the static world's for a root."""
     axis_start: wp.array[wp.int32]

@@ -55,10 +55,13 @@ def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
     """Leader of each joint, -1 without one, and the offset and multiplier by which it follows.
 
     Those of joints and the deprecated sparse ones, which importers still make of MuJoCo's JOINT
-    equality constraints.
+    equality constraints. A leader follows no other joint: a joint that mimics a mimic joint follows
+    the first leader of that chain, by the composed offset and multiplier. A disabled joint within
+    a chain does not interrupt it.
 
     Raises:
-        ValueError: If a sparse one ties a joint that follows already, or joints of different kinds.
+        ValueError: If a sparse one ties a joint that follows already, or joints of different kinds,
+            or if joints mimic each other in a cycle.
     """
     leaders, coefficients = model.joint_mimic_joint.numpy(), model.joint_mimic_coeffs.numpy()
     if model.constraint_mimic_count:
@@ -79,7 +82,26 @@ def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
                 model.constraint_mimic_coef0.numpy()[index],
                 model.constraint_mimic_coef1.numpy()[index],
             )
-    return leaders, coefficients
+    followers = np.flatnonzero(leaders >= 0)
+    if not np.any(leaders[leaders[followers]] >= 0):
+        return leaders, coefficients
+    roots, composed = leaders.copy(), coefficients.copy()
+    for joint in followers:
+        chain = [int(joint)]
+        while (leader := int(leaders[chain[-1]])) >= 0:
+            if leader in chain:
+                names = " -> ".join(f"'{model.joint_label[i]}'" for i in [*chain, leader])
+                raise ValueError(
+                    f"Joints mimic each other in a cycle: {names}. Let one of them lead: set its "
+                    "joint_mimic_joint to -1, or disable its mimic constraint."
+                )
+            chain.append(leader)
+        offset, multiplier = 0.0, 1.0
+        for link in chain[:-1]:
+            offset += multiplier * float(coefficients[link, 0])
+            multiplier *= float(coefficients[link, 1])
+        roots[joint], composed[joint] = chain[-1], (offset, multiplier)
+    return roots, composed
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,9 +170,10 @@ class Topology:
 
     @property
     def is_alone(self) -> np.ndarray:
-        """Whether each body is a block of its own and hangs on no joint of a tree."""
-        is_single = np.bincount(self.block_end)[self.block_end] == 1
-        return is_single[self.rank] & (self.joint < 0)
+        """Whether each body is a block of its own and hangs on no joint that is solved with it."""
+        is_alone = (np.bincount(self.block_end)[self.block_end] == 1)[self.rank] & (self.joint < 0)
+        is_alone[[closure.body for closure in self.closures]] = False
+        return is_alone
 
     def in_company(self, chosen: np.ndarray) -> np.ndarray:
         """Those of the chosen bodies whose world has another one of them."""
@@ -357,10 +380,6 @@ def _closures(
 
     rows_with = rows_by_block(links + strings)
     strings = [link for link in strings if rows_with(link[2]) <= STRING_ROWS]
-    # one that holds a body by itself is none of a tree
-    root = merged(links + strings)
-    members = Counter(_find(root, body) for body in range(len(root)))
-    strings = [link for link in strings if members[_find(root, tied(link[2])[0])] > 1]
     rows_with = rows_by_block(links + strings)
     kept = [link for link in links + strings if link[1] >= 0 or rows_with(link[2]) <= CLOSURE_ROWS]
     closures = []

@@ -18,6 +18,8 @@ from joint_scenes import (
 )
 from scipy.integrate import solve_ivp
 
+from newton_avbd import SolverAVBD
+
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 HINGE = (0.0, 1.0, 0.0)
@@ -224,3 +226,78 @@ def test_blocks_of_one_body_refuse_mimics() -> None:
     builder.set_joint_mimic(joints[1], joints[0])
     with pytest.raises(NotImplementedError, match="mimics joint 0"):
         simulate(builder, blocks="body")
+
+
+CHAIN = ((1, 0, (0.125, -2.0)), (2, 1, (-0.25, 0.5)), (3, 2, (0.5, 3.0)))
+"""Followers, leaders, and coefficients of four gears in a row."""
+DIRECT = ((1, 0, (0.125, -2.0)), (2, 0, (-0.1875, -1.0)), (3, 0, (-0.0625, -3.0)))
+"""The same with the first one for leader: q2 = -0.25 + 0.5 (0.125 - 2 q0), and so on; exact."""
+
+
+def gears(links: tuple, is_sparse: bool, **settings: object) -> Simulation:
+    """Four geared hinges without gravity, each with a torque of its own."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    joints = []
+    for i in range(4):
+        link = add_link(builder, inertia=np.full(3, 0.02 * (i + 1)))
+        at = transform((0.0, 0.0, float(i)))
+        joint = builder.add_joint_revolute(
+            WORLD, link, parent_xform=at, axis=HINGE, label=f"gear{i}"
+        )
+        set_coordinates(builder, joint, q=[(0.25, -0.375, -0.4375, -0.8125)[i]])
+        joints.append(joint)
+    builder.add_articulation(joints)
+    if is_sparse:
+        with pytest.warns(DeprecationWarning):
+            for follower, leader, (offset, factor) in links:
+                builder.add_constraint_mimic(follower, leader, offset, factor)
+
+    def make_solver(model: newton.Model, **settings: object) -> SolverAVBD:
+        newton.eval_fk(model, model.joint_q, model.joint_qd, model)
+        if not is_sparse:
+            # a builder refuses chains; a model holds what is written to it
+            leaders, coefficients = (
+                model.joint_mimic_joint.numpy(),
+                model.joint_mimic_coeffs.numpy(),
+            )
+            for follower, leader, coeffs in links:
+                leaders[follower], coefficients[follower] = leader, coeffs
+            model.joint_mimic_joint.assign(leaders)
+            model.joint_mimic_coeffs.assign(coefficients)
+        return SolverAVBD(model, **settings)
+
+    sim = Simulation(builder, collide=False, make_solver=make_solver, **settings)
+    set_control(sim, joint_f=[0.03, 0.01, -0.02, 0.05])
+    return sim
+
+
+@pytest.mark.parametrize("is_sparse", [False, True])
+def test_a_mimic_of_a_mimic_follows_the_first_leader(is_sparse: bool) -> None:
+    """A chain moves as the same joints that follow its root: the same bits."""
+    chain, direct = gears(CHAIN, is_sparse), gears(DIRECT, is_sparse)
+    for sim in (chain, direct):
+        sim.step(120)
+    assert misfit(chain, 0, 3, -0.0625, -3.0) < 1.0e-6
+    assert abs(coordinates(chain)[0][0] - 0.25) > 0.01  # it did turn
+    np.testing.assert_array_equal(chain.pose, direct.pose)
+    np.testing.assert_array_equal(chain.velocity, direct.velocity)
+
+
+def test_a_chain_of_mimics_is_composed_anew_after_a_change() -> None:
+    """Another multiplier in the middle reaches the last joint with notify_model_changed."""
+    sim = gears(CHAIN, False)
+    coefficients = sim.model.joint_mimic_coeffs.numpy()
+    coefficients[2] = (-0.125, 1.0)  # q3 = 0.5 + 3 (-0.125 + 0.125 - 2 q0)
+    sim.model.joint_mimic_coeffs.assign(coefficients)
+    sim.solver.notify_model_changed(newton.ModelFlags.JOINT_PROPERTIES)
+    sim.step(10)
+    assert misfit(sim, 0, 3, 0.5, -6.0) < 1.0e-6
+
+
+@pytest.mark.parametrize("is_sparse", [False, True])
+@pytest.mark.parametrize("last", [0, 2])
+def test_mimics_in_a_cycle_are_an_error_that_names_them(is_sparse: bool, last: int) -> None:
+    """None of them leads. ``last`` is where the cycle closes."""
+    links = ((3, 2, (0.0, 1.0)), (2, 1, (0.0, 1.0)), (1, 0, (0.0, 1.0)), (0, last, (0.0, 1.0)))
+    with pytest.raises(ValueError, match=r"'gear0' -> .*'gear0'"):
+        gears(links, is_sparse)

@@ -10,6 +10,7 @@ import warp as wp
 from ..algebra.block import factor_block
 from ..algebra.so3 import exp_quat
 from ..data import (
+    NO_JOINT,
     BodyModel,
     BodyWork,
     ControlInput,
@@ -37,7 +38,7 @@ UNKNOWN = wp.constant(math.inf)
 @wp.func
 def is_tree(first: int, end: int, body: int, tree: wp.ref[TreeWork]) -> bool:
     """Whether a body belongs to a block with joints, which holds it from ``first`` to ``end``."""
-    return end > first + 1 or tree.joint[body] >= 0
+    return end > first + 1 or tree.joint[body] != NO_JOINT
 
 
 @wp.func

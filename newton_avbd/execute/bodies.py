@@ -17,6 +17,7 @@ from ..blocks.body import (
     target_translation,
 )
 from ..data import (
+    NO_JOINT,
     BodyModel,
     BodyWork,
     ControlInput,
@@ -316,7 +317,7 @@ def make_predict_body(effects: Effects) -> wp.Function:
             work.momentum[body] = momentum
             if wp.static(effects.spinning):
                 rank = worlds.rank[body]
-                is_linked = tree_joint[body] >= 0 or worlds.block_end[rank] > rank + 1
+                is_linked = tree_joint[body] != NO_JOINT or worlds.block_end[rank] > rank + 1
                 is_fast = is_linked and wp.length_sq(dtheta) > FAST * FAST
                 work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
             work.inertia[body] = world_inertia(rotation, model.inertia[body])

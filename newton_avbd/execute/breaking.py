@@ -156,9 +156,6 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
         """Breaks a joint outside of trees, which holds its multiplier."""
         joint = loops.joints[i]
         if loops.k_l[i] > 0.0:
-            force = history.loop_force[i]
-            if joints.type[joint] == joint_rows.DISTANCE and not loops.is_exact[i]:
-                force[0] = history.limit_force[joints.dof_start[joint]]
-            break_joint(joint, force, history.loop_torque[i], joints, history)
+            break_joint(joint, history.loop_force[i], history.loop_torque[i], joints, history)
 
     return BreakFunctions(break_blocks, break_loop)

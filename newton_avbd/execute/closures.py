@@ -21,10 +21,9 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import joint as joint_rows
-from ..rows.axis import lower_stop, upper_stop
 from ..rows.contact import PENALTY
 from ..rows.joint import is_string
-from .loops import distance_force, loop_geometry
+from .loops import bound_of, distance_force, loop_geometry, string_direction
 from .trees import ROUNDING, anchor_shift, is_linked, is_put, parent_slot, relative_turn
 
 
@@ -239,11 +238,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         parent = parent_slot(joints, joint, static_slot)
         moves_c = wp.where(work.inv_mass[child] > 0.0, 1.0, 0.0)
         moves_p = wp.where(work.inv_mass[parent] > 0.0, 1.0, 0.0)
-        _q_p, _q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
+        q_p, _q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
         loops.arms[2 * i] = arm_c
         loops.arms[2 * i + 1] = arm_p
         length = wp.length(offset)
-        along = wp.normalize(offset)
+        along = string_direction(q_p, arm_c, offset)
         held = wp.dot(history.loop_force[i], along)
         push = distance_force(i, length, held, recovery, joints, loops)
         closures.direction[closure.row] = offset
@@ -251,10 +250,12 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             return
         dof = joints.dof_start[joint]
         start = wp.float32(loops.start_coordinate[dof])
-        stop = upper_stop(joints, dof, start, recovery)
+        upper = joints.limit_upper[dof]
+        stop = bound_of(upper, wp.max(start, upper), recovery)
         side = int(1)
         if push > 0.0:
-            stop = lower_stop(joints, dof, start, recovery)
+            lower = joints.limit_lower[dof]
+            stop = bound_of(lower, wp.min(start, lower), recovery)
             side = -1
         if joints.limit_lower[dof] == joints.limit_upper[dof]:
             side = 2

@@ -88,8 +88,11 @@ class Launcher:
     ) -> None:
         """Launches ``kernel`` with ``dim`` threads; arguments are compared by identity.
 
-        With ``workers`` they share them. A GPU takes ``block`` threads as a block.
+        With ``workers`` they share them. A GPU takes ``block`` threads as a block. Without threads
+        there is nothing to launch, as over the contacts of a buffer that can hold none.
         """
+        if dim == 0:
+            return
         recorded = self._recorded.setdefault(kernel, {})
         known = recorded.get(dim)
         if known is None:

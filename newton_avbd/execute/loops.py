@@ -48,6 +48,8 @@ from .trees import (
 STALE = wp.constant(0.5)
 """Turn of an end in a step from which a joint that is solved with a tree forgets what it pushed
 with [rad]: what rows that imply each other push each other with would turn against others."""
+COINCIDENT = wp.constant(1.0e-9)
+"""Anchors of a DISTANCE joint that are closer have no direction [m]."""
 
 
 @wp.func
@@ -96,6 +98,30 @@ def loop_geometry(
 
 
 @wp.func
+def bound_of(limit: float, start: float, recovery: float) -> float:
+    """Where a bound of a DISTANCE joint holds it [m].
+
+    As with :func:`..rows.axis.lower_stop`, what was beyond at the start of the step stays during
+    the motion. The recovery takes all of it out, as it does with what joints lock.
+    """
+    return wp.where(recovery > 0.0, limit, start)
+
+
+@wp.func
+def beyond_bounds(i: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork]) -> float:
+    """How much longer than its upper bound a DISTANCE joint starts [m]; negative where shorter than
+    its lower one."""
+    index = joints.dof_start[loops.joints[i]]
+    start = wp.float32(loops.start_coordinate[index])
+    if start < joints.limit_lower[index]:
+        return start - joints.limit_lower[index]
+    # an upper bound of 0 is no direction to pull in, but locked
+    if joints.limit_upper[index] > 0.0 and start > joints.limit_upper[index]:
+        return start - joints.limit_upper[index]
+    return 0.0
+
+
+@wp.func
 def distance_force(
     i: int,
     length: float,
@@ -111,14 +137,29 @@ def distance_force(
     index = joints.dof_start[loops.joints[i]]
     start = wp.float32(loops.start_coordinate[index])
     force = float(0.0)
-    if joints.limit_lower[index] >= 0.0:
-        lower = axis_rows.lower_stop(joints, index, start, recovery)
-        force = wp.max(held + loops.k_l[i] * (lower - length), 0.0)
-    # an upper bound of 0 is no direction to pull in, but locked
-    if force == 0.0 and joints.limit_upper[index] > 0.0:
-        upper = axis_rows.upper_stop(joints, index, start, recovery)
-        force = wp.min(held + loops.k_l[i] * (upper - length), 0.0)
+    lower = joints.limit_lower[index]
+    if lower >= 0.0:
+        bound = bound_of(lower, wp.min(start, lower), recovery)
+        force = wp.max(held + loops.k_l[i] * (bound - length), 0.0)
+    upper = joints.limit_upper[index]
+    if force == 0.0 and upper > 0.0:
+        bound = bound_of(upper, wp.max(start, upper), recovery)
+        force = wp.min(held + loops.k_l[i] * (bound - length), 0.0)
     return force
+
+
+@wp.func
+def string_direction(q_p: wp.quat, arm_c: wp.vec3, offset: wp.vec3) -> wp.vec3:
+    """From the parent's anchor of a DISTANCE joint to the child's.
+
+    Where they coincide: from there to the COM of the child, and where that is there, too, the X
+    axis of the parent's anchor, as in SolverXPBD.
+    """
+    if wp.length_sq(offset) > COINCIDENT * COINCIDENT:
+        return wp.normalize(offset)
+    if wp.length_sq(arm_c) > COINCIDENT * COINCIDENT:
+        return -wp.normalize(arm_c)
+    return wp.quat_rotate(q_p, wp.vec3(1.0, 0.0, 0.0))
 
 
 @wp.func
@@ -378,9 +419,15 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if loops.k_l[i] == 0.0:
             return wp.vec3(0.0), wp.vec3(0.0), arm_c, arm_p
         if wp.static(effects.kinds.distances):
-            if is_string(joints, joint) and loops.is_exact[i]:
-                along = wp.normalize(offset)
-                pull = wp.where(is_whole, wp.dot(history.loop_force[i], along), 0.0)
+            if is_string(joints, joint):
+                along = string_direction(q_p, arm_c, offset)
+                pull = wp.dot(history.loop_force[i], along)
+                if loops.is_exact[i]:
+                    pull = wp.where(is_whole, pull, 0.0)
+                elif has_dual or not is_whole:
+                    pull = distance_force(i, wp.length(offset), pull, recovery, joints, loops)
+                if has_dual:
+                    history.loop_force[i] = pull * along
                 return pull * along, wp.vec3(0.0), arm_c, arm_p
         shift = linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - shift
@@ -406,12 +453,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
             if joints.type[joint] == BALL:
                 rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
         if joints.type[joint] == DISTANCE:
-            first = joints.dof_start[joint]
-            held = history.limit_force[first]
-            pull = distance_force(i, wp.length(offset), held, recovery, joints, loops)
-            if has_dual and recovery == 0.0:
-                history.limit_force[first] = pull
-            return force + pull * wp.normalize(offset), torque, arm_c, arm_p
+            return force, torque, arm_c, arm_p
         linear = linear_count(joints, joint)
         response = wp.vec3(0.0)
         for dof in range(linear + angular_count(joints, joint)):
@@ -471,20 +513,26 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if joints.type[joint] == DISTANCE:
             length = wp.length(offset)
             reach = loops.reach[i]
-            held = history.limit_force[joints.dof_start[joint]]
+            along = string_direction(q_p, arm_c, offset)
+            held = wp.dot(history.loop_force[i], along)
+            beyond = beyond_bounds(i, joints, loops)
             if is_soft and (
-                distance_force(i, length + reach, held, 0.0, joints, loops) != 0.0
+                beyond != 0.0
+                or distance_force(i, length + reach, held, 0.0, joints, loops) != 0.0
                 or distance_force(i, length - reach, held, 0.0, joints, loops) != 0.0
             ):
-                along = wp.normalize(offset)
+                # what takes out of the length what is beyond its bounds
+                held -= (loops.k_l[i] / PENALTY) * beyond
+                shortest = wp.min(length, length - beyond)
+                reach += wp.abs(beyond)
                 curvature = wp.outer(along, along)
-                if length < reach:
+                if shortest < reach:
                     # within the step it may come to point anywhere
                     curvature = wp.identity(n=3, dtype=float)
                 linear_k += loops.k_l[i] * curvature
                 # what pulls turns with the string
                 square = wp.identity(n=3, dtype=float) - wp.outer(along, along)
-                linear_k += (wp.max(-held, 0.0) / wp.max(length, reach)) * square
+                linear_k += (wp.max(-held, 0.0) / wp.max(shortest, reach)) * square
                 pulled = geometric_stiffness((sign * held) * along, arm)
         elif loops.k_l[i] > 0.0:
             linear = linear_count(joints, joint)

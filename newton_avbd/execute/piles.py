@@ -31,6 +31,7 @@ import warp as wp
 from ..algebra.block import factor_block, solve_block
 from ..blocks.tree import carried, handed_down, span_block, times_block
 from ..data import (
+    NO_JOINT,
     BodyModel,
     BodyWork,
     ContactRow,
@@ -128,7 +129,7 @@ def supports(other: int, body: int, rows: wp.ref[RowWork]) -> bool:
 @wp.func
 def has_joints(i: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
     """Whether the i-th body moves with others that joints link to it."""
-    if tree.joint[worlds.bodies[i]] >= 0 or worlds.block_end[i] > i + 1:
+    if tree.joint[worlds.bodies[i]] != NO_JOINT or worlds.block_end[i] > i + 1:
         return True
     return i > 0 and worlds.block_end[i - 1] == i + 1
 
