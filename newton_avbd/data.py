@@ -221,6 +221,8 @@ class LinkModel:
     body_q_out: wp.array[wp.transform]
     """State at its end."""
     body_qd_out: wp.array[wp.spatial_vector]
+    left_qd: wp.array[wp.spatial_vector]
+    """Velocity that the last step gave the leader of each body."""
 
 
 @wp.struct

@@ -136,6 +136,7 @@ class SolvedModel:
             ("body_f", wp.spatial_vector),
             ("body_q_out", wp.transform),
             ("body_qd_out", wp.spatial_vector),
+            ("left_qd", wp.spatial_vector),
         ):
             setattr(links, name, wp.zeros(count if welds.any else 0, dtype=dtype))
         self.given = BodyState(links.body_q, links.body_qd, links.body_f)

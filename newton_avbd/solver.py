@@ -731,6 +731,9 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             # where joints to kinematic bodies were before those are put elsewhere
             if joints.coordinate is not None:
                 yield f"{name}.coordinate", joints.coordinate
+        if self._flags.welds:
+            yield "links.body_qd_out", self._solved.links.body_qd_out
+            yield "links.left_qd", self._solved.links.left_qd
         if self._large is not None:
             yield "colors.color", self._large.colors.color
 

@@ -93,6 +93,9 @@ def gather_body(
     pose = link_q[leader]
     rotation = wp.transform_get_rotation(pose)
     velocity = moved_at(link_qd[leader], -wp.quat_rotate(rotation, links.arm[leader]))
+    if link_qd[leader] == links.left_qd[body]:
+        # to the bit: of second order is only what goes on from where the last step left it
+        velocity = links.body_qd_out[body]
     wrench = wp.spatial_vector()
     kick = wp.spatial_vector()
     start = links.member_start[body]
@@ -145,15 +148,20 @@ def scatter_link(
         return
     pose = links.body_q_out[body]
     velocity = links.body_qd_out[body]
-    if not is_known(pose, velocity):
+    is_finite = is_known(pose, velocity)
+    velocity = moved_at(
+        velocity, wp.quat_rotate(wp.transform_get_rotation(pose), links.arm[link])
+    )
+    if link == links.leader[body]:
+        links.left_qd[body] = velocity
+    else:
+        pose = pose * links.frame[link]
+    if not is_finite:
         link_q_out[link] = link_q[link]
         link_qd_out[link] = link_qd[link]
         return
-    arm = wp.quat_rotate(wp.transform_get_rotation(pose), links.arm[link])
-    if link != links.leader[body]:
-        pose = pose * links.frame[link]
     link_q_out[link] = pose
-    link_qd_out[link] = moved_at(velocity, arm)
+    link_qd_out[link] = velocity
 
 
 @wp.func
