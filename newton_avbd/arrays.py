@@ -259,6 +259,7 @@ class SolverArrays:
         is_large = self._takes_bodies(groups, self._flags)
         # one kernel makes the whole step of a single world, where launches cost most
         is_special = is_large or self._flags.sleeping or self._flags.reaction
+        is_special |= self._flags.welds and self._flags.breaking
         self._at_once = self.device.is_cpu and not (is_special or groups.any())
         if topology == self._topology and is_large == (self._large is not None):
             return

@@ -60,7 +60,7 @@ from .execute.sleeping import (
 )
 from .execute.sorting import sort_at_once
 from .execute.workers import Workers
-from .execute.world import make_solve, make_step
+from .execute.world import make_solve, make_step, make_step_links
 from .memory import bytes_by_effect, members
 from .report import Report, Status
 from .settings import Settings, register_scene_settings
@@ -287,15 +287,19 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
-        given, result = state_in, state_out
-        if self._flags.welds:
-            given, result = self._gather_bodies(state_in, control_input)
         needs_solve = self._flags.joints or self._flags.bdf2 or self._flags.sleeping
-        if contacts is None and not needs_solve:
+        is_free = contacts is None and not needs_solve
+        # one kernel makes the whole step of a single world, links and all
+        is_apart = self._flags.welds and (is_free or not self._at_once)
+        given: newton.State | BodyState = state_in
+        result: newton.State | BodyState = state_out
+        if is_apart:
+            given, result = self._gather_bodies(state_in, control_input)
+        if is_free:
             self._integrate(given, result, control_input, dt)
         else:
             self._solve(given, result, control_input, contacts, dt)
-        if self._flags.welds:
+        if is_apart:
             self._scatter_links(state_in, state_out)
         if contacts is None and self._work.put_from is not None:
             self._work.put_from.zero_()
@@ -312,7 +316,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             if self._flags.welds:
                 self._export_weld_force(body_parent_f, state_in, control_input, contacts, dt)
             else:
-                self._export_parent_force(body_parent_f, result, control_input, contacts, dt)
+                self._export_parent_force(body_parent_f, state_out, control_input, contacts, dt)
         if self.writes_joint_state:
             self._write_joint_state(state_out)
 
@@ -351,8 +355,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
 
     def _integrate(
         self,
-        state_in: BodyState,
-        state_out: BodyState,
+        state_in: newton.State | BodyState,
+        state_out: newton.State | BodyState,
         control: data.ControlInput,
         dt: float,
     ) -> None:
@@ -374,8 +378,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
 
     def _solve(
         self,
-        state_in: BodyState,
-        state_out: BodyState,
+        state_in: newton.State | BodyState,
+        state_out: newton.State | BodyState,
         control: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,
@@ -408,7 +412,10 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         model = [self._bodies, self._shapes, self._joints, control]
         if self._at_once:
             given = [state_in.body_q, state_in.body_qd, state_in.body_f]
-            self._launch(make_step(effects), 1, [*model, *given, *after_prediction])
+            if effects.welds:
+                model.insert(0, self._solved.links)
+            make = make_step_links if effects.welds else make_step
+            self._launch(make(effects), 1, [*model, *given, *after_prediction])
             return
         if effects.sleeping:
             self._form_islands(seen, effects, state_in, state_out, control, source, dt)
@@ -461,8 +468,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         self,
         seen: SeenWorlds,
         effects: Effects,
-        state_in: BodyState,
-        state_out: BodyState,
+        state_in: newton.State | BodyState,
+        state_out: newton.State | BodyState,
         control: data.ControlInput,
         contacts: data.ContactInput,
         dt: float,
@@ -980,7 +987,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
     def _export_parent_force(
         self,
         body_parent_f: wp.array,
-        state_out: BodyState,
+        state_out: newton.State | BodyState,
         control: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,

@@ -111,7 +111,7 @@ def gather_body(
         # the force of a joint that pushes its child at its COM, which is a link's
         link = links.pushed[k]
         dof = links.push_dof[k]
-        if links.enabled[links.push_joint[k]]:
+        if links.enabled_in[links.joint[links.push_joint[k]]]:
             f = control.joint_f
             force = wp.vec3(f[dof], f[dof + 1], f[dof + 2])
             holder = links.leader[links.body[link]]
@@ -165,7 +165,7 @@ def scatter_link(
 
 
 @wp.func
-def gather_enabled(joint: int, links: wp.ref[LinkModel]):
+def gather_joint(joint: int, links: wp.ref[LinkModel]):
     """Whether a joint that the solver knows is enabled in the model."""
     links.enabled[joint] = links.enabled_in[links.joint[joint]]
 
@@ -184,7 +184,7 @@ def gather_bodies(
     """What the solver starts from; one thread a body, and a joint."""
     i = wp.tid()
     if i < links[0].joint.shape[0]:
-        gather_enabled(i, links[0])
+        gather_joint(i, links[0])
     if i < links[0].leader.shape[0]:
         gather_body(i, model[0], links[0], control, link_q, link_qd, link_f)
 

@@ -14,6 +14,7 @@ from ..data import (
     History,
     IslandWork,
     JointModel,
+    LinkModel,
     LoopWork,
     RowWork,
     ShapeModel,
@@ -28,6 +29,7 @@ from .denormals import flush_denormals, restore_denormals
 from .energy import energy_of, is_thrown, is_tree_hit, slow_down
 from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
+from .links import gather_body, gather_joint, scatter_link
 from .phases import make_phases
 from .scale import COLD_FACTOR, COLD_STEPS, is_struck, is_unsettled
 
@@ -439,12 +441,82 @@ def make_solve(effects: Effects) -> wp.Kernel:
 
 
 @functools.cache
-@uncollected()
-def make_step(effects: Effects) -> wp.Kernel:
-    """Kernel, one thread: the whole step of a single world on a CPU, where launches cost most."""
+def make_step_world(effects: Effects) -> wp.Function:
+    """Device function: the whole step of a single world, by one thread."""
     predict_body = make_predict_body(effects)
     sort_by_owner = make_sort_by_owner()
     solve_worlds = make_solve_worlds(effects)
+
+    @wp.func
+    def step_world(
+        model: wp.ref[BodyModel],
+        shapes: wp.ref[ShapeModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        body_f: wp.array[wp.spatial_vector],
+        contacts: wp.ref[ContactInput],
+        h: float,
+        iterations: int,
+        tolerance: float,
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        for body in range(body_q.shape[0]):
+            predict_body(
+                body,
+                model,
+                body_q,
+                body_qd,
+                body_f,
+                control,
+                h,
+                worlds,
+                history.falling,
+                tree.joint,
+                work,
+            )
+        if wp.static(effects.contact):
+            sort_by_owner(shapes, contacts, worlds, work, rows)
+        solve_worlds(
+            0,
+            model,
+            shapes,
+            joints,
+            control,
+            work.pose,
+            body_qd,
+            contacts,
+            h,
+            iterations,
+            tolerance,
+            worlds,
+            work,
+            rows,
+            tree,
+            loops,
+            islands,
+            history,
+            body_q_out,
+            body_qd_out,
+        )
+
+    return step_world
+
+
+@functools.cache
+@uncollected()
+def make_step(effects: Effects) -> wp.Kernel:
+    """Kernel, one thread: the whole step of a single world on a CPU, where launches cost most."""
+    step_world = make_step_world(effects)
 
     @wp.kernel(**KERNEL)
     def step(
@@ -474,30 +546,14 @@ def make_step(effects: Effects) -> wp.Kernel:
         body_qd_out: wp.array[wp.spatial_vector],
     ):
         mode = flush_denormals()
-        for body in range(body_q.shape[0]):
-            predict_body(
-                body,
-                model[0],
-                body_q,
-                body_qd,
-                body_f,
-                control,
-                h,
-                worlds[0],
-                history[0].falling,
-                tree[0].joint,
-                work[0],
-            )
-        if wp.static(effects.contact):
-            sort_by_owner(shapes[0], contacts, worlds[0], work[0], rows[0])
-        solve_worlds(
-            0,
+        step_world(
             model[0],
             shapes[0],
             joints[0],
             control,
-            work[0].pose,
+            body_q,
             body_qd,
+            body_f,
             contacts,
             h,
             iterations,
@@ -515,3 +571,71 @@ def make_step(effects: Effects) -> wp.Kernel:
         restore_denormals(mode)
 
     return step
+
+
+@functools.cache
+@uncollected()
+def make_step_links(effects: Effects) -> wp.Kernel:
+    """Kernel, one thread: as :func:`make_step`, of links that welds make bodies of."""
+    step_world = make_step_world(effects)
+
+    @wp.kernel(**KERNEL)
+    def step_links(
+        # Model:
+        links: wp.array[LinkModel],
+        model: wp.array[BodyModel],
+        shapes: wp.array[ShapeModel],
+        joints: wp.array[JointModel],
+        control: ControlInput,
+        # State in:
+        link_q: wp.array[wp.transform],
+        link_qd: wp.array[wp.spatial_vector],
+        link_f: wp.array[wp.spatial_vector],
+        contacts: ContactInput,
+        h: float,
+        iterations: int,
+        tolerance: float,
+        # Work:
+        worlds: wp.array[WorldWork],
+        work: wp.array[BodyWork],
+        rows: wp.array[RowWork],
+        tree: wp.array[TreeWork],
+        loops: wp.array[LoopWork],
+        islands: wp.array[IslandWork],
+        history: wp.array[History],
+        # State out:
+        link_q_out: wp.array[wp.transform],
+        link_qd_out: wp.array[wp.spatial_vector],
+    ):
+        mode = flush_denormals()
+        for joint in range(links[0].joint.shape[0]):
+            gather_joint(joint, links[0])
+        for body in range(links[0].leader.shape[0]):
+            gather_body(body, model[0], links[0], control, link_q, link_qd, link_f)
+        step_world(
+            model[0],
+            shapes[0],
+            joints[0],
+            control,
+            links[0].body_q,
+            links[0].body_qd,
+            links[0].body_f,
+            contacts,
+            h,
+            iterations,
+            tolerance,
+            worlds[0],
+            work[0],
+            rows[0],
+            tree[0],
+            loops[0],
+            islands[0],
+            history[0],
+            links[0].body_q_out,
+            links[0].body_qd_out,
+        )
+        for link in range(link_q.shape[0]):
+            scatter_link(link, links[0], link_q, link_qd, link_q_out, link_qd_out)
+        restore_denormals(mode)
+
+    return step_links
