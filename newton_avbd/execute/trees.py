@@ -1103,7 +1103,7 @@ def make_trees(
                     if not (law.next == law.piece):
                         wrong += 1
                     if wp.static(effects.stops):
-                        if law.piece[0] == 0:
+                        if not axis_rows.is_stopped(law):
                             # not beyond a stop, which holds it from the next sweep on
                             q = wp.clamp(q, law.lower, law.upper)
                 if wp.static(effects.coordinates):
