@@ -309,7 +309,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func(inline=False)
     def euler_middle(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat):
-        """Sine of the middle Euler angle of a joint with two or three angular axes, and its axis."""
+        """Sine of the middle Euler angle of a joint with two or three axes, and its axis."""
         a0, a1, a2 = euler_axes(joints, joint)
         first = wp.quat_rotate(q_p, a0)
         last = wp.quat_rotate(q_c, a2)
@@ -492,8 +492,8 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
     ) -> wp.float64:
         """Coordinate of a degree of freedom [m or rad]; zero for a ball.
 
-        ``turns`` are the joint's :func:`angles`, ``offset`` leads from the parent anchor to the child anchor. An angle is the one nearest to
-        the ``known`` one, so that turns are counted.
+        ``turns`` are the joint's :func:`angles`; ``offset`` leads from the parent anchor to the
+        child anchor. An angle is the one nearest to the ``known`` one, so that turns are counted.
         """
         linear = linear_count(joints, joint)
         if dof < linear:
