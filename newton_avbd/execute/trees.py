@@ -42,7 +42,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
-from ..rows.joint import BALL, ROD, wrapped
+from ..rows.joint import BALL, ROD, counted, wrapped
 from .bodies import has_rows
 from .slopes import begin_axis
 
@@ -479,7 +479,7 @@ def make_trees(
     angular_count = joint_functions.angular_count
     linear_axis = joint_functions.linear_axis
     angles = joint_functions.angles
-    coordinate, velocity = joint_functions.coordinate, joint_functions.velocity
+    velocity = joint_functions.velocity
     advance = joint_functions.advance
     linear_misfit = joint_functions.linear_misfit
     angular_axis = joint_functions.angular_axis
@@ -675,18 +675,22 @@ def make_trees(
                 for dof in range(dofs):
                     coordinates[first + dof] = wp.float64(turns[dof])
                 return
-        offset = wp.vec3(0.0)
         if linear > 0:
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
             offset = sign * anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-        turn = sign * full_turns(body, parent, work)
-        turns = angles(joints, joint, q_p, q_c)
-        for dof in range(dofs):
-            about = known[first + dof]
-            if dof >= linear and wp.length_sq(turn) > 0.0:
-                about += advance(joints, joint, dof, q_p, q_c, turn)
-            coordinates[first + dof] = coordinate(joints, joint, dof, q_p, turns, offset, about)
+            for dof in range(linear):
+                q = wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+                coordinates[first + dof] = wp.float64(q)
+        if dofs > linear:
+            turn = full_turns(body, parent, work)
+            has_turned = wp.length_sq(turn) > 0.0
+            turns = angles(joints, joint, q_p, q_c)
+            for dof in range(linear, dofs):
+                about = known[first + dof]
+                if has_turned:
+                    about += advance(joints, joint, dof, q_p, q_c, sign * turn)
+                coordinates[first + dof] = counted(turns[dof - linear], about)
 
     @wp.func
     def count_turns(
