@@ -528,6 +528,8 @@ class AxisLaw:
     lower: float
     """Step to the lower stop [m or rad]."""
     upper: float
+    slack: float
+    """Step beyond a stop that has let go which rounding explains [m or rad]."""
     hold: float
     """Step to where friction holds [m or rad]."""
     friction: float

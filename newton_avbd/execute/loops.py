@@ -188,7 +188,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     axis_of, advance = joint_functions.axis_of, joint_functions.advance
-    coordinate = joint_functions.coordinate
+    angles, coordinate = joint_functions.angles, joint_functions.coordinate
     linear_misfit = joint_functions.linear_misfit
     linear_lock = joint_functions.linear_lock
     angular_misfit = joint_functions.angular_misfit
@@ -221,7 +221,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
             turn = turn_of(i, joints, work, loops)
             if wp.length_sq(turn) > 0.0:
                 about += advance(joints, joint, dof, q_p, q_c, turn)
-        return coordinate(joints, joint, dof, q_p, q_c, offset, about)
+        turns = angles(joints, joint, q_p, q_c)
+        return coordinate(joints, joint, dof, q_p, turns, offset, about)
 
     @wp.func
     def count_turns(
@@ -313,9 +314,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
             upper = joints.limit_upper[index]
             is_open = length < lower - rounding or (upper >= 0.0 and length > upper + rounding)
         else:
+            turns = angles(joints, joint, q_p, q_c)
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
-                q = coordinate(joints, joint, dof, q_p, q_c, offset, history.joint_angle[index])
+                q = coordinate(joints, joint, dof, q_p, turns, offset, history.joint_angle[index])
                 history.joint_angle[index] = q
                 if is_carried and joints.type[joint] != BALL:
                     # a kinematic body has been put elsewhere since: what damps feels its motion

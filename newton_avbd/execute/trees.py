@@ -42,7 +42,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
-from ..rows.joint import BALL, ROD, wrapped
+from ..rows.joint import BALL, ROD, counted, wrapped
 from .bodies import has_rows
 from .slopes import begin_axis
 
@@ -369,6 +369,86 @@ def held_by_loops(body: int, loops: wp.ref[LoopWork], history: wp.ref[History]):
     return wrench, stiffness
 
 
+@wp.func(inline=False)
+def push_tilting_root(
+    body: int,
+    h_ll: wp.mat33,
+    h_al: wp.mat33,
+    h_aa: wp.mat33,
+    push: wp.spatial_vector,
+    tree: wp.ref[TreeWork],
+) -> wp.spatial_vector:
+    """As :func:`.blocks.tree.symmetric_push`, of a body that no joint holds."""
+    return algebra.symmetric_push(
+        h_ll, h_al, h_aa, tree.n_ll[body], tree.n_al[body], tree.n_aa[body], push
+    )
+
+
+@wp.func
+def times_tilting(
+    body: int, motion: wp.spatial_vector, tree: wp.ref[TreeWork]
+) -> wp.spatial_vector:
+    """N delta of a body's antisymmetric part."""
+    return algebra.times_skew(tree.n_ll[body], tree.n_al[body], tree.n_aa[body], motion)
+
+
+@wp.func(inline=False)
+def eliminate_tilting(
+    body: int,
+    axis: TreeAxis,
+    h_ll: wp.mat33,
+    h_al: wp.mat33,
+    h_aa: wp.mat33,
+    tree: wp.ref[TreeWork],
+):
+    """Takes an axis out of a body's antisymmetric part N, and what that adds to the block.
+
+    Returns the block and N s of the axis.
+    """
+    n_ll = tree.n_ll[body]
+    n_al = tree.n_al[body]
+    n_aa = tree.n_aa[body]
+    direction = wp.spatial_vector(axis.linear, axis.angular)
+    tilting = algebra.times_skew(n_ll, n_al, n_aa, direction)
+    if not axis.pivot > 0.0:
+        h_ll, h_al, h_aa, n_ll, n_al, n_aa = algebra.eliminated_skew(
+            axis, tilting, h_ll, h_al, h_aa, n_ll, n_al, n_aa
+        )
+        tree.n_ll[body] = n_ll
+        tree.n_al[body] = n_al
+        tree.n_aa[body] = n_aa
+    return h_ll, h_al, h_aa, tilting
+
+
+@wp.func(inline=False)
+def project_tilting(
+    body: int, shifting: wp.mat33, turning: wp.mat33, arm: wp.vec3, tree: wp.ref[TreeWork]
+):
+    """Moves a body's antisymmetric part to an anchor, and keeps of it what the joint holds."""
+    n_ll, n_al, n_aa = algebra.span_skew(-arm, tree.n_ll[body], tree.n_al[body], tree.n_aa[body])
+    n_ll, n_al, n_aa = algebra.projected(shifting, turning, n_ll, n_al, n_aa)
+    tree.n_ll[body] = n_ll
+    tree.n_al[body] = n_al
+    tree.n_aa[body] = n_aa
+
+
+@wp.func(inline=False)
+def hand_down_tilting(body: int, parent: int, span: wp.vec3, tree: wp.ref[TreeWork]):
+    """Adds a body's antisymmetric part to that of its parent."""
+    n_ll, n_al, n_aa = algebra.span_skew(span, tree.n_ll[body], tree.n_al[body], tree.n_aa[body])
+    tree.n_ll[parent] = tree.n_ll[parent] + n_ll
+    tree.n_al[parent] = tree.n_al[parent] + n_al
+    tree.n_aa[parent] = tree.n_aa[parent] + n_aa
+
+
+@wp.func
+def forget_tilting(body: int, tree: wp.ref[TreeWork]):
+    """Clears a body's antisymmetric part for the next sweep."""
+    tree.n_ll[body] = wp.mat33(0.0)
+    tree.n_al[body] = wp.mat33(0.0)
+    tree.n_aa[body] = wp.mat33(0.0)
+
+
 @dataclass(frozen=True)
 class TreeFunctions:
     """Device functions of trees, compiled for the joints of a scene."""
@@ -398,7 +478,8 @@ def make_trees(
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     linear_axis = joint_functions.linear_axis
-    coordinate, velocity = joint_functions.coordinate, joint_functions.velocity
+    angles = joint_functions.angles
+    velocity = joint_functions.velocity
     advance = joint_functions.advance
     linear_misfit = joint_functions.linear_misfit
     angular_axis = joint_functions.angular_axis
@@ -563,19 +644,21 @@ def make_trees(
                             align_ends(loops.joints[loop], model, joints, work, tree, body_qd)
 
     @wp.func(inline=effects.inline)
-    def joint_coordinate(
+    def measure_coordinates(
         body: int,
-        dof: int,
-        known: wp.float64,
+        first: int,
+        known: wp.array[wp.float64],
+        coordinates: wp.array[wp.float64],
         static_slot: int,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
-    ) -> wp.float64:
-        """Coordinate of the body's joint as ``tree`` has it; for a ball its turn in the step.
+    ):
+        """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
 
-        An angle is the one nearest to the ``known`` one, so that turns are counted.
+        They and the ``known`` ones stand in their arrays from ``first`` on. An angle is the one
+        nearest to the known one, so that turns are counted.
         """
         joint = tree.joint[body]
         parent = tree.parent[body]
@@ -584,21 +667,30 @@ def make_trees(
         q_c = anchor_rotation(tree, body, frame_c)
         if wp.static(effects.flipped):
             q_p, q_c = in_joint_order(sign, q_p, q_c)
+        linear = linear_count(joints, joint)
+        dofs = linear + angular_count(joints, joint)
         if wp.static(effects.kinds.balls):
             if joints.type[joint] == BALL:
-                turn = sign * ball_turn(body, parent, q_p, work, tree)
-                return wp.float64(turn[dof])
-        offset = wp.vec3(0.0)
-        about = wp.float64(known)
-        if dof >= linear_count(joints, joint):
-            turn = full_turns(body, parent, work)
-            if wp.length_sq(turn) > 0.0:
-                about += advance(joints, joint, dof, q_p, q_c, sign * turn)
-        else:
+                turns = sign * ball_turn(body, parent, q_p, work, tree)
+                for dof in range(dofs):
+                    coordinates[first + dof] = wp.float64(turns[dof])
+                return
+        if linear > 0:
             arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
             arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
             offset = sign * anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-        return coordinate(joints, joint, dof, q_p, q_c, offset, about)
+            for dof in range(linear):
+                q = wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+                coordinates[first + dof] = wp.float64(q)
+        if dofs > linear:
+            turn = full_turns(body, parent, work)
+            has_turned = wp.length_sq(turn) > 0.0
+            turns = angles(joints, joint, q_p, q_c)
+            for dof in range(linear, dofs):
+                about = known[first + dof]
+                if has_turned:
+                    about += advance(joints, joint, dof, q_p, q_c, sign * turn)
+                coordinates[first + dof] = counted(turns[dof - linear], about)
 
     @wp.func
     def count_turns(
@@ -644,12 +736,21 @@ def make_trees(
         static_slot = scale.static_slot
         is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
         is_beyond = bool(False)
+        start = joints.dof_start[joint]
+        measure_coordinates(
+            body,
+            start,
+            history.joint_angle,
+            history.joint_angle,
+            static_slot,
+            model,
+            joints,
+            work,
+            tree,
+        )
         for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-            index = joints.dof_start[joint] + dof
-            q = joint_coordinate(
-                body, dof, history.joint_angle[index], static_slot, model, joints, work, tree
-            )
-            history.joint_angle[index] = q
+            index = start + dof
+            q = history.joint_angle[index]
             at = wp.float32(q)
             rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(at)
             if dof >= linear_count(joints, joint):
@@ -714,12 +815,17 @@ def make_trees(
         tree: wp.ref[TreeWork],
     ):
         """Coordinates of the body's joint after the increments."""
-        joint = tree.joint[body]
-        for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-            k = tree.axis_start[body] + dof
-            tree.coordinate[k] = joint_coordinate(
-                body, dof, tree.start_coordinate[k], static_slot, model, joints, work, tree
-            )
+        measure_coordinates(
+            body,
+            tree.axis_start[body],
+            tree.start_coordinate,
+            tree.coordinate,
+            static_slot,
+            model,
+            joints,
+            work,
+            tree,
+        )
 
     @wp.func(inline=effects.inline)
     def eliminate(
@@ -770,17 +876,10 @@ def make_trees(
             held, held_aa = held_by_loops(body, loops, history)
             h_aa += held_aa
         if wp.static(effects.tilting):
-            n_ll = wp.mat33(0.0)
-            n_al = wp.mat33(0.0)
-            n_aa = wp.mat33(0.0)
+            # the antisymmetric part stays in memory, out of the way of all that is not fast
             is_fast = tree.is_fast[body]
             if is_fast:
-                n_ll = tree.n_ll[body]
-                n_al = tree.n_al[body]
-                n_aa = tree.n_aa[body] - wp.skew(work.spin_momentum[body]) / h
-                tree.n_ll[body] = wp.mat33(0.0)
-                tree.n_al[body] = wp.mat33(0.0)
-                tree.n_aa[body] = wp.mat33(0.0)
+                tree.n_aa[body] = tree.n_aa[body] - wp.skew(work.spin_momentum[body]) / h
         push = wrench + tree.push[body]
         load = wrench + tree.load[body]
         if wp.static(effects.closures and effects.loops):
@@ -796,12 +895,15 @@ def make_trees(
         if not is_linked(joints, tree, body):
             if wp.static(effects.tilting):
                 if is_fast:
-                    push = algebra.symmetric_push(h_ll, h_al, h_aa, n_ll, n_al, n_aa, push)
+                    push = push_tilting_root(body, h_ll, h_al, h_aa, push, tree)
             factor = factor_block(h_ll, h_al, h_aa)
             work.factor[body] = factor
             tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
             if wp.static(effects.closures):
                 meet_root(body, work, tree)
+            if wp.static(effects.tilting):
+                if is_fast:
+                    forget_tilting(body, tree)
             return 0.0
 
         joint = tree.joint[body]
@@ -860,7 +962,7 @@ def make_trees(
         push -= algebra.times_block(h_ll, h_al, h_aa, closing)
         if wp.static(effects.tilting):
             if is_fast:
-                push -= algebra.times_skew(n_ll, n_al, n_aa, closing)
+                push -= times_tilting(body, closing, tree)
         linear = linear_count(joints, joint)
         dofs = linear + angular_count(joints, joint)
         first_axis = wp.vec3(0.0)
@@ -1016,15 +1118,11 @@ def make_trees(
                 h_ll, h_al, h_aa, push = algebra.eliminated(axis, h_ll, h_al, h_aa, push)
             if wp.static(effects.tilting):
                 if is_fast:
-                    direction = wp.spatial_vector(axis.linear, axis.angular)
-                    tilting = algebra.times_skew(n_ll, n_al, n_aa, direction)
-                    if axis.pivot > 0.0:
-                        push -= axis.step * tilting
-                    else:
-                        push -= (axis.inv_pivot * axis.push) * tilting
-                        h_ll, h_al, h_aa, n_ll, n_al, n_aa = algebra.eliminated_skew(
-                            axis, tilting, h_ll, h_al, h_aa, n_ll, n_al, n_aa
-                        )
+                    h_ll, h_al, h_aa, tilting = eliminate_tilting(
+                        body, axis, h_ll, h_al, h_aa, tree
+                    )
+                    step = wp.where(axis.pivot > 0.0, axis.step, axis.inv_pivot * axis.push)
+                    push -= step * tilting
                     axis.force -= wp.spatial_top(tilting)
                     axis.torque -= wp.spatial_bottom(tilting)
             tree.axes[k] = axis
@@ -1046,8 +1144,8 @@ def make_trees(
                     turning * wp.spatial_bottom(push) + torque,
                 )
                 if wp.static(effects.tilting):
-                    n_ll, n_al, n_aa = algebra.span_skew(-arm_c, n_ll, n_al, n_aa)
-                    n_ll, n_al, n_aa = algebra.projected(shifting, turning, n_ll, n_al, n_aa)
+                    if is_fast:
+                        project_tilting(body, shifting, turning, arm_c, tree)
                 arm = arm_p
             h_ll, h_al, h_aa = algebra.span_block(arm, h_ll, h_al, h_aa)
             h_aa += algebra.geometric_stiffness(-force, arm_p)
@@ -1057,12 +1155,12 @@ def make_trees(
             tree.h_aa[parent] = tree.h_aa[parent] + h_aa
             if wp.static(effects.tilting):
                 if is_fast:
-                    n_ll, n_al, n_aa = algebra.span_skew(arm, n_ll, n_al, n_aa)
-                    tree.n_ll[parent] = tree.n_ll[parent] + n_ll
-                    tree.n_al[parent] = tree.n_al[parent] + n_al
-                    tree.n_aa[parent] = tree.n_aa[parent] + n_aa
+                    hand_down_tilting(body, parent, arm, tree)
             tree.push[parent] = tree.push[parent] + algebra.handed_down(arm, push)
             tree.load[parent] = tree.load[parent] + algebra.handed_down(span, load)
+        if wp.static(effects.tilting):
+            if is_fast:
+                forget_tilting(body, tree)
         return mismatch
 
     @wp.func(inline=effects.inline)
@@ -1103,7 +1201,7 @@ def make_trees(
                     if not (law.next == law.piece):
                         wrong += 1
                     if wp.static(effects.stops):
-                        if law.piece[0] == 0:
+                        if not axis_rows.is_stopped(law):
                             # not beyond a stop, which holds it from the next sweep on
                             q = wp.clamp(q, law.lower, law.upper)
                 if wp.static(effects.coordinates):

@@ -34,6 +34,15 @@ POSITION_VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.POSITION_VELOCIT
 
 MOST_RECOVERED = wp.constant(2.0e-2)
 """Most that the recovery moves a coordinate in a step [m or rad]."""
+LEANING = wp.constant(2)
+"""Side of a stop that has let go of a coordinate, which has not moved away from it since."""
+LEAN = wp.constant(3.0e-7)
+"""How far beyond a stop that has let go a coordinate may step before the stop holds it again, as
+rounding of orientations has it step [rad, or m of a meter]. Mimic joints at their stops hold each
+other, and which stops have something to hold is up to rounding."""
+LEAN_RATE = wp.constant(1.0e-2)
+"""Acceleration [rad/s^2 or m/s^2] that such a step may stand for at most: 1e-3 of the earth's
+gravity on an arm of a meter."""
 
 
 @wp.func
@@ -168,17 +177,23 @@ def upper_stop(joints: wp.ref[JointModel], dof: int, start: float, recovery: flo
 
 
 @wp.func
+def is_stopped(law: AxisLaw) -> bool:
+    """Whether a stop holds the coordinate."""
+    return wp.abs(law.piece[0]) == 1
+
+
+@wp.func
 def is_held(law: AxisLaw) -> bool:
     """Whether a stop or friction holds the coordinate."""
-    return law.piece[0] != 0 or law.piece[2] == 0
+    return is_stopped(law) or law.piece[2] == 0
 
 
 @wp.func
 def held_step(law: AxisLaw) -> float:
     """Step to where the coordinate is held [m or rad]."""
-    if law.piece[0] < 0:
+    if law.piece[0] == -1:
         return law.lower
-    if law.piece[0] > 0:
+    if law.piece[0] == 1:
         return law.upper
     return law.hold
 
@@ -280,8 +295,9 @@ def make_axis(effects: Effects) -> AxisFunctions:
     ) -> AxisLaw:
         """The law of an axis about its coordinate, and the piece that it is taken to be on.
 
-        A piece says which stop holds (-1 the lower, 1 the upper), which limit the drive is at and
-        which way friction pushes; 0 where none does, for friction where it holds.
+        A piece says which stop holds (-1 the lower, 1 the upper; times :data:`LEANING` one that has
+        let go), which limit the drive is at and which way friction pushes; 0 where none does, for
+        friction where it holds.
         """
         index = joints.dof_start[joint] + dof
         known = history.piece[index]
@@ -293,7 +309,13 @@ def make_axis(effects: Effects) -> AxisFunctions:
             lower, upper = stops(joints, index, q, moved, recovery, h)
             law.lower = lower
             law.upper = upper
+            law.slack = wp.min(LEAN * wp.max(1.0, wp.abs(wp.float32(q))), LEAN_RATE * h * h)
             side = known[0]
+            if wp.abs(side) == LEANING:
+                away = wp.where(side < 0, law.lower, law.upper)
+                if wp.abs(away) > law.slack:
+                    side = 0
+                    history.piece[index] = wp.vec3i(0, known[1], known[2])
             if side == 0 and law.lower > 0.0:
                 side = -1
             if side == 0 and law.upper < 0.0:
@@ -328,21 +350,21 @@ def make_axis(effects: Effects) -> AxisFunctions:
         slip = law.piece[2]
         if wp.static(effects.joint_friction):
             moved = step - law.hold
-            if side == 0 and slip == 0:
+            if not is_stopped(law) and slip == 0:
                 if wp.abs(held) >= law.friction:
                     slip = wp.where(held < 0.0, -1, 1)
             elif law.friction > 0.0 and float(slip) * moved > 0.0:
                 # friction that would push along: it holds, or at a stop is the other one
-                slip = wp.where(side == 0, 0, -slip)
+                slip = wp.where(is_stopped(law), -slip, 0)
         if wp.static(effects.stops):
-            if side == 0:
-                if step < law.lower:
+            if not is_stopped(law):
+                if step < law.lower - wp.where(side == -LEANING, law.slack, 0.0):
                     side = -1
-                elif step > law.upper:
+                elif step > law.upper + wp.where(side == LEANING, law.slack, 0.0):
                     side = 1
             elif float(side) * held >= 0.0:
                 # a stop pushes back; one that would have to pull lets go
-                side = 0
+                side = LEANING * side
         if wp.static(effects.effort_limits):
             force = law.drive - law.drive_stiffness * step
             if limit == 0:

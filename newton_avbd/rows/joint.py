@@ -30,7 +30,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from ..algebra.so3 import rotation_vector, turned_from
+from ..algebra.so3 import angle_of, rotation_vector, turned_from
 from ..data import JointModel
 
 JointType = newton.JointType
@@ -125,7 +125,7 @@ def rod_stiffness(q_p: wp.quat, q_c: wp.quat, stiffness: wp.vec3) -> wp.vec3:
 @wp.func
 def turn_about(axis: wp.vec3, start: wp.vec3, end: wp.vec3) -> float:
     """Angle about a unit axis [rad] that turns one vector square to it into another."""
-    return wp.atan2(wp.dot(axis, wp.cross(start, end)), wp.dot(start, end))
+    return angle_of(wp.dot(axis, wp.cross(start, end)), wp.dot(start, end))
 
 
 @wp.func
@@ -145,7 +145,7 @@ def bend_and_twist(q: wp.quat) -> wp.vec3:
     end = tangent(q)
     along = wp.max(1.0 + end[2], 1.0e-3)
     # z x t = (-t_y, t_x, 0)
-    return wp.vec3(-2.0 * end[1] / along, 2.0 * end[0] / along, 2.0 * wp.atan2(q[2], q[3]))
+    return wp.vec3(-2.0 * end[1] / along, 2.0 * end[0] / along, 2.0 * angle_of(q[2], q[3]))
 
 
 @wp.func
@@ -229,6 +229,7 @@ class JointFunctions:
     angular_lock: wp.Function
     angular_axis: wp.Function
     axis_of: wp.Function
+    angles: wp.Function
     coordinate: wp.Function
     velocity: wp.Function
     advance: wp.Function
@@ -308,7 +309,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func(inline=False)
     def euler_middle(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat):
-        """Middle Euler angle [rad] of a joint with two or three angular axes, and its axis."""
+        """Sine of the middle Euler angle of a joint with two or three axes, and its axis."""
         a0, a1, a2 = euler_axes(joints, joint)
         first = wp.quat_rotate(q_p, a0)
         last = wp.quat_rotate(q_c, a2)
@@ -323,7 +324,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         sine = wp.dot(first, last)
         if wp.dot(wp.cross(a0, a1), a2) < 0.0:
             sine = -sine
-        return wp.asin(wp.clamp(sine, -1.0, 1.0)), middle
+        return wp.clamp(sine, -1.0, 1.0), middle
 
     @wp.func
     def angular_misfit(
@@ -340,8 +341,8 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
                 return wp.cross(wp.quat_rotate(q_p, axis), wp.quat_rotate(q_c, axis))
         if wp.static(2 in angular):
             if free == 2:
-                angle, middle = euler_middle(joints, joint, q_p, q_c)
-                return angle * middle
+                sine, middle = euler_middle(joints, joint, q_p, q_c)
+                return wp.asin(sine) * middle
         return wp.vec3(0.0)
 
     @wp.func
@@ -382,9 +383,10 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
                 i = joints.dof_start[joint] + linear_count(joints, joint)
                 axis_p = wp.quat_rotate(q_p, joints.axis[i])
                 axis_c = wp.quat_rotate(q_c, joints.axis[i + 1])
-                angle, middle = euler_middle(joints, joint, q_p, q_c)
+                whole, middle = euler_middle(joints, joint, q_p, q_c)
                 sine = -wp.dot(axis_p, turned_from(turn, axis_c))
-                return (sine / wp.max(wp.cos(angle), 1.0e-4)) * middle
+                cosine = wp.sqrt((1.0 - whole) * (1.0 + whole))
+                return (sine / wp.max(cosine, 1.0e-4)) * middle
         return wp.vec3(0.0)
 
     @wp.func
@@ -443,28 +445,30 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return out
 
     @wp.func
-    def angle(
-        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
-    ) -> float:
-        """Coordinate of angular axis ``dof`` of a joint that is no ball, in (-pi, pi] [rad]."""
+    def angles(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
+        """Coordinates of the angular axes of a joint, in (-pi, pi] [rad]; zero of a ball."""
+        free = angular_count(joints, joint)
+        if free == 0:
+            return wp.vec3(0.0)
+        if wp.static(kinds.balls):
+            if joints.type[joint] == BALL:
+                return wp.vec3(0.0)
         if wp.static(kinds.rods):
             if joints.type[joint] == ROD:
-                turn = rod_turn(joints, joint, q_p, q_c)
-                return turn[dof]
+                return rod_turn(joints, joint, q_p, q_c)
         if wp.static(kinds.euler):
-            free = angular_count(joints, joint)
             if free > 1:
-                tilt, middle = euler_middle(joints, joint, q_p, q_c)
+                sine, middle = euler_middle(joints, joint, q_p, q_c)
                 a0, a1, a2 = euler_axes(joints, joint)
-                if dof == 0:
-                    return turn_about(wp.quat_rotate(q_p, a0), wp.quat_rotate(q_p, a1), middle)
-                if dof == free - 1:
-                    return turn_about(wp.quat_rotate(q_c, a2), middle, wp.quat_rotate(q_c, a1))
-                return tilt
+                first = turn_about(wp.quat_rotate(q_p, a0), wp.quat_rotate(q_p, a1), middle)
+                last = turn_about(wp.quat_rotate(q_c, a2), middle, wp.quat_rotate(q_c, a1))
+                if free == 2:
+                    return wp.vec3(first, last, 0.0)
+                return wp.vec3(first, wp.asin(sine), last)
         axis = joints.axis[joints.dof_start[joint] + linear_count(joints, joint)]
         q = wp.quat_inverse(q_p) * q_c
-        half = wp.atan2(wp.dot(wp.vec3(q[0], q[1], q[2]), axis), q[3])
-        return wrapped(2.0 * half)
+        half = angle_of(wp.dot(wp.vec3(q[0], q[1], q[2]), axis), q[3])
+        return wp.vec3(wrapped(2.0 * half), 0.0, 0.0)
 
     @wp.func
     def axis_of(
@@ -482,21 +486,21 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         joint: int,
         dof: int,
         q_p: wp.quat,
-        q_c: wp.quat,
+        turns: wp.vec3,
         offset: wp.vec3,
         known: wp.float64,
     ) -> wp.float64:
         """Coordinate of a degree of freedom [m or rad]; zero for a ball.
 
-        ``offset`` leads from the parent anchor to the child anchor. An angle is the one nearest to
-        the ``known`` one, so that turns are counted.
+        ``turns`` are the joint's :func:`angles`; ``offset`` leads from the parent anchor to the
+        child anchor. An angle is the one nearest to the ``known`` one, so that turns are counted.
         """
         linear = linear_count(joints, joint)
         if dof < linear:
             return wp.float64(wp.dot(linear_axis(joints, joint, dof, q_p), offset))
         if joints.type[joint] == BALL:
             return wp.float64(0.0)
-        return counted(angle(joints, joint, dof - linear, q_p, q_c), known)
+        return counted(turns[dof - linear], known)
 
     @wp.func
     def velocity(
@@ -555,6 +559,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         angular_lock,
         angular_axis,
         axis_of,
+        angles,
         coordinate,
         velocity,
         advance,
