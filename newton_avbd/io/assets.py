@@ -3,6 +3,7 @@
 
 """Simulating USD, URDF and MJCF files."""
 
+import copy
 from pathlib import Path
 
 import newton
@@ -12,6 +13,8 @@ from newton_avbd.study.measure import transform
 
 from . import solvers
 from .errors import UserError, missing
+from .meshes import REMEDY, read_urdf
+from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".urdf", ".xml")
@@ -50,8 +53,32 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
         raise UserError(f"cannot read {path}: no such file")
     builder = newton.ModelBuilder()
     solvers.prepare(request.solver, builder)
+    notes = read_asset(path, builder, floating=True)
+    if builder.body_count == 0:
+        raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
+    add_ground(builder)
+    return ModelSimulation(
+        path.name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes
+    )
+
+
+def read_asset(path: Path, builder: newton.ModelBuilder, *, floating: bool) -> tuple[str, ...]:
+    """Put what a file holds into a builder, as Newton's importers read it.
+
+    Args:
+        path: A file with one of :data:`SUFFIXES`.
+        builder: Receives it.
+        floating: Whether the root of a URDF robot floats, or is fixed to the world; the other
+            formats say it themselves.
+
+    Returns:
+        What the user should know of it, a sentence each.
+
+    Raises:
+        UserError: The file cannot be read.
+    """
     try:
-        _read(path, builder)
+        return _read(path, builder, floating)
     except ModuleNotFoundError as error:
         raise missing(error.name or "newton") from error
     except ImportError as error:
@@ -60,20 +87,22 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
     except Exception as error:
         # The importers fail in as many ways as files can be wrong.
         raise UserError(f"cannot read {path}: {_reason(error)}") from error
-    if builder.body_count == 0:
-        raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
-    _add_ground(builder)
-    return ModelSimulation(path.name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES)
 
 
-def _read(path: Path, builder: newton.ModelBuilder) -> None:
+def _read(path: Path, builder: newton.ModelBuilder, floating: bool) -> tuple[str, ...]:
     suffix = path.suffix.lower()
     if suffix == ".urdf":
-        builder.add_urdf(str(path), floating=True)
-    elif suffix == ".xml":
+        text, absent = read_urdf(path)
+        builder.add_urdf(text, floating=floating)
+        return tuple(f"{path.name} goes on without {name}: {REMEDY}" for name in absent)
+    if suffix == ".xml":
         builder.add_mjcf(str(path))
-    else:
-        builder.add_usd(str(path))
+        return ()
+    trial = copy.deepcopy(builder)
+    trial.add_usd(str(path))
+    orphans = find_orphans(trial)
+    builder.add_usd(rooted_stage(path, trial, orphans) if orphans else str(path))
+    return ()
 
 
 def _reason(error: Exception) -> str:
@@ -82,17 +111,17 @@ def _reason(error: Exception) -> str:
     return lines[0].rpartition(" : ")[2].strip("'") if lines else type(error).__name__
 
 
-def _add_ground(builder: newton.ModelBuilder) -> None:
+def add_ground(builder: newton.ModelBuilder) -> None:
     """Put a plane under everything unless the asset has a plane or a terrain of its own."""
     grounds = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
     for body, kind in zip(builder.shape_body, builder.shape_type, strict=True):
         if body == -1 and kind in grounds:
             return
-    lowest = _lowest_point(builder)
+    lowest = lowest_point(builder)
     builder.add_ground_plane(height=0.0 if lowest >= 0.0 else lowest - GROUND_CLEARANCE)
 
 
-def _lowest_point(builder: newton.ModelBuilder) -> float:
+def lowest_point(builder: newton.ModelBuilder) -> float:
     """Height of the lowest point of all colliding shapes' bounding boxes [m]."""
     model = builder.finalize()
     colliding = (model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
