@@ -12,7 +12,7 @@ import numpy as np
 from newton_avbd.study.measure import transform
 
 from . import solvers
-from .errors import UserError, missing
+from .errors import UserError, missing, require
 from .meshes import REMEDY, read_urdf
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
@@ -79,6 +79,8 @@ def read_asset(path: Path, builder: newton.ModelBuilder, *, floating: bool) -> t
     """
     try:
         return _read(path, builder, floating)
+    except UserError:
+        raise
     except ModuleNotFoundError as error:
         raise missing(error.name or "newton") from error
     except ImportError as error:
@@ -94,15 +96,37 @@ def _read(path: Path, builder: newton.ModelBuilder, floating: bool) -> tuple[str
     if suffix == ".urdf":
         text, absent = read_urdf(path)
         builder.add_urdf(text, floating=floating)
+        _collide_by_hulls(builder)
         return tuple(f"{path.name} goes on without {name}: {REMEDY}" for name in absent)
     if suffix == ".xml":
         builder.add_mjcf(str(path))
+        _collide_by_hulls(builder)
         return ()
     trial = copy.deepcopy(builder)
     trial.add_usd(str(path))
     orphans = find_orphans(trial)
     builder.add_usd(rooted_stage(path, trial, orphans) if orphans else str(path))
     return ()
+
+
+def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
+    """Let meshes of bodies collide as their convex hulls.
+
+    MuJoCo and PyBullet read URDF and MJCF so. Triangles of one link against those of another take
+    seconds a step and find more contacts than buffers hold.
+    """
+    meshes = [
+        shape
+        for shape, (kind, flags) in enumerate(
+            zip(builder.shape_type, builder.shape_flags, strict=True)
+        )
+        if kind == newton.GeoType.MESH
+        and flags & newton.ShapeFlags.COLLIDE_SHAPES
+        and builder.shape_body[shape] >= 0
+    ]
+    if meshes:
+        require("scipy")
+        builder.approximate_meshes("convex_hull", shape_indices=meshes)
 
 
 def _reason(error: Exception) -> str:

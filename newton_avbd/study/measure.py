@@ -194,16 +194,16 @@ class Probe:
     @cached_property
     def overlaps(self) -> tuple[Overlap, ...]:
         """Pairs of shapes that the model's joints cannot part, the deepest first."""
-        return find_overlaps(self.model, self._detect)
+        return find_overlaps(self.model, self.contacts)
 
     def separations(self, state: newton.State) -> Array:
         """Gaps [m] between shapes in ``state``, without those of :attr:`overlaps`."""
-        shapes, gaps = self._detect(state)
+        shapes, gaps = self.contacts(state)
         return gaps[~self._overlapping(shapes)]
 
     def overlap(self, state: newton.State) -> float:
         """Deepest overlap [m] in ``state`` of the pairs in :attr:`overlaps`."""
-        shapes, gaps = self._detect(state)
+        shapes, gaps = self.contacts(state)
         return deepest_penetration(gaps[self._overlapping(shapes)])
 
     def energy(self, state: newton.State) -> float:
@@ -214,7 +214,7 @@ class Probe:
         """Largest speed [m/s] in ``state``, see :func:`largest_speed`."""
         return largest_speed(self.bodies, state)
 
-    def _detect(self, state: newton.State) -> tuple[NDArray[np.int64], Array]:
+    def contacts(self, state: newton.State) -> tuple[NDArray[np.int64], Array]:
         """Shapes and gaps of the contacts in ``state``, see :func:`shapes_and_gaps`."""
         pipeline, contacts = self._detection
         pipeline.collide(state, contacts)

@@ -178,10 +178,10 @@ def _random_poses(model: newton.Model) -> Iterator[newton.State]:
                     widest = 1.0 if i < linear[joint] else np.pi
                     low, high = max(lower[dof], -widest), min(upper[dof], widest)
                     q[at + i] = rng.uniform(low, high) if low < high else lower[dof]
-        for joint in np.flatnonzero(leader >= 0):
-            offset, factor = coefficients[joint]
-            length = q_start[joint + 1] - q_start[joint]
-            at, followed = q_start[joint], q_start[leader[joint]]
+        for follower in np.flatnonzero(leader >= 0):
+            offset, factor = coefficients[follower]
+            length = q_start[follower + 1] - q_start[follower]
+            at, followed = q_start[follower], q_start[leader[follower]]
             q[at : at + length] = offset + factor * q[followed : followed + length]
         state.joint_q.assign(q.astype(np.float32))
         newton.eval_fk(model, state.joint_q, state.joint_qd, state)
