@@ -9,7 +9,7 @@ from pathlib import Path
 import newton
 import numpy as np
 
-from newton_avbd.study.measure import transform
+from newton_avbd.study.robot_pose import grounds, lowest_points
 
 from . import solvers
 from .errors import UserError, missing, require
@@ -137,27 +137,7 @@ def _reason(error: Exception) -> str:
 
 def add_ground(builder: newton.ModelBuilder) -> None:
     """Put a plane under everything unless the asset has a plane or a terrain of its own."""
-    grounds = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
-    for body, kind in zip(builder.shape_body, builder.shape_type, strict=True):
-        if body == -1 and kind in grounds:
-            return
-    lowest = lowest_point(builder)
+    if grounds(builder):
+        return
+    lowest = float(np.min(lowest_points(builder.finalize()), initial=np.inf))
     builder.add_ground_plane(height=0.0 if lowest >= 0.0 else lowest - GROUND_CLEARANCE)
-
-
-def lowest_point(builder: newton.ModelBuilder) -> float:
-    """Height of the lowest point of all colliding shapes' bounding boxes [m]."""
-    model = builder.finalize()
-    colliding = (model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
-    lower = model.shape_collision_aabb_lower.numpy()[colliding].astype(float)
-    upper = model.shape_collision_aabb_upper.numpy()[colliding].astype(float)
-    shape = model.shape_transform.numpy()[colliding].astype(float)
-    # Row -1 is the world, for fixed shapes.
-    poses = np.vstack([model.body_q.numpy(), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]).astype(float)
-    body = poses[model.shape_body.numpy()[colliding]]
-    lowest = np.inf
-    for corner in np.ndindex(2, 2, 2):
-        point = np.where(corner, upper, lower)
-        height = transform(body, transform(shape, point))[:, 2]
-        lowest = min(lowest, float(np.min(height, initial=np.inf)))
-    return lowest

@@ -21,9 +21,9 @@ _INTRODUCTION = """# Robots
 Written by `newton-avbd robots --output docs`. Each robot is imported as its file has it: no welded
 links are merged. It floats and is lowered to the ground, or it is bolted down. Meshes collide as
 their convex hulls. Pairs of its shapes that overlap in the first pose are filtered. Position drives
-hold the first pose for 2 s; their gains are the file's, or, where it has none, those of a critically
-damped spring of 4 Hz that carries the inertia beyond the joint. Then all drives follow slow sines
-within their limits for 1.5 s, at 240 steps a second.
+hold the first pose for 2 s; their gains are the file's, or, where it has none, those of a
+critically damped spring of 4 Hz that carries the inertia beyond the joint. Then all drives follow
+slow sines within their limits for 1.5 s, at 240 steps a second.
 
 A robot passes if all numbers stay finite; every joint, welds included, stays closed to 0.1 mm and
 1 mrad; limits are kept to 1 mrad; each drive follows its target as closely as with SolverMuJoCo, to

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import newton
 import numpy as np
 
-from newton_avbd.study.measure import Array, Probe, transform
+from newton_avbd.study.measure import Array, Probe, rotate, transform
 from newton_avbd.study.overlaps import DEPTH
 from newton_avbd.study.robots import place
 
@@ -19,6 +19,10 @@ FREQUENCY = 4.0
 SOLE = 0.01
 """Height above its lowest point within which a robot is taken to stand on something [m]."""
 
+UPRIGHT = 0.9
+"""Least upward part of the normal of a plane that counts as a ground."""
+
+_UP = np.array([0.0, 0.0, 1.0])
 _NO_DRIVE = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.FIXED)
 _GROUNDS = (newton.GeoType.PLANE, newton.GeoType.HFIELD)
 
@@ -47,8 +51,8 @@ def stand(builder: newton.ModelBuilder) -> Pose:
     floats is lowered until it touches the ground, which is added where the file has none. Position
     drives hold the first pose with the file's gains, or, where it has none, with those of a mass on
     a critically damped spring of :data:`FREQUENCY`: ke = I w^2 and kd = 2 I w, where I is the
-    inertia that the drive moves, see :func:`_inertias`. A limit of effort or velocity of zero, which
-    many files write where they know none, is taken for no limit.
+    inertia that the drive moves, see :func:`_inertias`. A limit of effort or velocity of zero,
+    which many files write where they know none, is taken for no limit.
     """
     for dof in range(builder.joint_dof_count):
         for limit in (builder.joint_effort_limit, builder.joint_velocity_limit):
@@ -117,14 +121,8 @@ def _enter_limits(builder: newton.ModelBuilder) -> None:
 
 def _meet_ground(builder: newton.ModelBuilder, floating: bool) -> None:
     """Lower what floats to the ground; put a ground under what has none."""
-    own = [
-        shape
-        for shape, (body, kind, flags) in enumerate(
-            zip(builder.shape_body, builder.shape_type, builder.shape_flags, strict=True)
-        )
-        if body < 0 and kind in _GROUNDS and flags & newton.ShapeFlags.COLLIDE_SHAPES
-    ]
-    lowest = lowest_points(builder.finalize(device="cpu"))
+    own = grounds(builder)
+    lowest = lowest_points(builder.finalize(device="cpu"))[:-1]
     bottom = float(np.min(lowest, initial=np.inf))
     free = [
         joint
@@ -141,15 +139,33 @@ def _meet_ground(builder: newton.ModelBuilder, floating: bool) -> None:
         builder.add_ground_plane(height=under if np.isfinite(under) else 0.0)
 
 
+def grounds(builder: newton.ModelBuilder) -> list[int]:
+    """Colliding planes and terrains of the world that face upwards; some files hold walls only."""
+    return [
+        shape
+        for shape, (body, kind, flags) in enumerate(
+            zip(builder.shape_body, builder.shape_type, builder.shape_flags, strict=True)
+        )
+        if body < 0
+        and kind in _GROUNDS
+        and flags & newton.ShapeFlags.COLLIDE_SHAPES
+        and rotate(np.array(builder.shape_transform[shape])[3:], _UP)[2] > UPRIGHT
+    ]
+
+
 def lowest_points(model: newton.Model) -> Array:
-    """Height of the lowest point of each body's colliding shapes [m], infinite without any."""
-    lowest = np.full(model.body_count, np.inf)
+    """Height of the lowest point of each body's colliding shapes [m], infinite without any.
+
+    The last is that of the world's shapes, its planes left out; shape [bodies + 1].
+    """
+    lowest = np.full(model.body_count + 1, np.inf)
     colliding = (model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
     body = model.shape_body.numpy()
     scale, kind = model.shape_scale.numpy().astype(float), model.shape_type.numpy()
-    poses = model.body_q.numpy().astype(float)
-    for shape in np.flatnonzero(colliding & (body >= 0)):
-        points, radius = _points(model, shape, kind[shape], scale[shape])
+    # Row -1 is the world.
+    poses = np.vstack([model.body_q.numpy(), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]).astype(float)
+    for shape in np.flatnonzero(colliding & (kind != int(newton.GeoType.PLANE))):
+        points, radius = _points(model, int(shape), int(kind[shape]), scale[shape])
         local = transform(model.shape_transform.numpy()[shape].astype(float), points)
         height = transform(poses[body[shape]], local)[:, 2].min() - radius
         lowest[body[shape]] = min(lowest[body[shape]], height)
@@ -192,7 +208,7 @@ def _inertias(model: newton.Model, floating: bool) -> Array:
         axis=2,
     )
     inertia = turn @ model.body_inertia.numpy().astype(float) @ np.swapaxes(turn, 1, 2)
-    lowest = lowest_points(model)
+    lowest = lowest_points(model)[:-1]
     stands = lowest < np.min(lowest, initial=np.inf) + SOLE
     found = model.joint_armature.numpy().astype(float)
     parents, children = model.joint_parent.numpy(), model.joint_child.numpy()

@@ -98,7 +98,7 @@ def run_robot(
     contacts = None if pipeline is None else pipeline.contacts()
     kind = newton.solvers.SolverBase.ObservableKind.CONTACT_F
     observables = None if contacts is None else solver.observables([kind], contacts=contacts)
-    seconds = DT * np.arange(1, MOVE + 1)
+    seconds: Array = DT * np.arange(1.0, MOVE + 1.0)
     targets = wave(pose.builder, pose.driven, seconds, WAVES, REACH)
     bodies, joints, record = Bodies.of(model), Joints.of(model), Record()
     chosen = watched_joints(model)

@@ -48,7 +48,7 @@ ROUNDS, TURN = 5, 0.02
 BUDGET = 240.0
 """Wall-clock time after which a run is given up [s]."""
 
-Importer = Callable[[newton.ModelBuilder], None]
+Importer = Callable[[newton.ModelBuilder], object]
 """Puts a robot into an empty builder."""
 
 
@@ -122,7 +122,7 @@ def try_robot(
     poses = _Poses(pose, load)
     reference = _reference(report, poses, shown)
     if record is not None:
-        report.failures += _judge(report, record, reference)
+        report.failures += judge(report, record, reference)
     if timed:
         _time(report, poses, shown)
     return record
@@ -164,7 +164,7 @@ def _reference(
     return None
 
 
-def _judge(report: Report, ours: Record, reference: Record | None) -> list[str]:
+def judge(report: Report, ours: Record, reference: Record | None) -> list[str]:
     """What a robot did not do, a phrase each."""
     failures = []
     if not ours.finite:
