@@ -80,8 +80,7 @@ def test_the_first_pose_and_the_motion_keep_the_limits():
 
 def test_a_floating_robot_stands_on_the_ground():
     robot = find_robot("nv_ant")
-    builder = newton.ModelBuilder()
-    read_robot(robot, builder)
+    builder, _ = read_robot(robot)
     pose = stand(builder)
     assert pose.floating
     # Its file has a wall, no floor: it gets one at the height of its lowest point.
@@ -123,15 +122,13 @@ def test_what_is_right_passes():
 def test_a_robot_of_newton_passes():
     robot = find_robot("cartpole_single_pendulum")
     report = Report(robot.name, robot.package)
-    record = try_robot(
-        report, lambda builder: read_robot(robot, builder), lambda *_: None, timed=False
-    )
+    record = try_robot(report, lambda: read_robot(robot)[0], lambda *_: None, timed=False)
     assert report.failures == []
     assert record is not None and len(record.lag) == 2
 
 
 def test_a_robot_that_cannot_be_read_stays_in_the_page_with_its_reason(tmp_path: Path):
-    def broken(builder: newton.ModelBuilder) -> None:
+    def broken() -> newton.ModelBuilder:
         raise ValueError("no <link> in it")
 
     report = Report("broken", "example-robot-data", times={})

@@ -68,9 +68,9 @@ def test_a_package_is_found_in_ros_package_path(workspace, monkeypatch, tmp_path
 
 
 def test_a_robot_with_its_mesh_collides_by_the_hull_of_it(workspace):
-    builder = newton.ModelBuilder()
     path = write(workspace, "package://bot/meshes/part.obj")
-    assert read_asset(path, builder, floating=True) == ()
+    builder, notes = read_asset(path, "avbd", floating=True)
+    assert notes == ()
     assert builder.shape_type == [newton.GeoType.CONVEX_MESH, newton.GeoType.SPHERE]
 
 
@@ -78,10 +78,18 @@ def test_a_missing_mesh_is_named_and_the_rest_is_read(workspace):
     text, absent = read_urdf(write(workspace, "package://other/part.stl"))
     assert absent == ("package://other/part.stl",)
     assert "part.stl" not in text
-    builder = newton.ModelBuilder()
-    (note,) = read_asset(write(workspace, "package://other/part.stl"), builder, floating=True)
+    path = write(workspace, "package://other/part.stl")
+    builder, (note,) = read_asset(path, "avbd", floating=True)
     assert "bot.urdf goes on without package://other/part.stl" in note
     assert "ROS_PACKAGE_PATH" in note
+    assert builder.shape_type == [newton.GeoType.SPHERE]
+
+
+def test_a_mesh_without_triangles_is_named_and_the_rest_is_read(workspace):
+    path = write(workspace, "package://bot/meshes/part.obj")
+    (workspace / "share" / "bot" / "meshes" / "part.obj").write_text("v 0 0 0\n")
+    builder, (note,) = read_asset(path, "avbd", floating=True)
+    assert "part.obj: it " in note
     assert builder.shape_type == [newton.GeoType.SPHERE]
 
 

@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
+import newton
+
 from newton_avbd.io import UserError, require
 from newton_avbd.io.robots import SOURCES, Robot, find_robot, not_installed, read_robot, robots
 from newton_avbd.study.bench import describe_machine
@@ -63,7 +65,7 @@ def main(args: argparse.Namespace) -> int:
         report = Report(robot.name, robot.package)
         shown = partial(_show, f"{robot.name} ({number} of {len(chosen)})")
         with _silence():
-            record = try_robot(report, partial(read_robot, robot), shown)
+            record = try_robot(report, partial(_load, robot), shown)
             if args.output and record is not None:
                 _draw(robot, record, args.output / picture(robot.name))
         _show_nothing()
@@ -89,6 +91,10 @@ def _chosen(names: list[str]) -> list[Robot]:
         for robot in found if name in packages else [find_robot(name)]:
             chosen[robot.name] = robot
     return list(chosen.values())
+
+
+def _load(robot: Robot) -> newton.ModelBuilder:
+    return read_robot(robot)[0]
 
 
 def _listing() -> str:

@@ -3,7 +3,7 @@
 
 """Simulating USD, URDF and MJCF files."""
 
-import copy
+import re
 from pathlib import Path
 
 import newton
@@ -13,7 +13,7 @@ from newton_avbd.study.robot_pose import grounds, lowest_points
 
 from . import solvers
 from .errors import UserError, missing, require
-from .meshes import REMEDY, read_urdf
+from .meshes import REMEDY, find_asset, read_urdf
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
 
@@ -25,6 +25,8 @@ DT = 1.0 / 240.0
 
 FRAME_DT = 1.0 / 60.0
 FRAMES = 240
+
+_MESH = re.compile(r"Mesh file '(.+?)' ([^;]+)")
 
 GROUND_CLEARANCE = 0.01
 """Gap left between an asset that reaches below z = 0 and the ground put under it [m]."""
@@ -51,34 +53,52 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
         raise UserError(f"cannot read {path}: not one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise UserError(f"cannot read {path}: no such file")
-    builder = newton.ModelBuilder()
-    solvers.prepare(request.solver, builder)
-    notes = read_asset(path, builder, floating=True)
+    builder, notes = read_asset(path, request.solver, floating=True)
+    add_ground(builder)
+    return simulate(path.name, path, builder, request, notes)
+
+
+def simulate(
+    name: str,
+    path: Path,
+    builder: newton.ModelBuilder,
+    request: Request,
+    notes: tuple[str, ...],
+) -> ModelSimulation:
+    """Make a simulation of what was read from a file.
+
+    Raises:
+        UserError: It holds no bodies, or the solver refuses what it holds.
+    """
     if builder.body_count == 0:
         raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
-    add_ground(builder)
-    return ModelSimulation(
-        path.name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes
-    )
+    try:
+        return ModelSimulation(
+            name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes
+        )
+    except (NotImplementedError, ValueError) as error:
+        raise UserError(f"{path} cannot run with {request.solver}: {_reason(error)}") from error
 
 
-def read_asset(path: Path, builder: newton.ModelBuilder, *, floating: bool) -> tuple[str, ...]:
-    """Put what a file holds into a builder, as Newton's importers read it.
+def read_asset(
+    path: Path, solver: str, *, floating: bool
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+    """Read what a file holds, as Newton's importers do.
 
     Args:
         path: A file with one of :data:`SUFFIXES`.
-        builder: Receives it.
+        solver: The solver for which the builder is prepared.
         floating: Whether the root of a URDF robot floats, or is fixed to the world; the other
             formats say it themselves.
 
     Returns:
-        What the user should know of it, a sentence each.
+        A builder, and what the user should know of it, a sentence each.
 
     Raises:
         UserError: The file cannot be read.
     """
     try:
-        return _read(path, builder, floating)
+        return _read(path, solver, floating)
     except UserError:
         raise
     except ModuleNotFoundError as error:
@@ -91,22 +111,55 @@ def read_asset(path: Path, builder: newton.ModelBuilder, *, floating: bool) -> t
         raise UserError(f"cannot read {path}: {_reason(error)}") from error
 
 
-def _read(path: Path, builder: newton.ModelBuilder, floating: bool) -> tuple[str, ...]:
+def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
     suffix = path.suffix.lower()
     if suffix == ".urdf":
-        text, absent = read_urdf(path)
-        builder.add_urdf(text, floating=floating)
-        _collide_by_hulls(builder)
-        return tuple(f"{path.name} goes on without {name}: {REMEDY}" for name in absent)
+        return _read_urdf(path, solver, floating)
+    builder = _prepared(solver)
     if suffix == ".xml":
         builder.add_mjcf(str(path))
         _collide_by_hulls(builder)
-        return ()
-    trial = copy.deepcopy(builder)
-    trial.add_usd(str(path))
-    orphans = find_orphans(trial)
-    builder.add_usd(rooted_stage(path, trial, orphans) if orphans else str(path))
-    return ()
+        return builder, ()
+    builder.add_usd(str(path))
+    orphans = find_orphans(builder)
+    if orphans:
+        stage = rooted_stage(path, builder, orphans)
+        builder = _prepared(solver)
+        builder.add_usd(stage)
+    return builder, ()
+
+
+def _prepared(solver: str) -> newton.ModelBuilder:
+    builder = newton.ModelBuilder()
+    solvers.prepare(solver, builder)
+    return builder
+
+
+def _read_urdf(
+    path: Path, solver: str, floating: bool
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+    """Read a URDF file without the meshes that are not there or that cannot be read."""
+    unreadable: dict[str, str] = {}
+    while True:
+        builder = _prepared(solver)
+        text, absent = read_urdf(path, unreadable)
+        try:
+            builder.add_urdf(text, floating=floating)
+        except ValueError as error:
+            # The importer names the file: "Mesh file '/a/b.dae' contains no triangles; ...".
+            named = _MESH.search(str(error))
+            if named is None or named[1] in unreadable:
+                raise
+            unreadable[named[1]] = named[2]
+            continue
+        _collide_by_hulls(builder)
+        bad = [f"{path.name} goes on without {name}: it {why}" for name, why in unreadable.items()]
+        lost = [
+            f"{path.name} goes on without {name}: {REMEDY}"
+            for name in absent
+            if str(find_asset(name, path)) not in unreadable
+        ]
+        return builder, (*bad, *lost)
 
 
 def _collide_by_hulls(builder: newton.ModelBuilder) -> None:

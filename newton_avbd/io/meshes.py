@@ -9,7 +9,7 @@ that was copied out of its workspace has them in another folder above the file.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
@@ -20,11 +20,12 @@ SEARCHED = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "AM
 REMEDY = "set ROS_PACKAGE_PATH to the folder that holds the package"
 
 
-def read_urdf(path: Path) -> tuple[str, tuple[str, ...]]:
+def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[str, ...]]:
     """Read a URDF file with the paths of its meshes and textures resolved.
 
     Args:
         path: The file.
+        unreadable: Absolute paths of files to leave out, too.
 
     Returns:
         The file's text, in which every mesh and texture that was found has an absolute path and
@@ -42,7 +43,7 @@ def read_urdf(path: Path) -> tuple[str, tuple[str, ...]]:
         if name is None or name.startswith(("http://", "https://")):
             continue
         found = find_asset(name, path)
-        if found is not None:
+        if found is not None and str(found) not in unreadable:
             element.set("filename", str(found))
             continue
         absent[name] = None

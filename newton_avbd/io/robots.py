@@ -15,10 +15,9 @@ import newton
 
 from newton_avbd.study.robot_pose import stand
 
-from .assets import DT, FRAME_DT, FRAMES, read_asset
+from .assets import read_asset, simulate
 from .errors import UserError
 from .simulation import ModelSimulation, Request
-from .solvers import prepare
 
 PREFIX = "robot:"
 """Put before the name of a robot where a scene is expected."""
@@ -151,23 +150,25 @@ def find_robot(name: str) -> Robot:
     )
 
 
-def read_robot(robot: Robot, builder: newton.ModelBuilder) -> tuple[str, ...]:
-    """Import a robot plainly into an empty builder.
+def read_robot(robot: Robot, solver: str = "avbd") -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+    """Import a robot plainly.
 
     A robot that would float, but has no colliding shape on which it could stand, is bolted down.
 
+    Args:
+        robot: The robot.
+        solver: The solver for which the builder is prepared.
+
     Returns:
-        What the user should know of it, a sentence each.
+        A builder, and what the user should know of it, a sentence each.
 
     Raises:
         UserError: The file cannot be read.
     """
-    bolted = robot.bolted
-    if not bolted and robot.path.suffix == ".urdf":
-        trial = newton.ModelBuilder()
-        read_asset(robot.path, trial, floating=True)
-        bolted = not any(flags & newton.ShapeFlags.COLLIDE_SHAPES for flags in trial.shape_flags)
-    return read_asset(robot.path, builder, floating=not bolted)
+    builder, notes = read_asset(robot.path, solver, floating=not robot.bolted)
+    if any(flags & newton.ShapeFlags.COLLIDE_SHAPES for flags in builder.shape_flags):
+        return builder, notes
+    return read_asset(robot.path, solver, floating=False)
 
 
 def open_robot(name: str, request: Request) -> ModelSimulation:
@@ -184,20 +185,14 @@ def open_robot(name: str, request: Request) -> ModelSimulation:
         UserError: There is no such robot, or it cannot be read.
     """
     robot = find_robot(name)
-    builder = newton.ModelBuilder()
-    prepare(request.solver, builder)
-    notes = read_robot(robot, builder)
-    if builder.body_count == 0:
-        raise UserError(f"cannot simulate {robot.path}: it holds no rigid bodies")
+    builder, notes = read_robot(robot, request.solver)
     pose = stand(builder)
     if pose.filtered:
         notes += (
             f"{robot.name}: {pose.filtered} pairs of its shapes overlap in the first pose and are "
             "filtered",
         )
-    return ModelSimulation(
-        robot.name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes
-    )
+    return simulate(robot.name, robot.path, builder, request, notes)
 
 
 def not_installed() -> list[str]:

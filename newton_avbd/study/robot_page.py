@@ -11,7 +11,7 @@ from statistics import median
 import numpy as np
 
 from newton_avbd.study.peers import MJ_STEP, PEERS
-from newton_avbd.study.robot_trial import SOLVERS, Report
+from newton_avbd.study.robot_trial import BLEW_UP, SOLVERS, Report
 
 PICTURES = Path("images") / "robots"
 """Folder of the pictures, beside the page."""
@@ -33,7 +33,7 @@ forces and momentum balance the weight to 1 %; and nothing hangs in mid-air.
 Times are of one step while the robot holds its first pose, without collision detection, in
 microseconds: replayed from a graph for SolverAVBD, SolverXPBD and SolverVBD, bare calls for
 `mj_step`, plain calls from Python for SolverMuJoCo, on one core. MuJoCo is given the same robot;
-where it refuses massless links, with welded links merged.
+where it refuses massless links, with welded links merged. A star marks a solver that blew up.
 """
 
 
@@ -125,7 +125,10 @@ def _row(folder: Path, report: Report) -> list[str]:
     links, massless, drives = report.links
     verdict = "; ".join(report.failures) if report.failures else "passes"
     times = [
-        f"{1e6 * report.times[solver]:.3g}" if solver in report.times else "-" for solver in SOLVERS
+        f"{1e6 * report.times[solver]:.3g}" + ("*" if report.notes.get(solver) == BLEW_UP else "")
+        if solver in report.times
+        else "-"
+        for solver in SOLVERS
     ]
     ours, theirs = (report.times.get(solver) for solver in ("avbd", MJ_STEP))
     ratio = f"{ours / theirs:.2f}" if ours and theirs else "-"

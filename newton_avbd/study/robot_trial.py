@@ -4,6 +4,7 @@
 """What a robot of the gallery must do, and what it cost."""
 
 import math
+import re
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -45,11 +46,14 @@ WARM_UP = 60
 ROUNDS, TURN = 5, 0.02
 """Turns of each solver, and the CPU time of a turn [s]."""
 
+BLEW_UP = "blows up"
+"""Note of a solver whose state is not finite when it is timed."""
+
 BUDGET = 240.0
 """Wall-clock time after which a run is given up [s]."""
 
-Importer = Callable[[newton.ModelBuilder], object]
-"""Puts a robot into an empty builder."""
+Importer = Callable[[], newton.ModelBuilder]
+"""Imports a robot."""
 
 
 @dataclass
@@ -103,8 +107,7 @@ def try_robot(
     silence()
     try:
         shown("import", 0, 1)
-        builder = newton.ModelBuilder()
-        load(builder)
+        builder = load()
         pose = stand(builder)
     except Exception as error:
         # Files can be wrong, and importers fail, in any way.
@@ -139,8 +142,7 @@ class _Poses:
 
     @cached_property
     def merged(self) -> Pose:
-        builder = newton.ModelBuilder()
-        self._load(builder)
+        builder = self._load()
         builder.collapse_fixed_joints()
         return stand(builder)
 
@@ -238,6 +240,9 @@ def _time(report: Report, poses: _Poses, shown: Callable[[str, int, int], None])
                 native = solver == "mujoco"
                 times[solver].append((contestant.eager if native else contestant.replayed)(TURN))
     report.times = {solver: median(taken) for solver, taken in times.items()}
+    for solver, contestant in contestants.items():
+        if not np.isfinite(contestant.observe().body_qd.numpy()).all():
+            report.notes[solver] = BLEW_UP
 
 
 def _contestant(solver: str, name: str, pose: Pose) -> Contestant:
@@ -256,7 +261,7 @@ def _contestant(solver: str, name: str, pose: Pose) -> Contestant:
 
 
 def _summary(error: Exception) -> str:
-    """First line of an error's message, not too long for a table."""
+    """First line of an error's message, without folders and not too long for a table."""
     lines = str(error).strip().splitlines()
-    text = lines[0] if lines else type(error).__name__
+    text = re.sub(r"(/\S+)+/", "", lines[0]) if lines else type(error).__name__
     return text if len(text) <= 120 else f"{text[:117]}..."
