@@ -11,7 +11,7 @@ from typing import NoReturn
 
 import warp as wp
 
-from newton_avbd.commands import accuracy, compare, effects, growth, large, run, stability
+from newton_avbd.commands import accuracy, compare, effects, growth, large, robots, run, stability
 from newton_avbd.io import UserError
 from newton_avbd.study import bench, properties
 
@@ -51,6 +51,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, module, summary in (
         ("run", run, "simulate a scene"),
         ("compare", compare, "simulate a scene with two solvers and compare them"),
+        ("robots", robots, "try the robots of installed packages, and say which move right"),
         ("effects", effects, "say which effects a scene calls for, why, and what they cost"),
         ("bench", bench, "measure time and quality on a set of scenes"),
         ("accuracy", accuracy, "measure what accuracy costs in time"),

@@ -15,9 +15,10 @@ import numpy as np
 from newton_avbd.io import Request, Simulation, UserError, open_scene, require
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.measure import Probe, deepest_penetration, distances
+from newton_avbd.study.overlaps import describe_overlaps
 
 from .options import add_scene_arguments, use_device
-from .output import length, progress, table
+from .output import length, progress, say_notes, table
 
 COLORS = ("#0072b2", "#d55e00")
 """Colors of the two solvers in a plot, told apart by every kind of color vision."""
@@ -32,6 +33,8 @@ class Course:
         penetration: Deepest penetration at the end of each frame [m].
         energy: Kinetic and potential energy at the end of each frame [J].
         speed: Largest speed at the end of each frame [m/s].
+        overlap: Deepest overlap of links that no joint can part, at the end of each frame [m];
+            empty where there are none.
         solver_ms: Median time of a solver step [ms].
         collision_ms: Time of collision detection a step [ms]; 0 where the solver includes it.
         test: What the scene's own test says; None where it has none.
@@ -41,6 +44,7 @@ class Course:
     penetration: list[float] = field(default_factory=list)
     energy: list[float] = field(default_factory=list)
     speed: list[float] = field(default_factory=list)
+    overlap: list[float] = field(default_factory=list)
     solver_ms: float = 0.0
     collision_ms: float = 0.0
     test: str | None = None
@@ -51,6 +55,8 @@ class Course:
         self.penetration.append(deepest_penetration(probe.separations(state)))
         self.energy.append(probe.energy(state))
         self.speed.append(probe.speed(state))
+        if probe.overlaps:
+            self.overlap.append(probe.overlap(state))
 
     def close(self, simulation: Simulation) -> None:
         """Add what is known only at the end."""
@@ -123,6 +129,7 @@ def _compare(
         raise UserError(f"{one.name} is another scene for {names[1]} than for {names[0]}")
     frames = frames or one.frames
     probes = tuple(Probe(simulation.model) for simulation in pair)
+    say_notes([*one.notes, *describe_overlaps(probes[0].overlaps)])
     courses = (Course(names[0]), Course(names[1]))
     comparison = Comparison(
         scene=one.name,
@@ -172,6 +179,8 @@ def _report(comparison: Comparison) -> str:
         row("largest speed at the end", lambda c: f"{c.speed[-1]:.4g} m/s"),
         row(f"energy gained, of {start:.4g} J", lambda c: f"{c.energy[-1] - start:+.4g} J"),
     ]
+    if a.overlap:
+        rows.append(row("overlap of links, for good", lambda c: length(c.overlap[-1])))
     if a.test is not None or b.test is not None:
         rows.append(row("the example's own test", lambda c: c.test or "none"))
     apart = [("apart after", "most", "median")]

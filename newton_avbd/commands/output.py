@@ -20,7 +20,13 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 
 def length(value: float) -> str:
     """Write a length [m] in millimeters, as small as float32 makes sense."""
-    return f"{1e3 * value:.4g} mm"
+    return f"{1e3 * value + 0.0:.4g} mm"
+
+
+def say_notes(notes: Sequence[str]) -> None:
+    """Write what the user should know of a scene to standard error."""
+    for note in notes:
+        print(f"newton-avbd: {note}", file=sys.stderr)
 
 
 def progress(frames: Iterable[int], total: int, label: str) -> Iterator[int]:

@@ -11,10 +11,11 @@ from typing import Any
 
 from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
 from newton_avbd.study.measure import Probe, deepest_penetration
+from newton_avbd.study.overlaps import describe_overlaps
 
 from . import view
 from .options import add_scene_arguments, use_device
-from .output import length, progress, table
+from .output import length, progress, say_notes, table
 
 TOUCHING = 1.0e-4
 """Gap below which a contact counts as touching [m]: what resting bodies keep of it or less."""
@@ -43,6 +44,8 @@ def main(args: argparse.Namespace) -> int:
         arguments=args.arguments,
     )
     simulation = open_scene(args.scene, request)
+    probe = Probe(simulation.model)
+    say_notes([*simulation.notes, *describe_overlaps(probe.overlaps)])
     if args.viewer == "gl" and isinstance(simulation, ModelSimulation):
         view.look_at(viewer, simulation.model, simulation.state)
     # A window that is watched stays open until it is closed.
@@ -62,7 +65,7 @@ def main(args: argparse.Namespace) -> int:
     if viewer is not None:
         viewer.close()
     verdict = simulation.verdict()
-    print(_report(simulation, args.solver, verdict))
+    print(_report(simulation, probe, args.solver, verdict))
     return 0 if verdict in (None, "passed") else 1
 
 
@@ -85,9 +88,8 @@ def _watch(simulation: Simulation, viewer: Any, count: Iterable[int]) -> None:
         simulation.render()
 
 
-def _report(simulation: Simulation, solver: str, verdict: str | None) -> str:
+def _report(simulation: Simulation, probe: Probe, solver: str, verdict: str | None) -> str:
     """Table of what was simulated, what it cost and where it ended."""
-    probe = Probe(simulation.model)
     gaps = probe.separations(simulation.state)
     solve, collide = simulation.timer.milliseconds_per_step()
     rows = [
@@ -100,6 +102,8 @@ def _report(simulation: Simulation, solver: str, verdict: str | None) -> str:
         ("deepest penetration at the end", length(deepest_penetration(gaps))),
         ("largest speed at the end", f"{probe.speed(simulation.state):.4g} m/s"),
     ]
+    if probe.overlaps:
+        rows.insert(7, ("overlap of links, for good", length(probe.overlap(simulation.state))))
     if verdict is not None:
         rows.append(("the example's own test", verdict))
     return table(rows)

@@ -100,8 +100,13 @@ def look_at(viewer: Any, model: newton.Model, state: newton.State) -> None:
     )
 
 
-def save_picture(viewer: Any, path: Path) -> None:
+def save_picture(viewer: Any, path: Path, size: tuple[int, int] | None = None) -> None:
     """Write what a ``gl`` viewer drew last to an image file.
+
+    Args:
+        viewer: The viewer.
+        path: The file; its ending says the format.
+        size: Width and height [px]; None for those of the viewer.
 
     Raises:
         UserError: The file cannot be written.
@@ -110,6 +115,7 @@ def save_picture(viewer: Any, path: Path) -> None:
     from PIL import Image
 
     try:
-        Image.fromarray(viewer.get_frame().numpy()).save(path)
+        image = Image.fromarray(viewer.get_frame().numpy())
+        (image if size is None else image.resize(size, Image.Resampling.LANCZOS)).save(path)
     except (OSError, ValueError) as error:
         raise UserError(f"cannot write {path}: {error}") from error

@@ -11,7 +11,7 @@ import newton
 
 from newton_avbd.study import scenes
 
-from . import examples, solvers
+from . import examples, robots, solvers
 from .assets import SUFFIXES, open_asset
 from .errors import UserError, require
 from .simulation import ModelSimulation, Request, Simulation
@@ -37,7 +37,8 @@ def open_scene(name: str, request: Request) -> Simulation:
 
     Args:
         name: A scene of :mod:`newton_avbd.study.scenes`, an installed Newton example, with or
-            without :data:`EXAMPLE_PREFIX`, or the path of a USD, URDF or MJCF file.
+            without :data:`EXAMPLE_PREFIX`, a robot of an installed package with the prefix
+            ``robot:``, or the path of a USD, URDF or MJCF file.
         request: Solver and settings.
 
     Returns:
@@ -63,6 +64,7 @@ def list_scenes() -> str:
     return (
         f"scenes:\n{own}\n"
         f"Newton examples (prefix {EXAMPLE_PREFIX} where the name is also a scene's):\n{newtons}\n"
+        f"robots of installed packages: {robots.PREFIX}NAME, see newton-avbd robots --list\n"
         f"files: {', '.join(SUFFIXES)}"
     )
 
@@ -73,6 +75,8 @@ def _open(name: str, request: Request) -> Simulation:
         return examples.ExampleSimulation(example, request)
     if request.arguments:
         raise UserError(f"{name} is no Newton example: {' '.join(request.arguments)} has no reader")
+    if name.startswith(robots.PREFIX):
+        return robots.open_robot(name, request)
     if name in scenes.SCENES:
         return _open_own(scenes.SCENES[name], request)
     if Path(name).suffix.lower() in SUFFIXES or Path(name).is_file():

@@ -3,15 +3,18 @@
 
 """Simulating USD, URDF and MJCF files."""
 
+import re
 from pathlib import Path
 
 import newton
 import numpy as np
 
-from newton_avbd.study.measure import transform
+from newton_avbd.study.robot_pose import grounds, lowest_points
 
 from . import solvers
-from .errors import UserError, missing
+from .errors import UserError, missing, require
+from .meshes import REMEDY, find_asset, read_urdf
+from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".urdf", ".xml")
@@ -22,6 +25,8 @@ DT = 1.0 / 240.0
 
 FRAME_DT = 1.0 / 60.0
 FRAMES = 240
+
+_MESH = re.compile(r"Mesh file '(.+?)' ([^;]+)")
 
 GROUND_CLEARANCE = 0.01
 """Gap left between an asset that reaches below z = 0 and the ground put under it [m]."""
@@ -48,10 +53,54 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
         raise UserError(f"cannot read {path}: not one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise UserError(f"cannot read {path}: no such file")
-    builder = newton.ModelBuilder()
-    solvers.prepare(request.solver, builder)
+    builder, notes = read_asset(path, request.solver, floating=True)
+    add_ground(builder)
+    return simulate(path.name, path, builder, request, notes)
+
+
+def simulate(
+    name: str,
+    path: Path,
+    builder: newton.ModelBuilder,
+    request: Request,
+    notes: tuple[str, ...],
+) -> ModelSimulation:
+    """Make a simulation of what was read from a file.
+
+    Raises:
+        UserError: It holds no bodies, or the solver refuses what it holds.
+    """
+    if builder.body_count == 0:
+        raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
     try:
-        _read(path, builder)
+        return ModelSimulation(
+            name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes
+        )
+    except (NotImplementedError, ValueError) as error:
+        raise UserError(f"{path} cannot run with {request.solver}: {_reason(error)}") from error
+
+
+def read_asset(
+    path: Path, solver: str, *, floating: bool
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+    """Read what a file holds, as Newton's importers do.
+
+    Args:
+        path: A file with one of :data:`SUFFIXES`.
+        solver: The solver for which the builder is prepared.
+        floating: Whether the root of a URDF robot floats, or is fixed to the world; the other
+            formats say it themselves.
+
+    Returns:
+        A builder, and what the user should know of it, a sentence each.
+
+    Raises:
+        UserError: The file cannot be read.
+    """
+    try:
+        return _read(path, solver, floating)
+    except UserError:
+        raise
     except ModuleNotFoundError as error:
         raise missing(error.name or "newton") from error
     except ImportError as error:
@@ -60,20 +109,77 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
     except Exception as error:
         # The importers fail in as many ways as files can be wrong.
         raise UserError(f"cannot read {path}: {_reason(error)}") from error
-    if builder.body_count == 0:
-        raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
-    _add_ground(builder)
-    return ModelSimulation(path.name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES)
 
 
-def _read(path: Path, builder: newton.ModelBuilder) -> None:
+def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
     suffix = path.suffix.lower()
     if suffix == ".urdf":
-        builder.add_urdf(str(path), floating=True)
-    elif suffix == ".xml":
+        return _read_urdf(path, solver, floating)
+    builder = _prepared(solver)
+    if suffix == ".xml":
         builder.add_mjcf(str(path))
-    else:
-        builder.add_usd(str(path))
+        _collide_by_hulls(builder)
+        return builder, ()
+    builder.add_usd(str(path))
+    orphans = find_orphans(builder)
+    if orphans:
+        stage = rooted_stage(path, builder, orphans)
+        builder = _prepared(solver)
+        builder.add_usd(stage)
+    return builder, ()
+
+
+def _prepared(solver: str) -> newton.ModelBuilder:
+    builder = newton.ModelBuilder()
+    solvers.prepare(solver, builder)
+    return builder
+
+
+def _read_urdf(
+    path: Path, solver: str, floating: bool
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+    """Read a URDF file without the meshes that are not there or that cannot be read."""
+    unreadable: dict[str, str] = {}
+    while True:
+        builder = _prepared(solver)
+        text, absent = read_urdf(path, unreadable)
+        try:
+            builder.add_urdf(text, floating=floating)
+        except ValueError as error:
+            # The importer names the file: "Mesh file '/a/b.dae' contains no triangles; ...".
+            named = _MESH.search(str(error))
+            if named is None or named[1] in unreadable:
+                raise
+            unreadable[named[1]] = named[2]
+            continue
+        _collide_by_hulls(builder)
+        bad = [f"{path.name} goes on without {name}: it {why}" for name, why in unreadable.items()]
+        lost = [
+            f"{path.name} goes on without {name}: {REMEDY}"
+            for name in absent
+            if str(find_asset(name, path)) not in unreadable
+        ]
+        return builder, (*bad, *lost)
+
+
+def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
+    """Let meshes of bodies collide as their convex hulls.
+
+    MuJoCo and PyBullet read URDF and MJCF so. Triangles of one link against those of another take
+    seconds a step and find more contacts than buffers hold.
+    """
+    meshes = [
+        shape
+        for shape, (kind, flags) in enumerate(
+            zip(builder.shape_type, builder.shape_flags, strict=True)
+        )
+        if kind == newton.GeoType.MESH
+        and flags & newton.ShapeFlags.COLLIDE_SHAPES
+        and builder.shape_body[shape] >= 0
+    ]
+    if meshes:
+        require("scipy")
+        builder.approximate_meshes("convex_hull", shape_indices=meshes)
 
 
 def _reason(error: Exception) -> str:
@@ -82,29 +188,9 @@ def _reason(error: Exception) -> str:
     return lines[0].rpartition(" : ")[2].strip("'") if lines else type(error).__name__
 
 
-def _add_ground(builder: newton.ModelBuilder) -> None:
+def add_ground(builder: newton.ModelBuilder) -> None:
     """Put a plane under everything unless the asset has a plane or a terrain of its own."""
-    grounds = (int(newton.GeoType.PLANE), int(newton.GeoType.HFIELD))
-    for body, kind in zip(builder.shape_body, builder.shape_type, strict=True):
-        if body == -1 and kind in grounds:
-            return
-    lowest = _lowest_point(builder)
+    if grounds(builder):
+        return
+    lowest = float(np.min(lowest_points(builder.finalize()), initial=np.inf))
     builder.add_ground_plane(height=0.0 if lowest >= 0.0 else lowest - GROUND_CLEARANCE)
-
-
-def _lowest_point(builder: newton.ModelBuilder) -> float:
-    """Height of the lowest point of all colliding shapes' bounding boxes [m]."""
-    model = builder.finalize()
-    colliding = (model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES)) != 0
-    lower = model.shape_collision_aabb_lower.numpy()[colliding].astype(float)
-    upper = model.shape_collision_aabb_upper.numpy()[colliding].astype(float)
-    shape = model.shape_transform.numpy()[colliding].astype(float)
-    # Row -1 is the world, for fixed shapes.
-    poses = np.vstack([model.body_q.numpy(), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]]).astype(float)
-    body = poses[model.shape_body.numpy()[colliding]]
-    lowest = np.inf
-    for corner in np.ndindex(2, 2, 2):
-        point = np.where(corner, upper, lower)
-        height = transform(body, transform(shape, point))[:, 2]
-        lowest = min(lowest, float(np.min(height, initial=np.inf)))
-    return lowest

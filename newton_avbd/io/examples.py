@@ -76,6 +76,7 @@ class ExampleSimulation:
             UserError: The example cannot take the solver, or needs what is not installed.
         """
         self.name = name
+        self.notes: tuple[str, ...] = ()
         self.timer = StepTimer()
         try:
             with contextlib.redirect_stdout(sys.stderr), swapped(request, self.timer) as made:

@@ -24,9 +24,11 @@ class Simulation(Protocol):
         dt: Solver step [s].
         frame_dt: Time from one frame to the next, one or more solver steps [s].
         frames: Number of frames worth watching.
+        notes: What the user should know of the scene, a sentence each.
     """
 
     name: str
+    notes: tuple[str, ...]
     model: newton.Model
     solver: newton.solvers.SolverBase
     timer: StepTimer
@@ -79,6 +81,7 @@ class ModelSimulation:
         dt: float,
         frame_dt: float,
         frames: int,
+        notes: tuple[str, ...] = (),
     ):
         """Finalize ``builder`` and put the solver of ``request`` into the model.
 
@@ -89,8 +92,9 @@ class ModelSimulation:
             dt: Solver step where the request sets none [s].
             frame_dt: Time between frames [s], made a whole number of steps.
             frames: Number of frames worth watching.
+            notes: What the user should know of the scene, a sentence each.
         """
-        self.name, self.frames = name, frames
+        self.name, self.frames, self.notes = name, frames, notes
         self.dt = request.dt or dt
         self._substeps = max(1, round(frame_dt / self.dt))
         self.frame_dt = self._substeps * self.dt

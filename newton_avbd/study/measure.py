@@ -14,6 +14,8 @@ import newton
 import numpy as np
 from numpy.typing import NDArray
 
+from newton_avbd.study.overlaps import Overlap, find_overlaps
+
 Array = NDArray[np.float64]
 
 
@@ -109,10 +111,10 @@ def largest_speed(bodies: Bodies, state: newton.State) -> float:
     return _largest(speed[bodies.moving])
 
 
-def separations(
+def shapes_and_gaps(
     model: newton.Model, bodies: Bodies, state: newton.State, contacts: newton.Contacts
-) -> Array:
-    """Gap at each contact that a moving body takes part in, at the poses of ``state``.
+) -> tuple[NDArray[np.int64], Array]:
+    """Shapes and gap of each contact that a moving body takes part in, at the poses of ``state``.
 
     The gap is n.(X1 p1 - X0 p0) - margin0 - margin1 with the contact's normal n and points p as
     Newton's collision pipeline reported them.
@@ -124,11 +126,12 @@ def separations(
         contacts: Detected contacts.
 
     Returns:
-        Gaps [m], shape [k]; negative where shapes penetrate.
+        Indices of the two shapes, shape [k, 2], and gaps [m], shape [k]; negative where shapes
+        penetrate.
     """
     count = min(int(contacts.rigid_contact_count.numpy()[0]), contacts.rigid_contact_max)
     if count == 0:
-        return np.empty(0)
+        return np.empty((0, 2), np.int64), np.empty(0)
     shape_body = np.append(model.shape_body.numpy(), -1)
     # Row -1 is the world: the identity pose, and nothing that moves.
     poses = np.vstack([_poses(state.body_q), [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
@@ -137,18 +140,21 @@ def separations(
     def rows(array: Any) -> NDArray[Any]:
         return array.numpy()[:count]
 
-    body0 = shape_body[rows(contacts.rigid_contact_shape0)]
-    body1 = shape_body[rows(contacts.rigid_contact_shape1)]
+    shapes = np.stack(
+        [rows(contacts.rigid_contact_shape0), rows(contacts.rigid_contact_shape1)], axis=1
+    ).astype(np.int64)
+    body0, body1 = shape_body[shapes[:, 0]], shape_body[shapes[:, 1]]
     point0 = transform(poses[body0], rows(contacts.rigid_contact_point0).astype(float))
     point1 = transform(poses[body1], rows(contacts.rigid_contact_point1).astype(float))
     margin = rows(contacts.rigid_contact_margin0) + rows(contacts.rigid_contact_margin1)
     normal = rows(contacts.rigid_contact_normal).astype(float)
     gap = np.einsum("ni,ni->n", normal, point1 - point0) - margin
-    return gap[moving[body0] | moving[body1]]
+    kept = moving[body0] | moving[body1]
+    return shapes[kept], gap[kept]
 
 
 def deepest_penetration(gaps: Array) -> float:
-    """Largest overlap among ``gaps`` as :func:`separations` returns them [m], at least 0."""
+    """Largest overlap among ``gaps`` as :func:`shapes_and_gaps` returns them [m], at least 0."""
     return _largest(-gaps)
 
 
@@ -171,7 +177,8 @@ class Probe:
     """Measures states of one model with a collision pipeline of its own.
 
     Detection anew on the poses that are measured, by the same pipeline whatever the solver, keeps
-    the numbers of two solvers comparable.
+    the numbers of two solvers comparable. What overlaps for good (:mod:`overlaps`) is told apart
+    from penetration.
     """
 
     def __init__(self, model: newton.Model):
@@ -184,11 +191,20 @@ class Probe:
         pipeline = newton.CollisionPipeline(self.model, broad_phase="sap", publish_capacity=False)
         return pipeline, pipeline.contacts()
 
+    @cached_property
+    def overlaps(self) -> tuple[Overlap, ...]:
+        """Pairs of shapes that the model's joints cannot part, the deepest first."""
+        return find_overlaps(self.model, self.contacts)
+
     def separations(self, state: newton.State) -> Array:
-        """Gaps [m] between shapes in ``state``, see :func:`separations`."""
-        pipeline, contacts = self._detection
-        pipeline.collide(state, contacts)
-        return separations(self.model, self.bodies, state, contacts)
+        """Gaps [m] between shapes in ``state``, without those of :attr:`overlaps`."""
+        shapes, gaps = self.contacts(state)
+        return gaps[~self._overlapping(shapes)]
+
+    def overlap(self, state: newton.State) -> float:
+        """Deepest overlap [m] in ``state`` of the pairs in :attr:`overlaps`."""
+        shapes, gaps = self.contacts(state)
+        return deepest_penetration(gaps[self._overlapping(shapes)])
 
     def energy(self, state: newton.State) -> float:
         """Energy [J] of ``state``, see :func:`total_energy`."""
@@ -197,6 +213,18 @@ class Probe:
     def speed(self, state: newton.State) -> float:
         """Largest speed [m/s] in ``state``, see :func:`largest_speed`."""
         return largest_speed(self.bodies, state)
+
+    def contacts(self, state: newton.State) -> tuple[NDArray[np.int64], Array]:
+        """Shapes and gaps of the contacts in ``state``, see :func:`shapes_and_gaps`."""
+        pipeline, contacts = self._detection
+        pipeline.collide(state, contacts)
+        return shapes_and_gaps(self.model, self.bodies, state, contacts)
+
+    def _overlapping(self, shapes: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which rows of ``shapes``, shape [k, 2], are pairs of :attr:`overlaps`, shape [k]."""
+        count = max(1, self.model.shape_count)
+        known = [a * count + b for a, b in (overlap.shapes for overlap in self.overlaps)]
+        return np.isin(shapes.min(axis=1) * count + shapes.max(axis=1), known)
 
 
 def _poses(array: Any) -> Array:

@@ -1,0 +1,167 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd robots``: let the robots of installed packages hold and move, and judge them."""
+
+import argparse
+import os
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import newton
+
+from newton_avbd.io import UserError, require
+from newton_avbd.io.robots import SOURCES, Robot, find_robot, not_installed, read_robot, robots
+from newton_avbd.study.bench import describe_machine
+from newton_avbd.study.robot_page import line, picture, read_reports, summary, write_page
+from newton_avbd.study.robot_run import Record
+from newton_avbd.study.robot_trial import Report, try_robot
+
+from . import view
+
+PICTURE_SIZE = (192, 108)
+"""Width and height of a robot's picture [px]."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="robots, or packages of them (default: all)"
+    )
+    parser.add_argument("--list", action="store_true", help="list the robots and do nothing else")
+    parser.add_argument(
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="write robots.md there, with a picture of each robot; what is there of others stays",
+    )
+    parser.epilog = "packages:\n" + "\n".join(
+        f"  {source.package:<20} {source.install}" for source in SOURCES
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Try the robots, print a line for each, write the page; 1 where one fails.
+
+    Raises:
+        UserError: There is no such robot, or the folder cannot be written.
+    """
+    for sentence in not_installed():
+        print(f"newton-avbd: {sentence}", file=sys.stderr)
+    if args.list:
+        print(_listing())
+        return 0
+    chosen = _chosen(args.names)
+    if args.output:
+        require("pyglet", "PIL")
+        _make_folder(args.output)
+    known = read_reports(args.output) if args.output else {}
+    reports: list[Report] = []
+    for number, robot in enumerate(chosen, 1):
+        report = Report(robot.name, robot.package)
+        shown = partial(_show, f"{robot.name} ({number} of {len(chosen)})")
+        with _silence():
+            record = try_robot(report, partial(_load, robot), shown)
+            if args.output and record is not None:
+                _draw(robot, record, args.output / picture(robot.name))
+        _show_nothing()
+        print(line(report), flush=True)
+        reports.append(report)
+        known[robot.name] = report
+        if args.output:
+            # After each robot, so that a run that is interrupted loses none.
+            order = [known[other.name] for other in robots() if other.name in known]
+            _write(args.output, order)
+    print(f"\n{summary(reports)}")
+    return int(any(report.failures for report in reports))
+
+
+def _chosen(names: list[str]) -> list[Robot]:
+    """Robots that are called so, or are of the packages called so; all where none is named."""
+    if not names:
+        return list(robots())
+    packages = {source.package for source in SOURCES}
+    chosen: dict[str, Robot] = {}
+    for name in names:
+        found = [robot for robot in robots() if robot.package == name]
+        for robot in found if name in packages else [find_robot(name)]:
+            chosen[robot.name] = robot
+    return list(chosen.values())
+
+
+def _load(robot: Robot) -> newton.ModelBuilder:
+    return read_robot(robot)[0]
+
+
+def _listing() -> str:
+    lines = []
+    for source in SOURCES:
+        names = [robot.name for robot in robots() if robot.package == source.package]
+        if names:
+            lines.append(f"{source.package}:")
+            lines += [f"  robot:{name}" for name in names]
+    return "\n".join(lines)
+
+
+def _make_folder(output: Path) -> None:
+    try:
+        (output / picture("")).parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot write to {output}: {error}") from error
+
+
+def _write(output: Path, reports: list[Report]) -> None:
+    from newton_avbd.study.bench import pinned
+
+    with pinned() as core:
+        machine = describe_machine(core)
+    try:
+        write_page(output, reports, machine)
+    except OSError as error:
+        raise UserError(f"cannot write to {output}: {error}") from error
+
+
+def _draw(robot: Robot, record: Record, path: Path) -> None:
+    """Draw how a robot ended, if that can be drawn."""
+    if record.model is None or not record.finite:
+        return
+    viewer = view.make_viewer("gl", robot.name, headless=True)
+    viewer.set_model(record.model)
+    view.look_at(viewer, record.model, record.state)
+    viewer.begin_frame(0.0)
+    viewer.log_state(record.state)
+    viewer.end_frame()
+    view.save_picture(viewer, path, PICTURE_SIZE)
+    viewer.close()
+
+
+def _show(label: str, what: str, done: int, total: int) -> None:
+    """Show on standard error how far a robot is, if that is a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{label}: {what} {done}/{total}", end="", file=sys.stderr, flush=True)
+
+
+def _show_nothing() -> None:
+    if sys.stderr.isatty():
+        print("\r\033[K", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _silence() -> Iterator[None]:
+    """Keep solvers' warnings off the terminal, which kernels print past Python."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)

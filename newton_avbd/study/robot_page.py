@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The page of the gallery of robots, and the file of numbers behind it."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from newton_avbd.study.peers import MJ_STEP, PEERS
+from newton_avbd.study.robot_trial import BLEW_UP, SOLVERS, Report
+
+PICTURES = Path("images") / "robots"
+"""Folder of the pictures, beside the page."""
+
+_INTRODUCTION = """# Robots
+
+Written by `newton-avbd robots --output docs`. Each robot is imported as its file has it: no welded
+links are merged. It floats and is lowered to the ground, or it is bolted down. Meshes collide as
+their convex hulls. Pairs of its shapes that overlap in the first pose are filtered. Position drives
+hold the first pose for 2 s; their gains are the file's, or, where it has none, those of a
+critically damped spring of 4 Hz that carries the inertia beyond the joint. Then all drives follow
+slow sines within their limits for 1.5 s, at 240 steps a second.
+
+A robot passes if all numbers stay finite; every joint, welds included, stays closed to 0.1 mm and
+1 mrad; limits are kept to 1 mrad; each drive follows its target as closely as with SolverMuJoCo, to
+20 mrad (where MuJoCo does not load the robot: as closely as the law of the drive has it); contact
+forces and momentum balance the weight to 1 %; and nothing hangs in mid-air.
+
+Times are of one step while the robot holds its first pose, without collision detection, in
+microseconds: replayed from a graph for SolverAVBD, SolverXPBD and SolverVBD, bare calls for
+`mj_step`, plain calls from Python for SolverMuJoCo, on one core. MuJoCo is given the same robot;
+where it refuses massless links, with welded links merged. A star marks a solver that blew up.
+"""
+
+
+def picture(name: str) -> Path:
+    """Path of a robot's picture, beside the page."""
+    return PICTURES / f"{name.replace('/', '_')}.jpg"
+
+
+def line(report: Report) -> str:
+    """A robot in a line of a terminal."""
+    times = "  ".join(
+        f"{solver} {1e6 * report.times[solver]:.3g}" for solver in SOLVERS if solver in report.times
+    )
+    verdict = "; ".join(report.failures) if report.failures else "passes"
+    return f"{report.name:<28} {verdict}  [us: {times}]"
+
+
+def summary(reports: list[Report]) -> str:
+    """How many robots pass, and how their times compare with those of ``mj_step``."""
+    passed = sum(not report.failures for report in reports)
+    text = f"{passed} of {len(reports)} robots pass."
+    ratios = sorted(
+        (report.times["avbd"] / report.times[MJ_STEP], report.name)
+        for report in reports
+        if {"avbd", MJ_STEP} <= set(report.times)
+    )
+    if not ratios:
+        return text
+    values = [ratio for ratio, _ in ratios]
+    above = [f"{name} ({ratio:.2g})" for ratio, name in reversed(ratios) if ratio > 1.0]
+    text += (
+        f" SolverAVBD takes {median(values):.2f} times as long as `mj_step` in the median of "
+        f"{len(values)} robots, {np.exp(np.mean(np.log(values))):.2f} in the geometric mean."
+    )
+    return text + (f" It takes longer on {', '.join(above)}." if above else "")
+
+
+def read_reports(folder: Path) -> dict[str, Report]:
+    """Reports of earlier runs in ``folder``, by name."""
+    file = folder / "robots.json"
+    if not file.exists():
+        return {}
+    entries = json.loads(file.read_text())
+    return {entry["name"]: Report(**{**entry, "links": tuple(entry["links"])}) for entry in entries}
+
+
+def write_page(folder: Path, reports: list[Report], machine: dict[str, str]) -> Path:
+    """Write the page and the numbers.
+
+    Args:
+        folder: Where to; pictures lie below it.
+        reports: All robots, in the order of the page.
+        machine: What the numbers were measured on and with.
+
+    Returns:
+        The page.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    entries = [asdict(report) for report in reports]
+    (folder / "robots.json").write_text(json.dumps(entries, indent=1, allow_nan=True) + "\n")
+    parts = [_INTRODUCTION, f"{summary(reports)}\n"]
+    for package in dict.fromkeys(report.package for report in reports):
+        rows = [_row(folder, report) for report in reports if report.package == package]
+        titles = [PEERS[solver].title if solver in PEERS else "`mj_step`" for solver in SOLVERS]
+        head = [
+            "",
+            "robot",
+            "links",
+            "massless",
+            "drives",
+            "base",
+            "result",
+            *titles,
+            "/ `mj_step`",
+        ]
+        parts.append(f"## {package}\n\n| {' | '.join(head)} |\n|{' --- |' * len(head)}")
+        parts[-1] += "".join(f"\n| {' | '.join(row)} |" for row in rows) + "\n"
+    parts.append("\n".join(f"- {name}: {value}" for name, value in machine.items()) + "\n")
+    page = folder / "robots.md"
+    page.write_text("\n".join(parts))
+    return page
+
+
+def _row(folder: Path, report: Report) -> list[str]:
+    image = picture(report.name)
+    shown = f"![{report.name}]({image.as_posix()})" if (folder / image).exists() else ""
+    links, massless, drives = report.links
+    verdict = "; ".join(report.failures) if report.failures else "passes"
+    times = [
+        f"{1e6 * report.times[solver]:.3g}" + ("*" if report.notes.get(solver) == BLEW_UP else "")
+        if solver in report.times
+        else "-"
+        for solver in SOLVERS
+    ]
+    ours, theirs = (report.times.get(solver) for solver in ("avbd", MJ_STEP))
+    ratio = f"{ours / theirs:.2f}" if ours and theirs else "-"
+    numbers = [str(links), str(massless), str(drives), report.base]
+    return [shown, f"`{report.name}`", *numbers, verdict.replace("|", "\\|"), *times, ratio]

@@ -1,0 +1,151 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The gallery: robots have names, stand, are held by drives of known gains, and are judged."""
+
+import math
+from importlib import metadata
+from pathlib import Path
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+
+from newton_avbd.__main__ import main
+from newton_avbd.io import Request, UserError, open_scene, robots
+from newton_avbd.io.robots import find_robot, read_robot
+from newton_avbd.study.robot_page import read_reports, summary, write_page
+from newton_avbd.study.robot_pose import FREQUENCY, lowest_points, stand, wave
+from newton_avbd.study.robot_run import Record
+from newton_avbd.study.robot_trial import Report, judge, try_robot
+
+ROUNDING = 1.0e-5
+
+
+def pendulum(builder: newton.ModelBuilder, **options: float) -> None:
+    """A point mass of 2 kg at 0.5 m from a hinge that is fixed to the world."""
+    tiny = wp.mat33(np.eye(3) * 1.0e-6)
+    link = builder.add_link(mass=2.0, inertia=tiny, com=wp.vec3(0.5, 0.0, 0.0))
+    axis = wp.vec3(0.0, 1.0, 0.0)
+    joint = builder.add_joint_revolute(-1, link, axis=axis, label="hinge", **options)
+    builder.add_articulation([joint])
+
+
+def test_every_robot_has_a_name_of_its_own():
+    names = [name for robot in robots.robots() for name in (robot.name, *robot.aliases)]
+    assert len(names) == len(set(names))
+    assert find_robot("robot:nv_ant").path.name == "nv_ant.xml"
+    assert find_robot("newton/cartpole.usda").path.name == "cartpole.usda"
+
+
+def test_an_unknown_robot_is_answered_with_names_and_what_to_install(monkeypatch):
+    def absent(package: str) -> None:
+        raise metadata.PackageNotFoundError(package)
+
+    with pytest.raises(UserError, match="Did you mean robot:newton/cartpole"):
+        find_robot("robot:cartpole.us")
+    monkeypatch.setattr(metadata, "distribution", absent)
+    with pytest.raises(UserError, match="pip install example-robot-data"):
+        find_robot("robot:nothing_like_this")
+
+
+def test_a_drive_gets_the_gains_of_the_inertia_that_it_moves():
+    builder = newton.ModelBuilder()
+    pendulum(builder, armature=0.1)
+    pose = stand(builder)
+    inertia, speed = 2.0 * 0.5**2 + 0.1, 2.0 * math.pi * FREQUENCY
+    assert pose.driven == [0]
+    assert builder.joint_target_ke[0] == pytest.approx(inertia * speed**2, rel=ROUNDING)
+    assert builder.joint_target_kd[0] == pytest.approx(2.0 * inertia * speed, rel=ROUNDING)
+
+
+def test_gains_of_the_file_are_kept():
+    builder = newton.ModelBuilder()
+    pendulum(builder, target_ke=7.0, target_kd=3.0)
+    stand(builder)
+    assert (builder.joint_target_ke[0], builder.joint_target_kd[0]) == (7.0, 3.0)
+
+
+def test_the_first_pose_and_the_motion_keep_the_limits():
+    builder = newton.ModelBuilder()
+    pendulum(builder, limit_lower=0.3, limit_upper=0.45)
+    pose = stand(builder)
+    assert builder.joint_q[0] == pytest.approx(0.3)
+    seconds = np.linspace(0.0, 4.0, 200)
+    targets = wave(builder, pose.driven, seconds, 1.0, 0.2)[:, 0]
+    assert targets[0] == pytest.approx(0.3)
+    assert 0.3 - ROUNDING < targets.min() < targets.max() < 0.45 + ROUNDING
+    assert targets.max() > 0.44
+
+
+def test_a_floating_robot_stands_on_the_ground():
+    robot = find_robot("nv_ant")
+    builder, _ = read_robot(robot)
+    pose = stand(builder)
+    assert pose.floating
+    # Its file has a wall, no floor: it gets one at the height of its lowest point.
+    lowest = lowest_points(builder.finalize(device="cpu"))[:-1].min()
+    ground = builder.shape_type.index(newton.GeoType.PLANE, -1)
+    assert lowest == pytest.approx(float(builder.shape_transform[ground][2]), abs=ROUNDING)
+
+
+def judged(**changes) -> list[str]:
+    """Failures of a run that is right but for ``changes``, beside a reference that is right."""
+    right = {"lag": {"hinge:0": 0.01}, "weight": 20.0, "support": 20.0, "demand": 20.0}
+    reference = Record(lag={"hinge:0": 0.01}, speed=0.0)
+    return judge(Report("r", "p"), Record(**{**right, "speed": 0.0, **changes}), reference)
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"finite": False}, "not finite"),
+        ({"separation": 2.0e-4, "joint": "hinge"}, "hinge opens: 0.2 mm"),
+        ({"misalignment": 2.0e-3, "joint": "hinge"}, "hinge opens"),
+        ({"limit": 0.01}, "a limit is passed by 0.01"),
+        ({"lag": {"hinge:0": 0.1}}, "1 of 1 drives do not follow, hinge by 0.09"),
+        ({"support": 0.0}, "hangs in mid-air"),
+        ({"support": 0.0, "demand": 0.0}, "falls past the ground"),
+        ({"support": 19.0}, "contacts bear 19 N of 20 N"),
+        ({"speed": 1.0}, "moves at 1 m/s"),
+    ],
+)
+def test_each_fault_is_named(changes, complaint):
+    (failure,) = judged(**changes)
+    assert failure.startswith(complaint)
+
+
+def test_what_is_right_passes():
+    assert judged() == []
+
+
+def test_a_robot_of_newton_passes():
+    robot = find_robot("cartpole_single_pendulum")
+    report = Report(robot.name, robot.package)
+    record = try_robot(report, lambda: read_robot(robot)[0], lambda *_: None, timed=False)
+    assert report.failures == []
+    assert record is not None and len(record.lag) == 2
+
+
+def test_a_robot_that_cannot_be_read_stays_in_the_page_with_its_reason(tmp_path: Path):
+    def broken() -> newton.ModelBuilder:
+        raise ValueError("no <link> in it")
+
+    report = Report("broken", "example-robot-data", times={})
+    assert try_robot(report, broken, lambda *_: None) is None
+    page = write_page(tmp_path, [report], {"date": "today"}).read_text()
+    assert "| `broken` |" in page
+    assert "cannot be imported: no <link> in it" in page
+    assert read_reports(tmp_path) == {"broken": report}
+    assert summary([report]) == "0 of 1 robots pass."
+
+
+def test_the_command_lists_robots(capsys):
+    assert main(["robots", "--list"]) == 0
+    assert "  robot:nv_humanoid\n" in capsys.readouterr().out
+
+
+def test_run_takes_a_robot_by_name():
+    simulation = open_scene("robot:boxes_fourbar", Request("xpbd"))
+    simulation.advance()
+    assert simulation.model.joint_count == 5

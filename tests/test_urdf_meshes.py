@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The meshes of a URDF file are found where they are, and named where they are not."""
+
+from pathlib import Path
+
+import newton
+import pytest
+
+from newton_avbd.__main__ import main
+from newton_avbd.io.assets import read_asset
+from newton_avbd.io.meshes import find_asset, read_urdf
+
+TETRAHEDRON = """v 0 0 0
+v 0.1 0 0
+v 0 0.1 0
+v 0 0 0.1
+f 1 3 2
+f 1 2 4
+f 1 4 3
+f 2 3 4
+"""
+
+LINK = """<robot name="r"><link name="base"><inertial><mass value="1"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>
+<collision><geometry><mesh filename="{mesh}"/></geometry></collision>
+<collision><geometry><sphere radius="0.05"/></geometry></collision></link></robot>"""
+
+
+@pytest.fixture
+def workspace(tmp_path: Path) -> Path:
+    """A package ``bot`` with a robot and its mesh, five folders below the workspace."""
+    package = tmp_path / "share" / "bot"
+    (package / "models" / "deep" / "urdf").mkdir(parents=True)
+    (package / "meshes").mkdir()
+    (package / "meshes" / "part.obj").write_text(TETRAHEDRON)
+    return tmp_path
+
+
+def write(workspace: Path, mesh: str) -> Path:
+    path = workspace / "share" / "bot" / "models" / "deep" / "urdf" / "bot.urdf"
+    path.write_text(LINK.format(mesh=mesh))
+    return path
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["package://bot/meshes/part.obj", "package:///bot/meshes/part.obj", "../../../meshes/part.obj"],
+)
+def test_a_mesh_is_found_in_a_folder_above_the_file(workspace, name):
+    found = find_asset(name, write(workspace, name))
+    assert found is not None
+    assert found.resolve() == workspace / "share" / "bot" / "meshes" / "part.obj"
+
+
+def test_a_package_is_found_whose_folder_has_another_name(workspace):
+    found = find_asset("package://bot_description/meshes/part.obj", write(workspace, ""))
+    assert found == workspace / "share" / "bot" / "meshes" / "part.obj"
+
+
+@pytest.mark.parametrize("entry", ["ws", "ws/bot"])
+def test_a_package_is_found_in_ros_package_path(workspace, monkeypatch, tmp_path, entry):
+    (tmp_path / "ws" / "bot").mkdir(parents=True)
+    (tmp_path / "ws" / "bot" / "part.obj").write_text(TETRAHEDRON)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path / entry}")
+    found = find_asset("package://bot/part.obj", write(workspace, ""))
+    assert found == tmp_path / "ws" / "bot" / "part.obj"
+
+
+def test_a_robot_with_its_mesh_collides_by_the_hull_of_it(workspace):
+    path = write(workspace, "package://bot/meshes/part.obj")
+    builder, notes = read_asset(path, "avbd", floating=True)
+    assert notes == ()
+    assert builder.shape_type == [newton.GeoType.CONVEX_MESH, newton.GeoType.SPHERE]
+
+
+def test_a_missing_mesh_is_named_and_the_rest_is_read(workspace):
+    text, absent = read_urdf(write(workspace, "package://other/part.stl"))
+    assert absent == ("package://other/part.stl",)
+    assert "part.stl" not in text
+    path = write(workspace, "package://other/part.stl")
+    builder, (note,) = read_asset(path, "avbd", floating=True)
+    assert "bot.urdf goes on without package://other/part.stl" in note
+    assert "ROS_PACKAGE_PATH" in note
+    assert builder.shape_type == [newton.GeoType.SPHERE]
+
+
+def test_a_mesh_without_triangles_is_named_and_the_rest_is_read(workspace):
+    path = write(workspace, "package://bot/meshes/part.obj")
+    (workspace / "share" / "bot" / "meshes" / "part.obj").write_text("v 0 0 0\n")
+    builder, (note,) = read_asset(path, "avbd", floating=True)
+    assert "part.obj: it " in note
+    assert builder.shape_type == [newton.GeoType.SPHERE]
+
+
+def test_run_says_which_mesh_is_missing(workspace, capsys):
+    path = write(workspace, "package://other/part.stl")
+    assert main(["run", str(path), "--solver", "xpbd", "--frames", "1"]) == 0
+    assert "goes on without package://other/part.stl" in capsys.readouterr().err
