@@ -668,9 +668,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             bodies = model.given
             rest = [self.model.body_world, self.model.body_q, self.model.body_qd]
             kinds = [bool(wanted & StateFlags.BODY_Q), bool(wanted & StateFlags.BODY_QD)]
-            self._launch_links(
-                reset_links, [*rest, selected, *kinds, state.body_q, state.body_qd]
-            )
+            self._launch_links(reset_links, [*rest, selected, *kinds, state.body_q, state.body_qd])
         self._launch_bodies(
             reset_bodies,
             [

@@ -90,7 +90,9 @@ def test_a_weld_carries_what_a_free_body_diagram_says() -> None:
         add_block(builder, link, cfg=surface())
     wall = builder.add_joint_fixed(-1, first, parent_xform=transform((0.0, 0.0, 1.0)))
     weld = builder.add_joint_fixed(
-        first, second, parent_xform=transform((SIZE[0] / 2, 0.0, 0.0)),
+        first,
+        second,
+        parent_xform=transform((SIZE[0] / 2, 0.0, 0.0)),
         child_xform=transform((-SIZE[0] / 2, 0.0, 0.0)),
     )
     builder.add_articulation([wall, weld])
@@ -141,7 +143,11 @@ def test_a_pendulum_of_welded_links_and_a_massless_flange_swings_as_the_closed_f
     for _ in range(count):
         rod = builder.add_link()
         builder.add_shape_box(
-            rod, xform=transform((0.0, 0.0, -length / 2)), hx=0.01, hy=0.01, hz=length / 2,
+            rod,
+            xform=transform((0.0, 0.0, -length / 2)),
+            hx=0.01,
+            hy=0.01,
+            hz=length / 2,
             cfg=surface(),
         )
         joints.append(builder.add_joint_fixed(above, rod, parent_xform=below))
@@ -191,7 +197,12 @@ def test_a_change_of_mass_reaches_the_welded_body() -> None:
     """The second box made three times as heavy: a force on the first turns them as one body."""
     sim = Simulation(beam(True, 3.0), collide=False)
     model = sim.model
-    for name, factor in (("mass", 3.0), ("inertia", 3.0), ("inv_mass", 1 / 3), ("inv_inertia", 1 / 3)):
+    for name, factor in (
+        ("mass", 3.0),
+        ("inertia", 3.0),
+        ("inv_mass", 1 / 3),
+        ("inv_inertia", 1 / 3),
+    ):
         values = getattr(model, f"body_{name}").numpy()
         values[1] *= factor
         getattr(model, f"body_{name}").assign(values)
@@ -252,8 +263,9 @@ def test_what_is_not_finite_of_one_link_loses_nothing_of_the_others() -> None:
 
 def test_the_force_of_a_free_joint_acts_at_the_center_of_its_link() -> None:
     """joint_f on the first of two welded boxes: as body_f on it, not at the common COM."""
-    pushed, forced = Simulation(beam(True, 3.0), collide=False), Simulation(
-        beam(True, 3.0), collide=False
+    pushed, forced = (
+        Simulation(beam(True, 3.0), collide=False),
+        Simulation(beam(True, 3.0), collide=False),
     )
     pushed.push(0, (0.0, 0.0, 300.0))
     forced.control.joint_f.assign([0.0, 0.0, 300.0, 0.0, 0.0, 0.0])

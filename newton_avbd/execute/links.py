@@ -149,9 +149,7 @@ def scatter_link(
     pose = links.body_q_out[body]
     velocity = links.body_qd_out[body]
     is_finite = is_known(pose, velocity)
-    velocity = moved_at(
-        velocity, wp.quat_rotate(wp.transform_get_rotation(pose), links.arm[link])
-    )
+    velocity = moved_at(velocity, wp.quat_rotate(wp.transform_get_rotation(pose), links.arm[link]))
     if link == links.leader[body]:
         links.left_qd[body] = velocity
     else:
