@@ -69,7 +69,8 @@ class SolverArrays:
         self._solved = solved_model(self.model, self._welds) or self.model
         self._refresh_solved()
         self._weld_loads: data.LinkLoads | None = None
-        self._weld_contact_f: wp.array | None = None
+        self._weld_contact_f: Any = None
+        self._weld_joint_f: Any = None
         self._flags: Effects
         self._callers: Callers
         self._worlds: data.WorldWork

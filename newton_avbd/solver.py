@@ -947,9 +947,9 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             source = self._contact_input(contacts)
             if self._weld_contact_f is None or self._weld_contact_f.shape[0] < source.capacity:
                 self._retired.append((self._weld_contact_f,))
-                self._weld_contact_f = wp.zeros(
-                    source.capacity, dtype=wp.spatial_vector, device=self.device
-                )
+                with wp.ScopedDevice(self.device):
+                    shape = (source.capacity,)
+                    self._weld_contact_f = wp.zeros(shape, dtype=wp.spatial_vector)
             contact_f = self._weld_contact_f
             self._export_contact_force(contact_f, contacts)
             pose = self._work.pose

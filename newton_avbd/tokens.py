@@ -13,6 +13,8 @@ from typing import Any
 import newton
 import numpy as np
 
+from .rows.joint import KINDS
+
 SHARE = 1.0e-6
 """Token mass of a massless link, of the mass that hangs on it: float32 tells 6e-8."""
 _FLAT = 1.0e-5
@@ -171,9 +173,8 @@ def _flat_dofs(model: newton.Model, links: np.ndarray) -> list[int]:
     first, second = model.state(), model.state()
     q = model.joint_q.numpy().copy()
     random, starts = np.random.default_rng(0), model.joint_q_start.numpy()
-    unlisted = (newton.JointType.FREE, newton.JointType.BALL, newton.JointType.DISTANCE)
-    unlisted = (*map(int, unlisted), int(newton.JointType.ROD))
-    for joint in np.flatnonzero(~np.isin(model.joint_type.numpy(), unlisted)):
+    kinds = model.joint_type.numpy().tolist()
+    for joint in np.flatnonzero([KINDS[kind].has_axes for kind in kinds]):
         axes = slice(starts[joint], starts[joint + 1])
         q[axes] += random.uniform(0.1, 0.5, q[axes].size)
     second.joint_q.assign(q)

@@ -75,7 +75,7 @@ class Welds:
             depth = np.zeros(count, dtype=int)
             return cls(links, links, frame, still, joints, welds, none, none, depth)
 
-        child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+        child = model.joint_child.numpy()
         used, root = _spanning_forest(model, welds)
         is_static = root[:count] == root[count]
         kept = np.setdiff1d(np.arange(model.joint_count), welds)

@@ -6,7 +6,7 @@ import newton
 import numpy as np
 import pytest
 import warp as wp
-from helpers import EPS, G, IDENTITY, Simulation, add_ground, surface
+from helpers import EPS, IDENTITY, G, Simulation, add_ground, surface
 from newton import ModelFlags
 from scipy.spatial.transform import Rotation
 
@@ -51,7 +51,7 @@ def throw(sim: Simulation) -> None:
     spin = np.array([0.5, 2.0, 1.0])
     middle = np.array([0.5 * SIZE[0], 0.0, sim.center[0, 2]])
     for body, center in enumerate(sim.center):
-        sim.set_velocity(body, np.cross(spin, center - middle) + [0.3, 0.0, 1.0], spin)
+        sim.set_velocity(body, np.cross(spin, center - middle) + np.array([0.3, 0, 1]), spin)
 
 
 @pytest.mark.parametrize("joint", ["fixed", "d6"])
