@@ -15,9 +15,10 @@ from newton_avbd.__main__ import main
 from newton_avbd.io import Request, UserError, open_scene, robots
 from newton_avbd.io.robots import find_robot, read_robot
 from newton_avbd.study.robot_page import read_reports, summary, write_page
-from newton_avbd.study.robot_pose import FREQUENCY, lowest_points, stand, wave
+from newton_avbd.study.robot_pose import FREQUENCY, lowest_points, stand
 from newton_avbd.study.robot_run import Record
 from newton_avbd.study.robot_trial import Report, judge, try_robot
+from newton_avbd.study.robot_wave import wave
 
 ROUNDING = 1.0e-5
 
@@ -91,7 +92,8 @@ def test_a_floating_robot_stands_on_the_ground():
 
 def judged(**changes) -> list[str]:
     """Failures of a run that is right but for ``changes``, beside a reference that is right."""
-    right = {"lag": {"hinge:0": 0.01}, "weight": 20.0, "support": 20.0, "demand": 20.0}
+    right = {"lag": {"hinge:0": 0.01}, "law": {"hinge:0": 0.005}, "stroke": {"hinge:0": 0.1}}
+    right |= {"weight": 20.0, "support": 20.0, "demand": 20.0}
     reference = Record(lag={"hinge:0": 0.01}, speed=0.0)
     return judge(Report("r", "p"), Record(**{**right, "speed": 0.0, **changes}), reference)
 
@@ -104,6 +106,8 @@ def judged(**changes) -> list[str]:
         ({"misalignment": 2.0e-3, "joint": "hinge"}, "hinge opens"),
         ({"limit": 0.01}, "a limit is passed by 0.01"),
         ({"lag": {"hinge:0": 0.1}}, "1 of 1 drives do not follow, hinge by 0.09"),
+        # A joint of a small range that does not move at all.
+        ({"lag": {"hinge:0": 0.02}, "stroke": {"hinge:0": 0.02}}, "1 of 1 drives do not follow"),
         ({"support": 0.0}, "hangs in mid-air"),
         ({"support": 0.0, "demand": 0.0}, "falls past the ground"),
         ({"support": 19.0}, "contacts bear 19 N of 20 N"),
@@ -117,6 +121,7 @@ def test_each_fault_is_named(changes, complaint):
 
 def test_what_is_right_passes():
     assert judged() == []
+    assert judged(lag={"hinge:0": 0.06}, law={"hinge:0": 0.05}) == []
 
 
 def test_a_robot_of_newton_passes():

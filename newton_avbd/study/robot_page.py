@@ -26,9 +26,9 @@ critically damped spring of 4 Hz that carries the inertia beyond the joint. Then
 slow sines within their limits for 1.5 s, at 240 steps a second.
 
 A robot passes if all numbers stay finite; every joint, welds included, stays closed to 0.1 mm and
-1 mrad; limits are kept to 1 mrad; each drive follows its target as closely as with SolverMuJoCo, to
-20 mrad (where MuJoCo does not load the robot: as closely as the law of the drive has it); contact
-forces and momentum balance the weight to 1 %; and nothing hangs in mid-air.
+1 mrad; limits are kept to 1 mrad; each drive follows its target as closely as with SolverMuJoCo, or
+as the law of the drive has it, to 20 mrad; contact forces and momentum balance the weight to 1 %;
+and nothing hangs in mid-air.
 
 Times are of one step while the robot holds its first pose, without collision detection, in
 microseconds: replayed from a graph for SolverAVBD, SolverXPBD and SolverVBD, bare calls for

@@ -33,7 +33,7 @@ class Pose:
 
     Attributes:
         builder: The robot, its ground and its drives.
-        floating: Whether the robot can fall: whether a base joint lets it move freely upwards.
+        floating: Whether the robot can fall: whether a base joint lets it move upwards.
         driven: Degrees of freedom that are driven.
         filtered: Pairs of shapes of the robot that overlap in its first pose, which are filtered.
     """
@@ -60,7 +60,7 @@ def stand(builder: newton.ModelBuilder) -> Pose:
                 limit[dof] = newton.MAXVAL
     _enter_limits(builder)
     place(builder)
-    pose = Pose(builder, floating=any(_is_base(builder, j) for j in range(builder.joint_count)))
+    pose = Pose(builder, floating=any(can_fall(builder, j) for j in range(builder.joint_count)))
     _meet_ground(builder, pose.floating)
     model = builder.finalize(device="cpu")
     inertias = _inertias(model, pose.floating)
@@ -71,7 +71,7 @@ def stand(builder: newton.ModelBuilder) -> Pose:
             continue
         if builder.joint_articulation[joint] < 0:
             continue
-        for dof in _dofs(builder, joint):
+        for dof in dofs_of(builder, joint):
             pose.driven.append(dof)
             builder.joint_target_mode[dof] = int(newton.JointTargetMode.POSITION)
             if builder.joint_target_ke[dof] <= 0.0:
@@ -84,7 +84,7 @@ def stand(builder: newton.ModelBuilder) -> Pose:
     return pose
 
 
-def _dofs(builder: newton.ModelBuilder, joint: int) -> range:
+def dofs_of(builder: newton.ModelBuilder, joint: int) -> range:
     """Degrees of freedom of a joint."""
     count = sum(builder.joint_dof_dim[joint])
     return range(builder.joint_qd_start[joint], builder.joint_qd_start[joint] + count)
@@ -101,12 +101,22 @@ def _is_base(builder: newton.ModelBuilder, joint: int) -> bool:
     )
 
 
+def can_fall(builder: newton.ModelBuilder, joint: int) -> bool:
+    """Whether a joint lets a robot move freely in space, or in an upright plane."""
+    if not _is_base(builder, joint) or builder.joint_type[joint] == newton.JointType.FREE:
+        return _is_base(builder, joint)
+    start, linear = builder.joint_qd_start[joint], builder.joint_dof_dim[joint][0]
+    frame = np.array(builder.joint_X_p[joint])[3:]
+    axes = [np.array(builder.joint_axis[dof]) for dof in range(start, start + linear)]
+    return any(abs(rotate(frame, axis)[2]) > 0.5 for axis in axes)
+
+
 def _enter_limits(builder: newton.ModelBuilder) -> None:
     """Move joint coordinates to within their limits, followers after their leaders."""
     for joint, kind in enumerate(builder.joint_type):
         if kind in (*_NO_DRIVE, newton.JointType.BALL, newton.JointType.ROD):
             continue
-        for i, dof in enumerate(_dofs(builder, joint)):
+        for i, dof in enumerate(dofs_of(builder, joint)):
             at = builder.joint_q_start[joint] + i
             lower, upper = builder.joint_limit_lower[dof], builder.joint_limit_upper[dof]
             if lower <= upper:
@@ -114,7 +124,7 @@ def _enter_limits(builder: newton.ModelBuilder) -> None:
     for joint, leader in enumerate(builder.joint_mimic_joint):
         if leader >= 0:
             offset, factor = builder.joint_mimic_coeffs[joint]
-            for i in range(len(_dofs(builder, joint))):
+            for i in range(len(dofs_of(builder, joint))):
                 at, source = builder.joint_q_start[joint] + i, builder.joint_q_start[leader] + i
                 builder.joint_q[at] = offset + factor * builder.joint_q[source]
 
@@ -254,38 +264,3 @@ def _filter_overlaps(builder: newton.ModelBuilder, model: newton.Model) -> int:
     for pair in sorted(pairs):
         builder.add_shape_collision_filter_pair(*pair)
     return len(pairs)
-
-
-def wave(
-    builder: newton.ModelBuilder, driven: list[int], seconds: Array, frequency: float, reach: float
-) -> Array:
-    """Targets that wave about the first pose within the limits, shape [times, coordinates].
-
-    Args:
-        builder: The robot.
-        driven: Degrees of freedom to move.
-        seconds: Times since the start of the motion [s], at which it is in the first pose.
-        frequency: Frequency [Hz].
-        reach: Largest displacement from the first pose [rad]; a third of it in meters.
-    """
-    targets = np.tile(np.array(builder.joint_q, float), (len(seconds), 1))
-    for joint, kind in enumerate(builder.joint_type):
-        if kind == newton.JointType.BALL:
-            continue
-        for i, dof in enumerate(_dofs(builder, joint)):
-            if dof not in driven:
-                continue
-            at = builder.joint_q_start[joint] + i
-            q = builder.joint_q[at]
-            far = reach / 3.0 if i < builder.joint_dof_dim[joint][0] else reach
-            # What is near a limit moves away from it only.
-            low = max(builder.joint_limit_lower[dof], q - far)
-            high = min(builder.joint_limit_upper[dof], q + far)
-            if low >= high:
-                continue
-            middle, half = 0.5 * (low + high), 0.5 * (high - low)
-            phase = np.arcsin(np.clip((q - middle) / half, -1.0, 1.0))
-            ramp = np.minimum(seconds * frequency, 1.0)
-            goal = middle + half * np.sin(2.0 * np.pi * frequency * seconds + phase)
-            targets[:, at] = q + ramp * (goal - q)
-    return targets

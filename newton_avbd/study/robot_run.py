@@ -10,11 +10,13 @@ from dataclasses import dataclass, field
 
 import newton
 import numpy as np
+from numpy.typing import NDArray
 
 from newton_avbd.study.measure import Array, Bodies
 from newton_avbd.study.measure_joints import Joints
 from newton_avbd.study.peers import PEERS
-from newton_avbd.study.robot_pose import Pose, wave
+from newton_avbd.study.robot_pose import Pose, can_fall
+from newton_avbd.study.robot_wave import wave
 
 DT = 1.0 / 240.0
 """Step [s]."""
@@ -50,6 +52,9 @@ class Record:
         limit: Largest violation of a limit [rad or m].
         lag: Mean distance of each driven coordinate from its target over the motion [rad or m],
             by the name of the joint and the number of its axis.
+        law: What the law of the drive alone gives for the same: its damping, and the joint's, over
+            its stiffness, times the mean speed of the target [rad or m].
+        stroke: Mean distance of each target from the first pose [rad or m].
         weight: Total weight of what can fall [N].
         support: Mean vertical contact force with the world at the end of the hold [N]; NaN where
             the solver does not say.
@@ -65,6 +70,8 @@ class Record:
     joint: str = ""
     limit: float = 0.0
     lag: dict[str, float] = field(default_factory=dict)
+    law: dict[str, float] = field(default_factory=dict)
+    stroke: dict[str, float] = field(default_factory=dict)
     weight: float = 0.0
     support: float = math.nan
     demand: float = math.nan
@@ -102,7 +109,7 @@ def run_robot(
     targets = wave(pose.builder, pose.driven, seconds, WAVES, REACH)
     bodies, joints, record = Bodies.of(model), Joints.of(model), Record()
     chosen = watched_joints(model)
-    falling = falls(model) if pose.floating else np.zeros(model.body_count, bool)
+    falling = falls(pose.builder)
     record.weight = float(bodies.mass[falling] @ -bodies.gravity[falling, 2])
     q = model.joint_q.numpy()
     joint_q, joint_qd = model.joint_q, model.joint_qd
@@ -143,7 +150,12 @@ def run_robot(
             raise TimeoutError(f"gave up after {step + 1} of {HOLD + MOVE} steps in {budget:.0f} s")
     status = getattr(solver, "status", None)
     record.finite &= not np.any(getattr(status, "held_steps", 0))
-    record.lag = by_name(pose.builder, pose.driven, np.mean(lags, axis=0)) if lags else {}
+    if lags:
+        speed = np.mean(np.abs(np.diff(targets, axis=0)), axis=0) / DT
+        stroke = np.mean(np.abs(targets - pose.builder.joint_q), axis=0)
+        record.lag = by_name(pose.builder, pose.driven, np.mean(lags, axis=0))
+        record.stroke = by_name(pose.builder, pose.driven, stroke)
+        record.law = by_name(pose.builder, pose.driven, speed, delays(pose.builder))
     record.model, record.state = model, state
     return record
 
@@ -169,30 +181,25 @@ def watch(record: Record, joints: Joints, body_q: Array, names: list[str]) -> No
     record.limit = max(record.limit, float(joints.limit_violation(body_q).max()))
 
 
-def falls(model: newton.Model) -> np.ndarray:
-    """Which bodies hang on a base that can move freely, shape [bodies]."""
-    free = np.zeros(model.body_count, bool)
-    kind, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy()
+def falls(builder: newton.ModelBuilder) -> NDArray[np.bool_]:
+    """Which bodies hang on a base that can fall, shape [bodies]."""
+    free = np.zeros(builder.body_count, bool)
     for joint, (parent, child) in enumerate(
-        zip(model.joint_parent.numpy(), model.joint_child.numpy(), strict=True)
+        zip(builder.joint_parent, builder.joint_child, strict=True)
     ):
-        if model.joint_articulation.numpy()[joint] < 0:
-            continue
-        base = kind[joint] == newton.JointType.FREE or (
-            kind[joint] == newton.JointType.D6 and dims[joint, 0] >= 2 and dims[joint, 1] >= 1
-        )
-        free[child] = base if parent < 0 else free[parent]
+        if builder.joint_articulation[joint] >= 0:
+            free[child] = can_fall(builder, joint) if parent < 0 else free[parent]
     return free
 
 
-def vertical_momentum(bodies: Bodies, chosen: np.ndarray, state: newton.State) -> float:
+def vertical_momentum(bodies: Bodies, chosen: NDArray[np.bool_], state: newton.State) -> float:
     """Momentum upwards of the chosen bodies [kg m/s]."""
     return float(bodies.mass[chosen] @ state.body_qd.numpy()[chosen, 2])
 
 
 def support(
     model: newton.Model,
-    falling: np.ndarray,
+    falling: NDArray[np.bool_],
     contacts: newton.Contacts,
     observables: newton.solvers.SolverBase.Observables,
 ) -> float:
@@ -206,8 +213,28 @@ def support(
     return float(np.sum(force * (on[first].astype(int) - on[second].astype(int))))
 
 
-def by_name(builder: newton.ModelBuilder, driven: list[int], values: Array) -> dict[str, float]:
-    """Values of coordinates by joint and axis, for driven sliding and turning axes."""
+def delays(builder: newton.ModelBuilder) -> Array:
+    """Time by which a drive stays behind a steady motion [s], shape [dofs]; 0 without a drive."""
+    stiffness, damping, passive = (
+        np.array(values, float)
+        for values in (builder.joint_target_ke, builder.joint_target_kd, builder.joint_damping)
+    )
+    return np.divide(
+        damping + passive, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0
+    )
+
+
+def by_name(
+    builder: newton.ModelBuilder, driven: list[int], values: Array, factors: Array | None = None
+) -> dict[str, float]:
+    """Values of coordinates by joint and axis, for driven sliding and turning axes.
+
+    Args:
+        builder: The robot.
+        driven: Degrees of freedom that are driven.
+        values: Values, shape [coordinates].
+        factors: What to multiply them with, shape [dofs]; None for nothing.
+    """
     chosen, found = set(driven), {}
     for joint, kind in enumerate(builder.joint_type):
         if kind == newton.JointType.BALL:
@@ -215,6 +242,7 @@ def by_name(builder: newton.ModelBuilder, driven: list[int], values: Array) -> d
         start = builder.joint_qd_start[joint]
         for i in range(sum(builder.joint_dof_dim[joint])):
             if start + i in chosen:
-                value = float(values[builder.joint_q_start[joint] + i])
+                factor = 1.0 if factors is None else factors[start + i]
+                value = float(values[builder.joint_q_start[joint] + i] * factor)
                 found[f"{builder.joint_label[joint]}:{i}"] = value
     return found
