@@ -55,7 +55,17 @@ def throw(sim: Simulation) -> None:
 
 
 @pytest.mark.parametrize("joint", ["fixed", "d6"])
-@pytest.mark.parametrize("settings", [{}, {"scheme": "generalized_alpha"}, {"sleeping": True}])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"scheme": "generalized_alpha"},
+        {"sleeping": True},
+        {"blocks": "body"},
+        {"parallel": "bodies"},
+    ],
+    ids=lambda settings: "-".join(settings) or "default",
+)
 def test_two_welded_boxes_move_as_one_of_the_same_total(joint: str, settings: dict) -> None:
     """Poses, energy and contact forces, thrown up, tumbling and at rest.
 
@@ -294,3 +304,21 @@ def test_links_that_are_no_body_step_in_a_captured_graph() -> None:
         eager.step(2)
         wp.capture_launch(capture.graph)
     np.testing.assert_array_equal(replayed.pose, eager.pose)
+
+
+def test_worlds_of_welded_links_move_as_one_alone() -> None:
+    """Three worlds, the second of which is reset: to the bits of a world that is alone."""
+    alone = Simulation(beam(True, 0.3))
+    world, builder = beam(True, 0.3), newton.ModelBuilder()
+    builder.replicate(world, 3)
+    sim = Simulation(builder)
+    start = sim.pose
+    for each in (alone, sim):
+        each.step(20)
+    poses = sim.pose.reshape(3, 2, 7)
+    for pose in poses:
+        np.testing.assert_allclose(pose, alone.pose, atol=1e-6)
+    mask = wp.array([False, True, False, False], dtype=wp.bool)
+    sim.solver.reset(sim.state, mask)
+    np.testing.assert_array_equal(sim.pose[2:4], start[2:4])
+    np.testing.assert_array_equal(sim.pose[[0, 1, 4, 5]], poses[[0, 2]].reshape(4, 7))
