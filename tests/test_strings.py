@@ -285,7 +285,8 @@ def test_pulling_back_neither_drives_nor_holds() -> None:
     sim = tether((0.0, 0.0, -0.2), (0.5, -1.0), gravity=True)
     sim.step(59)
     assert sim.velocity[0, 2] == pytest.approx(-60 * sim.dt * G, rel=1.0e-5)
-    assert sim.center[0, 2] == pytest.approx(-0.5 - 0.5 * 59 * 60 * sim.dt**2 * G, abs=2.0e-3)
+    fallen = (0.5 * 60 * 61 - 1) * sim.dt**2 * G  # all but the first step, which ends at the bound
+    assert sim.center[0, 2] == pytest.approx(-0.5 - fallen, abs=1.0e-5)
 
 
 @pytest.mark.parametrize(
@@ -297,7 +298,10 @@ def test_pulling_back_neither_drives_nor_holds() -> None:
 def test_a_chain_far_beyond_its_bounds_is_pulled_together(
     share: float, bounds: tuple, settings: dict, steps: int
 ) -> None:
-    """Five beads in a row, strings half as long again or too short: 1e-4 m, and at rest."""
+    """Five beads in a row, strings half as long again or too short: 1e-4 m, and at rest.
+
+    Body by body they go up to 2 % beyond that bound, where nothing holds them.
+    """
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     for i in range(5):
         add_bead(builder, (share * LENGTH * (i + 1), 0.0, 0.0), 1.0)
@@ -312,7 +316,9 @@ def test_a_chain_far_beyond_its_bounds_is_pulled_together(
             sim.step()
             assert sim.kinetic_energy < 1.0e-8
     sim.step(60)
-    np.testing.assert_allclose(lengths(sim), LENGTH, atol=1.0e-4)
+    assert np.all(lengths(sim) > least - 1.0e-4)
+    assert most < 0.0 or np.all(lengths(sim) < most + 1.0e-4)
+    np.testing.assert_allclose(lengths(sim), LENGTH, rtol=2.0e-2 if "blocks" in settings else 1e-3)
     assert sim.kinetic_energy < 1.0e-8
 
 

@@ -52,8 +52,8 @@ MOST_TURNED = wp.constant(0.2)
 """By how much closing an open joint may turn its bodies, or a string, in a step [rad], unless it is
 solved with a tree: blocks stay those of the start of the step, and what turns further diverges."""
 ASIDE = wp.constant(1.0e3)
-"""Length of a DISTANCE joint, as a multiple of what the recovery closes of others, from which it has
-a curvature along itself only: a shorter one is pulled aside, and with 30 chains of five diverge."""
+"""Length of a DISTANCE joint, as a multiple of what the recovery closes elsewhere, from which its
+curvature is along itself only. Others are pulled aside: with 30 chains of five diverge."""
 COINCIDENT = wp.constant(1.0e-9)
 """Anchors of a DISTANCE joint that are closer have no direction [m]."""
 
