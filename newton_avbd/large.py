@@ -226,7 +226,7 @@ class LargeWorlds:
             launch(kernels.measure_joints, bodies, [*start, rows, loops, tree, colors, history])
         if effects.loops:
             launch(kernels.measure_loops, self._loop_count, [*start, tree, loops, colors, history])
-        if effects.kinds.distances:
+        if effects.loops and effects.kinds.distances:
             pulls = [joints, worlds, work, colors, loops]
             launch(kernels.widen_loops, self._loop_count, pulls)
         if effects.joints:

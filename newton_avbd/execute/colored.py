@@ -451,7 +451,7 @@ def make_colored(effects: Effects) -> Colored:
                 colors.is_open[world] = 1
             wp.atomic_max(colors.closing, world, loops.closing[i])
 
-    @kernel(effects.kinds.distances)
+    @kernel(effects.loops and effects.kinds.distances)
     def widen_loops(
         # Model:
         joints: JointModel,

@@ -257,7 +257,7 @@ def make_phases(effects: Effects) -> Phases:
             body_start, body_end, scale.static_slot, body_q, model, joints, worlds, work, tree
         ):
             is_open = True
-        if wp.static(effects.kinds.distances):
+        if wp.static(effects.loops and effects.kinds.distances):
             first = loops.world_start[world]
             end = loops.world_start[world + 1]
             closing = float(0.0)
