@@ -233,6 +233,8 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     loops.apart = wp.zeros(joints.size, dtype=wp.vec3)
     loops.arms = wp.zeros(2 * joints.size, dtype=wp.vec3)
     loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
+    loops.recovered = wp.zeros(joints.size, dtype=float)
+    loops.closing = wp.zeros(joints.size, dtype=float)
     loops.kept_force = wp.zeros(joints.size, dtype=wp.vec3)
     loops.kept_torque = wp.zeros(joints.size, dtype=wp.vec3)
     loops.reach = wp.zeros(joints.size, dtype=float)

@@ -643,6 +643,10 @@ class LoopWork:
     """From the COM of the parent to that of the child at the start of the step [m]."""
     misfit: wp.array[wp.spatial_vector]
     """How far each joint is open at the start of the step, as (shift [m], turn [rad])."""
+    recovered: wp.array[float]
+    """Share of that which the recovery of the step takes out."""
+    closing: wp.array[float]
+    """How far that moves the anchors against each other [m]."""
     kept_force: wp.array[wp.vec3]
     """Multipliers that the softness of rows keeps to: of the start of the step, then of its first
     sweep. The recovery leaves them alone, and the joints' own return to them after it."""
@@ -986,6 +990,8 @@ class ColorWork:
     """Most sweeps of the recovery of each world."""
     deepest: wp.array[float]
     """Deepest penetration of each world at the start of the step [m]."""
+    closing: wp.array[float]
+    """The farthest of :attr:`LoopWork.closing` in each world [m]."""
     is_open: wp.array[wp.int32]
     """1 for each world with a joint that is open at the start of the step."""
     has_impacts: wp.array[wp.int32]

@@ -99,6 +99,7 @@ class LargeWorlds:
             colors.lane_finite = wp.zeros(lanes, dtype=wp.int32)
             colors.scale = wp.zeros(self._world_count, dtype=data.WorldScale)
             colors.is_finite = wp.zeros(self._world_count, dtype=wp.int32)
+            colors.closing = wp.zeros(self._world_count, dtype=float)
             colors.deepest = wp.zeros(self._world_count, dtype=float)
             for name in ("most", "passes", "is_open", "has_impacts", "begin"):
                 setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
@@ -225,6 +226,9 @@ class LargeWorlds:
             launch(kernels.measure_joints, bodies, [*start, rows, loops, tree, colors, history])
         if effects.loops:
             launch(kernels.measure_loops, self._loop_count, [*start, tree, loops, colors, history])
+        if effects.loops and effects.kinds.distances:
+            pulls = [joints, worlds, work, colors, loops]
+            launch(kernels.widen_loops, self._loop_count, pulls)
         if effects.joints:
             launch(
                 kernels.place_joints, bodies, [model, joints, body_q, worlds, work, tree, colors]

@@ -2,14 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """DISTANCE joints between bodies: chains, webs, what they tie together in free space."""
 
+import unittest
+import warnings
+
 import newton
 import numpy as np
 import pytest
 import warp as wp
-from helpers import NO_GRAVITY, Simulation, add_box
-from joint_scenes import WORLD, add_link, transform
+from helpers import NO_GRAVITY, G, Simulation, add_box
+from joint_scenes import WORLD, add_contact, add_link, anchor_gaps, transform
 
-from newton_avbd import topology
+from newton_avbd import SolverAVBD, topology
 
 LENGTH = 0.1
 
@@ -184,3 +187,144 @@ def test_what_hangs_on_a_body_that_is_put_hangs_while_others_sleep(is_child: boo
     sim = Simulation(builder, collide=False, sleeping=True)
     sim.step(60)
     assert np.linalg.norm(sim.center[box]) == pytest.approx(1.0, abs=1.0e-4)
+
+
+SETTINGS = [
+    {},
+    {"scheme": "bdf2"},
+    {"scheme": "generalized_alpha"},
+    {"parallel": "bodies"},
+    {"blocks": "body"},
+    {"blocks": "body", "scheme": "generalized_alpha"},
+    {"blocks": "body", "parallel": "bodies"},
+]
+
+
+def tether(
+    start: tuple, bounds: tuple, arm: float = 0.0, gravity: bool = False, **settings: str
+) -> Simulation:
+    """A body at rest on a DISTANCE joint to the origin; its anchor starts at ``start``."""
+    builder = newton.ModelBuilder() if gravity else newton.ModelBuilder(gravity=NO_GRAVITY)
+    body = add_link(builder)
+    builder.body_q[body] = transform(np.array(start) - (0.0, arm, 0.0))
+    least, most = bounds
+    joint = builder.add_joint_distance(
+        WORLD,
+        body,
+        child_xform=transform((0.0, arm, 0.0)),
+        min_distance=least,
+        max_distance=most,
+    )
+    builder.add_articulation([joint])
+    add_contact(builder, body)  # color by color only what could collide is solved
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="SolverAVBD steps without contacts")
+        sim = Simulation(builder, collide=False, **settings)
+        sim.step()
+    return sim
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+@pytest.mark.parametrize(
+    "start, bounds, length",
+    [
+        ((0.9, 0.0, -1.2), (-1.0, 1.0), 1.0),
+        ((0.12, 0.16, 0.0), (0.5, -1.0), 0.5),
+        ((0.0, 0.0, 0.0), (0.5, 0.5), 0.5),
+        ((0.0, 5.0, 0.0), (0.2, 0.3), 0.3),
+    ],
+)
+def test_a_string_far_beyond_a_bound_is_back_within_two_steps(
+    start: tuple, bounds: tuple, length: float, settings: dict
+) -> None:
+    """Straight, to 1e-5 m, without a velocity, and stays there for a second to the bit or so."""
+    sim = tether(start, bounds, **settings)
+    sim.step()
+    way = np.array(start if any(start) else (1.0, 0.0, 0.0))  # coincident: X of the parent's frame
+    np.testing.assert_allclose(sim.center[0], length / np.linalg.norm(way) * way, atol=1.0e-5)
+    np.testing.assert_allclose(sim.velocity, 0.0, atol=1.0e-6)
+    before = sim.pose
+    sim.step(240)
+    np.testing.assert_allclose(sim.pose, before, atol=1.0e-6)
+    np.testing.assert_allclose(sim.velocity, 0.0, atol=1.0e-6)
+
+
+@pytest.mark.parametrize(
+    "settings, steps",
+    [({}, 3), ({"scheme": "bdf2"}, 3), ({"parallel": "bodies"}, 3), ({"blocks": "body"}, 20)],
+    ids=str,
+)
+@pytest.mark.parametrize("start, bounds", [((1.5, 0, 0), (-1.0, 1.0)), ((0.2, 0, 0), (0.5, 0.5))])
+def test_so_is_one_that_turns_its_body(
+    start: tuple, bounds: tuple, settings: dict, steps: int
+) -> None:
+    """Tied 0.2 m beside its COM. Body by body a step turns it by 0.2 rad at most."""
+    sim = tether(start, bounds, arm=0.2, **settings)
+    sim.step(steps - 1)
+    assert anchor_gaps(sim)[0] == pytest.approx(abs(bounds[1]), abs=1.0e-5)
+    assert sim.kinetic_energy < 1.0e-10
+    sim.step(120)
+    assert anchor_gaps(sim)[0] == pytest.approx(abs(bounds[1]), abs=1.0e-5)
+    assert sim.kinetic_energy < 1.0e-10
+
+
+@pytest.mark.parametrize("settings", SETTINGS, ids=str)
+def test_what_is_pulled_back_hangs_still(settings: dict) -> None:
+    """From 0.5 m too low: at its length, no faster than rounding, and without a drift for 2 s."""
+    sim = tether((0.0, 0.0, -1.5), (-1.0, 1.0), gravity=True, **settings)
+    sim.step(9)
+    np.testing.assert_allclose(sim.center[0], (0.0, 0.0, -1.0), atol=1.0e-5)
+    for _ in range(4):
+        sim.step(120)
+        np.testing.assert_allclose(sim.center[0], (0.0, 0.0, -1.0), atol=1.0e-5)
+        assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+def test_pulling_back_neither_drives_nor_holds() -> None:
+    """A body that starts too near falls freely from where it has been put: v = g t to 1e-5."""
+    sim = tether((0.0, 0.0, -0.2), (0.5, -1.0), gravity=True)
+    sim.step(59)
+    assert sim.velocity[0, 2] == pytest.approx(-60 * sim.dt * G, rel=1.0e-5)
+    fallen = (0.5 * 60 * 61 - 1) * sim.dt**2 * G  # all but the first step, which ends at the bound
+    assert sim.center[0, 2] == pytest.approx(-0.5 - fallen, abs=1.0e-5)
+
+
+@pytest.mark.parametrize(
+    "settings, steps",
+    [*((setting, 4) for setting in SETTINGS[:4]), *((setting, 40) for setting in SETTINGS[4:])],
+    ids=str,
+)
+@pytest.mark.parametrize("share, bounds", [(1.5, (-1.0, LENGTH)), (0.4, (LENGTH, -1.0))])
+def test_a_chain_far_beyond_its_bounds_is_pulled_together(
+    share: float, bounds: tuple, settings: dict, steps: int
+) -> None:
+    """Five beads in a row, strings half as long again or too short: 1e-4 m, and at rest.
+
+    Body by body they go up to 2 % beyond that bound, where nothing holds them.
+    """
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    for i in range(5):
+        add_bead(builder, (share * LENGTH * (i + 1), 0.0, 0.0), 1.0)
+    least, most = bounds
+    pairs = [(i - 1 if i else WORLD, i) for i in range(5)]
+    tie(builder, pairs, min_distance=least, max_distance=most)
+    add_contact(builder, 0)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="SolverAVBD steps without contacts")
+        sim = Simulation(builder, collide=False, **settings)
+        for _ in range(steps):
+            sim.step()
+            assert sim.kinetic_energy < 1.0e-8
+    sim.step(60)
+    assert np.all(lengths(sim) > least - 1.0e-4)
+    assert most < 0.0 or np.all(lengths(sim) < most + 1.0e-4)
+    np.testing.assert_allclose(lengths(sim), LENGTH, rtol=2.0e-2 if "blocks" in settings else 1e-3)
+    assert sim.kinetic_energy < 1.0e-8
+
+
+def test_newtons_own_test_of_its_bounds_passes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As it stands, with this solver in the place of SolverXPBD: one step of a sixtieth."""
+    tests = pytest.importorskip("newton.tests.test_solver_xpbd")
+    monkeypatch.setattr(newton.solvers, "SolverXPBD", SolverAVBD)
+    with pytest.warns(UserWarning, match="without contacts"):
+        tests.test_distance_joint_limits(unittest.TestCase(), "cpu")

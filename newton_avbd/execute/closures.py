@@ -251,11 +251,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         dof = joints.dof_start[joint]
         start = wp.float32(loops.start_coordinate[dof])
         upper = joints.limit_upper[dof]
-        stop = bound_of(upper, wp.max(start, upper), recovery)
+        stop = bound_of(i, upper, wp.max(start, upper), recovery, loops)
         side = int(1)
         if push > 0.0:
             lower = joints.limit_lower[dof]
-            stop = bound_of(lower, wp.min(start, lower), recovery)
+            stop = bound_of(i, lower, wp.min(start, lower), recovery, loops)
             side = -1
         if joints.limit_lower[dof] == joints.limit_upper[dof]:
             side = 2

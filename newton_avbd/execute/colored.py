@@ -47,7 +47,7 @@ from .gathering import make_assemble, make_gather
 from .impacts import make_impacts
 from .joining import join_at_once
 from .launch import KERNEL, uncollected
-from .loops import make_loops
+from .loops import make_loops, reach_farther
 from .resetting import forget_joints
 from .scale import (
     COLD_FACTOR,
@@ -80,6 +80,7 @@ class Colored(NamedTuple):
     end_rounds: wp.Kernel | None
     measure_joints: wp.Kernel | None
     measure_loops: wp.Kernel | None
+    widen_loops: wp.Kernel | None
     place_joints: wp.Kernel | None
     assemble: wp.Kernel
     sweep_color: wp.Kernel
@@ -266,6 +267,7 @@ def make_colored(effects: Effects) -> Colored:
         colors.scale[world] = scale
         colors.is_finite[world] = is_finite
         colors.deepest[world] = 0.0
+        colors.closing[world] = 0.0
         colors.is_open[world] = 0
         colors.has_impacts[world] = 0
         colors.begin[world] = 0
@@ -447,6 +449,23 @@ def make_colored(effects: Effects) -> Colored:
             scale = colors.scale[world]
             if measure_loop(i, scale, body_q, body_qd, model, joints, work, tree, loops, history):
                 colors.is_open[world] = 1
+            wp.atomic_max(colors.closing, world, loops.closing[i])
+
+    @kernel(effects.loops and effects.kinds.distances)
+    def widen_loops(
+        # Model:
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        colors: ColorWork,
+        # Work out:
+        loops: LoopWork,
+    ):
+        """How far the recovery of other joints may pull a DISTANCE joint; one thread a joint."""
+        i = wp.tid()
+        world = loop_world(i, joints, worlds, work, loops)
+        reach_farther(i, colors.closing[world], joints, loops)
 
     @kernel(effects.joints)
     def place_joints(
@@ -1053,6 +1072,7 @@ def make_colored(effects: Effects) -> Colored:
         strikes.end_rounds,
         measure_joints,
         measure_loops,
+        widen_loops,
         place_joints,
         assemble,
         sweep_color,

@@ -48,6 +48,12 @@ from .trees import (
 STALE = wp.constant(0.5)
 """Turn of an end in a step from which a joint that is solved with a tree forgets what it pushed
 with [rad]: what rows that imply each other push each other with would turn against others."""
+MOST_TURNED = wp.constant(0.2)
+"""By how much closing an open joint may turn its bodies, or a string, in a step [rad], unless it is
+solved with a tree: blocks stay those of the start of the step, and what turns further diverges."""
+ASIDE = wp.constant(1.0e3)
+"""Length of a DISTANCE joint, as a multiple of what the recovery closes elsewhere, from which its
+curvature is along itself only. Others are pulled aside: with 30 chains of five diverge."""
 COINCIDENT = wp.constant(1.0e-9)
 """Anchors of a DISTANCE joint that are closer have no direction [m]."""
 
@@ -98,13 +104,63 @@ def loop_geometry(
 
 
 @wp.func
-def bound_of(limit: float, start: float, recovery: float) -> float:
-    """Where a bound of a DISTANCE joint holds it [m].
+def reach_farther(i: int, closing: float, joints: wp.ref[JointModel], loops: wp.ref[LoopWork]):
+    """Expects that the recovery pulls at a DISTANCE joint where joints of its world close [m]."""
+    if joints.type[loops.joints[i]] == DISTANCE:
+        loops.reach[i] += ASIDE * closing
 
-    As with :func:`..rows.axis.lower_stop`, what was beyond at the start of the step stays during
-    the motion. The recovery takes all of it out, as it does with what joints lock.
+
+@wp.func
+def left_open(i: int, recovery: float, loops: wp.ref[LoopWork]) -> float:
+    """Share of how far a joint was open at the start of the step that a sweep leaves.
+
+    The motion leaves all of it, so that it does not enter the velocity; the recovery takes it out.
     """
-    return wp.where(recovery > 0.0, limit, start)
+    return wp.where(recovery > 0.0, 1.0 - loops.recovered[i], 1.0)
+
+
+@wp.func
+def share_recovered(
+    shift: float,
+    turn: float,
+    length: float,
+    arm_c: wp.vec3,
+    arm_p: wp.vec3,
+    child: int,
+    parent: int,
+    work: wp.ref[BodyWork],
+    loops: wp.ref[LoopWork],
+) -> float:
+    """Share of an open joint that a step closes: what turns nothing by :data:`MOST_TURNED`.
+
+    Args:
+        shift: How far the joint is open [m].
+        turn: By what angle [rad].
+        length: What a DISTANCE joint is to have then [m]; infinite for others.
+        arm_c: From the COM of the child to its anchor [m].
+        arm_p: Likewise of the parent.
+        child: Slot of the child.
+        parent: Slot of the parent.
+        work: The bodies.
+        loops: Joints outside of trees.
+    """
+    turns_c = mean_inverse(work.inv_inertia[child])
+    turns_p = mean_inverse(work.inv_inertia[parent])
+    yields = work.inv_mass[child] + turns_c * wp.length_sq(arm_c)
+    yields += work.inv_mass[parent] + turns_p * wp.length_sq(arm_p)
+    rate = wp.max(turns_c * wp.length(arm_c), turns_p * wp.length(arm_p)) / yields
+    joints_c = loops.body_start[child + 1] - loops.body_start[child]
+    joints = wp.max(joints_c, loops.body_start[parent + 1] - loops.body_start[parent])
+    if joints > 1:
+        # others pull the string aside
+        rate = float(joints) * wp.max(rate, 1.0 / wp.max(length, 1.0e-12))
+    return wp.min(1.0, MOST_TURNED / wp.max(rate * shift + turn, 1.0e-30))
+
+
+@wp.func
+def bound_of(i: int, limit: float, start: float, recovery: float, loops: wp.ref[LoopWork]) -> float:
+    """Where a bound of a DISTANCE joint holds it that started at or beyond it [m]."""
+    return limit + left_open(i, recovery, loops) * (start - limit)
 
 
 @wp.func
@@ -139,11 +195,11 @@ def distance_force(
     force = float(0.0)
     lower = joints.limit_lower[index]
     if lower >= 0.0:
-        bound = bound_of(lower, wp.min(start, lower), recovery)
+        bound = bound_of(i, lower, wp.min(start, lower), recovery, loops)
         force = wp.max(held + loops.k_l[i] * (bound - length), 0.0)
     upper = joints.limit_upper[index]
     if force == 0.0 and upper > 0.0:
-        bound = bound_of(upper, wp.max(start, upper), recovery)
+        bound = bound_of(i, upper, wp.max(start, upper), recovery, loops)
         force = wp.min(held + loops.k_l[i] * (bound - length), 0.0)
     return force
 
@@ -272,6 +328,9 @@ def make_loops(effects: Effects) -> LoopFunctions:
             shift = linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
             turn = angular_lock(joints, joint, q_p, q_c) * wp.spatial_bottom(misfit)
         loops.misfit[i] = wp.spatial_vector(shift, turn)
+        loops.closing[i] = 0.0
+        open_by = wp.length(shift)
+        span = float(wp.inf)
         turning = wp.length(wp.spatial_bottom(work.target[child]))
         turning += wp.length(wp.spatial_bottom(work.target[parent]))
         moving = wp.length(wp.spatial_top(work.target[child]))
@@ -313,6 +372,9 @@ def make_loops(effects: Effects) -> LoopFunctions:
             lower = joints.limit_lower[index]
             upper = joints.limit_upper[index]
             is_open = length < lower - rounding or (upper >= 0.0 and length > upper + rounding)
+            beyond = beyond_bounds(i, joints, loops)
+            open_by = wp.max(open_by, wp.abs(beyond))
+            span = length - beyond
         else:
             turns = angles(joints, joint, q_p, q_c)
             for dof in range(linear + angular_count(joints, joint)):
@@ -325,7 +387,13 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 if wp.static(effects.bdf2):
                     q = begin_axis(index, q, scale, history.coordinate)
                 loops.start_coordinate[index] = q
+        loops.recovered[i] = 1.0
+        if not loops.is_exact[i]:
+            loops.recovered[i] = share_recovered(
+                open_by, wp.length(turn), span, arm_c, arm_p, child, parent, work, loops
+            )
         reach = wp.length(arm_c) + wp.length(arm_p)
+        loops.closing[i] = loops.recovered[i] * (open_by + reach * wp.length(turn))
         allowed = ROUNDING * (wp.length(work.com[child]) + reach)
         error = wp.length_sq(shift) + reach * reach * wp.length_sq(turn)
         return is_open or error > allowed * allowed
@@ -434,7 +502,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         shift = linear_misfit(joints, joint, q_p, offset)
         arm_p += offset - shift
         turn = angular_misfit(joints, joint, q_p, q_c)
-        kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
+        kept = left_open(i, recovery, loops) * loops.misfit[i]
         force = linear_misfit(joints, joint, q_p, history.loop_force[i])
         torque = angular_lock(joints, joint, q_p, q_c) * history.loop_torque[i]
         if not loops.is_exact[i]:
@@ -519,14 +587,13 @@ def make_loops(effects: Effects) -> LoopFunctions:
             held = wp.dot(history.loop_force[i], along)
             beyond = beyond_bounds(i, joints, loops)
             if is_soft and (
-                beyond != 0.0
-                or distance_force(i, length + reach, held, 0.0, joints, loops) != 0.0
+                distance_force(i, length + reach, held, 0.0, joints, loops) != 0.0
                 or distance_force(i, length - reach, held, 0.0, joints, loops) != 0.0
             ):
                 # what takes out of the length what is beyond its bounds
+                beyond *= loops.recovered[i]
                 held -= (loops.k_l[i] / PENALTY) * beyond
                 shortest = wp.min(length, length - beyond)
-                reach += wp.abs(beyond)
                 curvature = wp.outer(along, along)
                 if shortest < reach:
                     # within the step it may come to point anywhere

@@ -32,7 +32,7 @@ from .ending import make_end, make_remember
 from .gathering import make_assemble, make_gather
 from .impacts import leave_impacts, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
-from .loops import make_loops
+from .loops import make_loops, reach_farther
 from .piles import make_piles
 from .scale import (
     COLD_FACTOR,
@@ -257,6 +257,14 @@ def make_phases(effects: Effects) -> Phases:
             body_start, body_end, scale.static_slot, body_q, model, joints, worlds, work, tree
         ):
             is_open = True
+        if wp.static(effects.loops and effects.kinds.distances):
+            first = loops.world_start[world]
+            end = loops.world_start[world + 1]
+            closing = float(0.0)
+            for i in range(first, end):
+                closing = wp.max(closing, loops.closing[i])
+            for i in range(first, end):
+                reach_farther(i, closing, joints, loops)
         return is_open
 
     @wp.func
