@@ -41,11 +41,6 @@ _OF_BUFFER = "contact buffer"
 
 CAUSES: dict[str, Cause] = {
     "contact": Cause("shape", "that collides with others", "rows/contact.py"),
-    "welds": Cause(
-        "weld",
-        "that makes its links one body: a FIXED joint, or a D6 that leaves no axis free",
-        "execute/links.py",
-    ),
     "pairs": Cause(
         "body", "that could meet another one of its world", "execute/islands.py", _OF_BODIES
     ),
@@ -96,6 +91,11 @@ CAUSES: dict[str, Cause] = {
     ),
     "reaction": Cause(
         "joint", "of such a type with a parent body, or not the child's first", "execute/bodies.py"
+    ),
+    "welds": Cause(
+        "weld",
+        "that makes its links one body: a FIXED joint, or a D6 that leaves no axis free",
+        "execute/links.py",
     ),
     "joints": Cause(
         "joint",
