@@ -443,6 +443,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "reaction",
             "flipped",
             "loops",
+            "welds",
         ),  # what there is
         *("closures", "mimics"),
         "breaking",  # that some joint can break is said before
