@@ -35,7 +35,7 @@ class Pose:
         builder: The robot, its ground and its drives.
         floating: Whether the robot can fall: whether a base joint lets it move upwards.
         driven: Degrees of freedom that are driven.
-        filtered: Pairs of shapes of the robot that overlap in its first pose, which are filtered.
+        filtered: Pairs of shapes that overlap in the first pose and are filtered.
     """
 
     builder: newton.ModelBuilder
@@ -256,11 +256,17 @@ def _subtree(root: int, parents: Array, children: Array) -> Iterator[int]:
 
 
 def _filter_overlaps(builder: newton.ModelBuilder, model: newton.Model) -> int:
-    """Filter the pairs of links that overlap in the first pose; returns how many there are."""
+    """Filter pairs that overlap in the first pose, but for the ground; returns how many there are.
+
+    The other one may be a shape of the world: some files keep markers there.
+    """
     shapes, gaps = Probe(model).contacts(model.state())
-    body = model.shape_body.numpy()
-    deep = {(int(a), int(b)) for (a, b), gap in zip(shapes, gaps, strict=True) if gap < -DEPTH}
-    pairs = {(min(pair), max(pair)) for pair in deep if min(body[pair[0]], body[pair[1]]) >= 0}
+    ground = set(grounds(builder))
+    pairs = {
+        (min(int(a), int(b)), max(int(a), int(b)))
+        for (a, b), gap in zip(shapes, gaps, strict=True)
+        if gap < -DEPTH and not ground & {int(a), int(b)}
+    }
     for pair in sorted(pairs):
         builder.add_shape_collision_filter_pair(*pair)
     return len(pairs)
