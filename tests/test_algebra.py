@@ -9,7 +9,7 @@ from helpers import EPS, Array
 from scipy.spatial.transform import Rotation
 
 from newton_avbd.algebra.block import factor_block, solve_block
-from newton_avbd.algebra.so3 import exp_quat, right_jacobian, world_inertia
+from newton_avbd.algebra.so3 import angle_of, exp_quat, right_jacobian, world_inertia
 
 COUNT = 2000
 
@@ -151,6 +151,28 @@ def test_the_exponential_map_is_exact_to_rounding() -> None:
     # tiny rotations are kept, not rounded to none
     tiny = (size > 0.0) & (size < 1.0e-4)
     assert q[tiny, :3] == pytest.approx(0.5 * theta[tiny], rel=1.0e-6, abs=0.0)
+
+
+@wp.kernel(enable_backward=False)
+def angles(point: wp.array[wp.vec2], out: wp.array[float]):
+    i = wp.tid()
+    out[i] = angle_of(point[i][1], point[i][0])
+
+
+def test_an_angle_is_exact_to_rounding() -> None:
+    """Against NumPy in double precision: all around, on the axes, and near them."""
+    around = np.linspace(-np.pi, np.pi, 4096)
+    tiny = 10.0 ** np.linspace(-20.0, -1.0, 512)
+    angle = np.concatenate([around, tiny, -tiny, np.pi - tiny, 0.5 * np.pi + tiny])
+    point = np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
+    point = np.concatenate([point, np.float32([[1, 0], [0, 1], [-1, 0], [0, -1], [0, 0]])])
+    out = wp.zeros(len(point), dtype=float, device="cpu")
+    inputs = [wp.array(point, dtype=wp.vec2, device="cpu"), out]
+    wp.launch(angles, dim=len(point), inputs=inputs, device="cpu")
+    exact = np.arctan2(point[:, 1].astype(float), point[:, 0].astype(float))
+    error = np.abs(out.numpy() - exact)
+    # the float32 of pi is off by 0.7 eps of 1
+    assert np.all(error < 2.0 * EPS * np.abs(exact) + 1.0e-30)
 
 
 def test_the_right_jacobian_is_the_derivative_of_the_exponential_map() -> None:

@@ -11,6 +11,7 @@ from joint_scenes import (
     add_link,
     anchor_gaps,
     coordinates,
+    set_control,
     set_coordinates,
     simulate,
     transform,
@@ -114,3 +115,32 @@ def test_both_limits_at_zero_lock_the_joint() -> None:
     sim.run(0.5)
     assert coordinates(sim)[0][0] == pytest.approx(0.0, abs=CLOSE)
     assert np.abs(sim.velocity).max() < 1.0e-3
+
+
+def test_a_stop_that_let_go_holds_what_presses_it_again() -> None:
+    """A motor lifts an arm off its stop by less than rounding, then presses it down.
+
+    Both are parts of a robot that floats without gravity. The arm pushes the robot as the motor
+    does, so that nothing turns but for what the first step gave. Were the arm only kept from
+    passing its stop, the robot would take the motor's torque and turn the other way: at 0.05
+    rad/s^2 on 1 kg m^2, five times what may pass for rounding, by 0.05 rad/s in the second.
+    """
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    base = add_link(builder, inertia=(1.0, 1.0, 1.0))
+    arm = add_link(builder, inertia=(1.0, 1.0, 1.0))
+    joints = [
+        builder.add_joint_free(base),
+        builder.add_joint_revolute(base, arm, axis=(0, 1, 0), limit_lower=0.0, limit_upper=1.0),
+    ]
+    builder.add_articulation(joints)
+    sim = simulate(builder)
+    press = np.zeros(7)
+    press[6] = -0.05
+    set_control(sim, joint_f=press)
+    sim.step(10)
+    set_control(sim, joint_f=-1e-3 * press)
+    sim.step(1)
+    set_control(sim, joint_f=press)
+    sim.step(240)
+    assert np.abs(sim.velocity).max() < 1e-5
+    assert coordinates(sim)[0][-1] > -1e-6

@@ -220,6 +220,45 @@ def test_a_mimic_that_starts_off_closes_without_gaining_speed() -> None:
     np.testing.assert_allclose(sim.velocity, 0.0, atol=1e-5)
 
 
+def test_fingers_that_lie_at_their_stops_settle() -> None:
+    """What holds a closed gripper is up to rounding: its stops, or the mimics between them.
+
+    Where the stops let go and hold again, sweep by sweep, a step takes all ten. One step at rest
+    takes one, and one more where a stop lets go.
+    """
+    builder = newton.ModelBuilder()
+    hand = add_link(builder, mass=5.0, com=(0.1, 0.0, 0.0))
+    drive = {"target_ke": 1000.0, "target_kd": 100.0}
+    joints = [builder.add_joint_revolute(WORLD, hand, axis=HINGE, **drive)]
+    limits = {"limit_lower": 0.0, "limit_upper": 0.5}
+    fingers = []
+    for i, way in enumerate((1.0, -1.0)):
+        finger = add_link(builder, mass=0.1, inertia=(1e-4, 1e-4, 1e-4), com=(0.05, 0.0, 0.0))
+        at = transform((0.1, 0.02 * i, 0.0))
+        axis = (0.0, way, 0.0)
+        joints.append(
+            builder.add_joint_revolute(hand, finger, parent_xform=at, axis=axis, **limits, **drive)
+        )
+        fingers.append(finger)
+    for finger, way in zip(fingers, (-1.0, 1.0), strict=True):
+        tip = add_link(builder, mass=0.05, inertia=(1e-5, 1e-5, 1e-5), com=(0.02, 0.0, 0.0))
+        at = transform((0.1, 0.0, 0.0))
+        axis = (0.0, way, 0.0)
+        joints.append(
+            builder.add_joint_revolute(finger, tip, parent_xform=at, axis=axis, **limits, **drive)
+        )
+    builder.add_articulation(joints)
+    for joint in joints[2:]:
+        builder.set_joint_mimic(joint, joints[1])
+    sim = simulate(builder)
+    sim.step(60)
+    sweeps = []
+    for _ in range(60):
+        sim.step()
+        sweeps.append(int(sim.solver.report().sweeps[0]))
+    assert max(sweeps) <= 2
+
+
 def test_blocks_of_one_body_refuse_mimics() -> None:
     builder = newton.ModelBuilder()
     joints = add_hinge_chain(builder, 2)
