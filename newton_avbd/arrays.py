@@ -91,8 +91,8 @@ class SolverArrays:
         self._group_worlds()
         if self._flags.contact and self.contacts is not None:
             self._contact_input(self.contacts)
-        elif self._flags.contact and self._solved.rigid_contact_max:
-            self._allocate_contacts(self._solved.rigid_contact_max)
+        elif self._flags.contact and self.model.rigid_contact_max:
+            self._allocate_contacts(self.model.rigid_contact_max)
 
     def _find_welds(self) -> Welds:
         """Which links of the model are one body."""
@@ -101,6 +101,12 @@ class SolverArrays:
             wanted="welds" not in self._without,
             breakable="breaking" not in self._without,
         )
+
+    def _has_other_bodies(self) -> bool:
+        """Whether other links are one body than so far, or massless links are new to the solver."""
+        welds = self._find_welds()
+        is_plain = not isinstance(self._solved, SolvedModel)
+        return welds != self._welds or (is_plain and solved_model(self.model, welds) is not None)
 
     def _refresh_solved(self) -> None:
         """Makes what is solved follow the model's masses and joint frames, on the device."""
@@ -171,10 +177,10 @@ class SolverArrays:
     def _bind_mimics(self) -> None:
         """Chains of mimic joints and sparse ones have coefficients that the model's array lacks."""
         if not self.device.is_capturing:
-            _, coefficients = mimics(self.model)
+            _, coefficients = mimics(self._solved)
             if self._mimics is not None:
                 self._mimics.assign(coefficients)
-            elif np.any(coefficients != self.model.joint_mimic_coeffs.numpy()):
+            elif np.any(coefficients != self._solved.joint_mimic_coeffs.numpy()):
                 self._mimics = wp.array(coefficients, dtype=wp.vec2, device=self.device)
         if self._mimics is not None:
             self._joints.mimic_coefficients = self._mimics

@@ -89,7 +89,7 @@ class RigidCoupling(CouplingInterface):
             gives = np.linalg.eigvalsh(arm @ mobility @ arm.T)[-1]
             if gives * mass[i] > _HELD:
                 mass[i] = 1.0 / gives
-            turn = rotation @ _root(inertia[i])
+            turn = rotation @ inertia_root(inertia[i])
             gives = np.linalg.eigvalsh(turn.T @ mobility[3:, 3:] @ turn)[-1]
             if gives > _HELD:
                 inertia[i] *= max(1.0 / gives, 1.0)
@@ -173,11 +173,11 @@ def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray
         motion = jacobian[: 6 * links.size, : free.size][:, free]
         # rows of sqrt(M) J, so that the mass matrix of the joints is their Gram matrix
         weighted = [np.diag(np.sqrt(armature[dofs[start] : dofs[end]][free]))]
-        rotations = [_matrix(pose[link, 3:]) for link in links]
+        rotations = [rotation_matrix(pose[link, 3:]) for link in links]
         for link, rotation in enumerate(rotations):
             if moves[links[link]]:
                 rows = motion[6 * link : 6 * link + 6]
-                root = rotation @ _root(inertia[links[link]])
+                root = rotation @ inertia_root(inertia[links[link]])
                 weighted += [np.sqrt(mass[links[link]]) * rows[:3], root.T @ rows[3:]]
         response = motion @ np.linalg.pinv(np.vstack(weighted))
         for link, rotation in enumerate(rotations):
@@ -187,12 +187,12 @@ def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray
     return known
 
 
-def _matrix(rotation: np.ndarray) -> np.ndarray:
+def rotation_matrix(rotation: np.ndarray) -> np.ndarray:
     """Matrix of a quaternion (xyzw)."""
     return np.array(wp.quat_to_matrix(wp.quat(*rotation))).reshape(3, 3)
 
 
-def _root(inertia: np.ndarray) -> np.ndarray:
+def inertia_root(inertia: np.ndarray) -> np.ndarray:
     """A with A A^T = inertia."""
     moments, axes = np.linalg.eigh(inertia)
     return axes * np.sqrt(np.maximum(moments, 0.0))

@@ -19,6 +19,9 @@ from .welds import Welds
 
 def solved_model(model: newton.Model, welds: Welds) -> "SolvedModel | None":
     """What the solver solves instead of the user's model; None where that is the model itself."""
+    is_led = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    if not welds.any and np.all((model.body_mass.numpy() > 0.0) | is_led):
+        return None
     solved = SolvedModel(model, welds)
     return solved if welds.any or solved.has_tokens else None
 
@@ -86,24 +89,21 @@ class SolvedModel:
     def _make_joints(self) -> None:
         model, welds = self._model, self.welds
         kept = welds.joint
-        number = np.full(model.joint_count + 1, -1)
-        number[kept] = np.arange(kept.size)
         body = np.append(welds.body, -1)
         self.joint_count = kept.size
         self.joint_label = [model.joint_label[joint] for joint in kept]
         self.joint_child = _new(body[model.joint_child.numpy()[kept]])
         self.joint_parent = _new(body[model.joint_parent.numpy()[kept]])
-        for name in ("type", "X_p", "X_c", "enabled", "dof_dim", "mimic_coeffs"):
+        for name in ("type", "X_p", "X_c", "enabled", "dof_dim", "mimic_coeffs", "mimic_joint"):
             setattr(self, f"joint_{name}", _taken(getattr(model, f"joint_{name}"), kept))
-        self.joint_mimic_joint = _new(number[model.joint_mimic_joint.numpy()[kept]])
         for name in ("q_start", "qd_start"):
             # welds have no coordinates: what is left starts where it did
             starts = getattr(model, f"joint_{name}").numpy()
             setattr(self, f"joint_{name}", _new(starts[np.append(kept, model.joint_count)]))
         if model.constraint_mimic_count:
             for name in ("joint0", "joint1"):
-                ends = getattr(model, f"constraint_mimic_{name}").numpy()
-                setattr(self, f"constraint_mimic_{name}", _new(number[ends]))
+                ends = getattr(model, f"constraint_mimic_{name}")
+                setattr(self, f"constraint_mimic_{name}", wp.empty_like(ends))
         authored = getattr(model, "avbd", None)
         if authored is not None:
             self.avbd = _Kept(authored, kept)
@@ -125,11 +125,9 @@ class SolvedModel:
         links.arm = wp.zeros(welds.body.size, dtype=wp.vec3)
         links.leader, links.members = _new(welds.leader), _new(member)
         links.member_start = _new(np.append(0, np.cumsum(size)))
-        for name in ("com", "mass", "inertia", "inv_mass", "inv_inertia"):
-            setattr(links, name, getattr(model, f"body_{name}"))
         links.joint = _new(welds.joint)
         if model.joint_count:
-            links.enabled_in, links.enabled = model.joint_enabled, self.joint_enabled
+            links.enabled = self.joint_enabled
         for name, dtype in (
             ("body_q", wp.transform),
             ("body_qd", wp.spatial_vector),
@@ -158,17 +156,43 @@ class SolvedModel:
         links.push_sign = wp.array([sign for _, _, sign in flat], dtype=float)
         dof = self.joint_qd_start.numpy() if model.joint_count else np.zeros(1)
         links.push_dof = _new(dof[[joint for joint, _, _ in flat]])
+        self._token_mass = wp.zeros(count, dtype=float)
+        self._token_moment = wp.zeros(count, dtype=float)
+        self._is_free = wp.zeros(count, dtype=wp.bool)
+        self.reread()
 
+    def reread(self) -> None:
+        """Reads again which joints mimic others and which links are massless, on the host.
+
+        Raises:
+            ValueError: If a body has no mass that its joints call for; see :mod:`.tokens`.
+        """
+        model, welds, count = self._model, self.welds, self.body_count
+        if welds.any:
+            number = np.full(model.joint_count + 1, -1)
+            number[welds.joint] = np.arange(welds.joint.size)
+            self.joint_mimic_joint.assign(number[model.joint_mimic_joint.numpy()[welds.joint]])
+            self.joint_mimic_coeffs.assign(model.joint_mimic_coeffs.numpy()[welds.joint])
+            if model.constraint_mimic_count:
+                for name in ("joint0", "joint1"):
+                    ends = getattr(model, f"constraint_mimic_{name}").numpy()
+                    getattr(self, f"constraint_mimic_{name}").assign(number[ends])
+        self.body_flags.assign(model.body_flags.numpy()[self.body_leader])
+        member = np.flatnonzero(welds.body >= 0)
         mass = np.bincount(welds.body[member], model.body_mass.numpy()[member], count)
         token_mass, token_moment, is_free = token_masses(model, self, mass)
         self.has_tokens = bool(np.any(token_mass > 0.0))
-        self._token_mass = wp.array(token_mass, dtype=float)
-        self._token_moment = wp.array(token_moment, dtype=float)
-        self._is_free = wp.array(is_free & ~welds.is_static[welds.leader], dtype=wp.bool)
+        self._token_mass.assign(token_mass)
+        self._token_moment.assign(token_moment)
+        self._is_free.assign(is_free & ~welds.is_static[welds.leader])
 
     def refresh(self, launch: Launcher) -> None:
         """Reads masses, flags and joint frames of the model again, on the device."""
         model, links = self._model, self.links
+        for name in ("com", "mass", "inertia", "inv_mass", "inv_inertia"):
+            setattr(links, name, getattr(model, f"body_{name}"))
+        if model.joint_count:
+            links.enabled_in = model.joint_enabled
         if self.body_count:
             tokens = [self._token_mass, self._token_moment, self._is_free]
             launch(weigh_bodies, self.body_count, [links, model.body_flags, *tokens, self._bodies])

@@ -737,6 +737,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             if joints.coordinate is not None:
                 yield f"{name}.coordinate", joints.coordinate
         if self._flags.welds:
+            yield "links.body_q_out", self._solved.links.body_q_out
             yield "links.body_qd_out", self._solved.links.body_qd_out
             yield "links.left_qd", self._solved.links.left_qd
         if self._large is not None:
@@ -768,11 +769,13 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         """
         if not int(flags) & int(ModelFlags.ALL):
             return
-        welds = self._welds if self.device.is_capturing else self._find_welds()
-        if welds != self._welds:
-            check_model(self.model, ramp=self.settings.ramp)
-            self._make_arrays_anew()
-            return
+        if not self.device.is_capturing:
+            if self._has_other_bodies():
+                check_model(self.model, ramp=self.settings.ramp)
+                self._make_arrays_anew()
+                return
+            if isinstance(self._solved, SolvedModel):
+                self._solved.reread()
         self._refresh_solved()
         self._bind_model()
         if self._flags.sleeping:
@@ -800,7 +803,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             Names of effects that the kernels do not hold, ``"topology"`` where other bodies move or
             other joints hold, and arrays of the model that stand in the place of others.
         """
-        if self._find_welds() != self._welds:
+        if self._has_other_bodies():
             return ["topology"]
         _, topology, flags, _ = self._look_at_model()
         return [

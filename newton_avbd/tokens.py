@@ -13,6 +13,7 @@ from typing import Any
 import newton
 import numpy as np
 
+from .coupling import inertia_root, rotation_matrix
 from .rows.joint import KINDS
 
 SHARE = 1.0e-6
@@ -70,7 +71,7 @@ def token_masses(
     place = model.body_q.numpy()[solved.body_leader].astype(np.float64)[:, :3]
     inertia = model.body_inertia.numpy()[solved.body_leader].astype(np.float64)
     spread = np.trace(inertia, axis1=1, axis2=2) / 3.0
-    hung, moment, whole = mass.copy(), np.zeros(count), mass.copy()
+    hung, moment = mass.copy(), np.zeros(count)
     for level in above:
         below = np.flatnonzero(level >= 0)
         top = level[below]
@@ -202,15 +203,15 @@ def _flat_at(model: newton.Model, state: newton.State, links: np.ndarray) -> lis
         count = dofs[end] - dofs[start]
         motion = gathered[articulation, : 6 * members.size, :count].astype(np.float64)
         own = armature[dofs[start] : dofs[end]]
-        key = (motion.astype(np.float32).tobytes(), mass[members].tobytes(), own.tobytes())
+        content = (gathered[articulation], mass[members], inertia[members], own)
+        key = tuple(array.tobytes() for array in content)
         if key in known:
             continue  # another copy of the same robot
         known.add(key)
         rows = [np.diag(np.sqrt(own.astype(np.float64)))]
         for i, link in enumerate(members):
             if mass[link] > 0.0:
-                moments, axes = np.linalg.eigh(inertia[link].astype(np.float64))
-                root = (_matrix(pose[link, 3:]) @ axes) * np.sqrt(np.maximum(moments, 0.0))
+                root = rotation_matrix(pose[link, 3:]) @ inertia_root(inertia[link].astype(float))
                 rows += [np.sqrt(float(mass[link])) * motion[6 * i : 6 * i + 3]]
                 rows += [root.T @ motion[6 * i + 3 : 6 * i + 6]]
         weighted = np.vstack(rows)
@@ -221,18 +222,6 @@ def _flat_at(model: newton.Model, state: newton.State, links: np.ndarray) -> lis
         flat = np.abs(vectors[values < _FLAT]).max(axis=0, initial=0.0) > 0.1
         found += [int(dofs[start] + dof) for dof in np.union1d(np.flatnonzero(flat), alone)]
     return found
-
-
-def _matrix(rotation: np.ndarray) -> np.ndarray:
-    """Matrix of a quaternion (xyzw)."""
-    x, y, z, w = rotation.astype(np.float64)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def _names(labels: list[str], bodies: np.ndarray) -> str:

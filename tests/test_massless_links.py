@@ -159,3 +159,28 @@ def test_a_massless_mount_without_a_joint_stays_where_it_is() -> None:
     sim.step(24)
     np.testing.assert_array_equal(sim.pose[mount], [0, 0, 2, 0, 0, 0, 1])
     assert sim.pose[bob, 2] == pytest.approx(2.0, abs=1e-5)
+
+
+def test_mass_that_a_massless_link_gets_counts_and_one_that_it_loses_does_not() -> None:
+    """Both by notify_model_changed: the weight on the joint above says so."""
+    builder = newton.ModelBuilder()
+    middle, bob, y = builder.add_link(), add_bob(builder), (0.0, 1.0, 0.0)
+    upper = builder.add_joint_revolute(-1, middle, axis=y)
+    builder.add_articulation([upper, builder.add_joint_revolute(middle, bob, axis=(1.0, 0.0, 0.0))])
+    sim = Simulation(builder, collide=False)
+    wrench = sim.observe("body_parent_f")
+    model = sim.model
+    for mass, expected in ((0.0, 2.0), (3.0, 5.0), (0.0, 2.0)):
+        inverse = 1.0 / mass if mass else 0.0
+        for name, value in (("mass", mass), ("inv_mass", inverse)):
+            values = getattr(model, f"body_{name}").numpy()
+            values[middle] = value
+            getattr(model, f"body_{name}").assign(values)
+        for name, value in (("inertia", mass), ("inv_inertia", inverse)):
+            values = getattr(model, f"body_{name}").numpy()
+            values[middle] = value * np.eye(3)
+            getattr(model, f"body_{name}").assign(values)
+        sim.solver.notify_model_changed(newton.ModelFlags.BODY_INERTIAL_PROPERTIES)
+        sim.step(5)
+        force = wrench.body_parent_f.numpy()[middle, 2]
+        assert force == pytest.approx(expected * 9.81, rel=1e-4)

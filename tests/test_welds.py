@@ -237,9 +237,52 @@ def test_a_kick_on_one_link_moves_all_of_its_body() -> None:
         sim.set_velocity(kicked, (0.0, 0.0, 2.0))
         sim.step()
         momentum = MASS * sim.velocity[:, 2].sum()
-        if kicked == 1:
-            assert momentum == pytest.approx(2.0 * MASS, rel=1e-5)
-    # the leader's velocity is that of the body, the rest is added
+        assert momentum == pytest.approx(2.0 * MASS, rel=1e-5)
+
+
+def test_a_body_that_is_turned_elsewhere_keeps_the_velocity_of_its_leader() -> None:
+    """Turned by hand by a right angle, at the same velocities of the links' own."""
+    sim = Simulation(beam(True, 5.0), collide=False)
+    sim.model.set_gravity((0.0, 0.0, 0.0))
+    for body in (0, 1):
+        sim.set_velocity(body, (0.0, SIZE[0] * body, 0.0), (0.0, 0.0, 1.0))
+    sim.step()
+    pose, velocity = sim.pose, sim.velocity
+    turn = Rotation.from_rotvec([0.0, 0.0, np.pi / 2])
+    moved = pose.copy()
+    moved[:, :3] = pose[0, :3] + turn.apply(pose[:, :3] - pose[0, :3])
+    moved[:, 3:] = (turn * Rotation.from_quat(pose[:, 3:])).as_quat()
+    sim.state.body_q.assign(moved.astype(np.float32))
+    apart = np.cross([0.0, 0.0, 1.0], moved[1, :3] - moved[0, :3])
+    sim.set_velocity(1, velocity[0, :3] + apart, (0.0, 0.0, 1.0))
+    momentum = MASS * sim.velocity[:, :3].sum(axis=0)
+    sim.step()
+    np.testing.assert_allclose(MASS * sim.velocity[:, :3].sum(axis=0), momentum, atol=1e-3)
+
+
+def test_mimic_joints_beside_welds_follow_by_their_own_coefficients() -> None:
+    """A chain of mimic joints behind a weld: composed coefficients are those of their joints."""
+    builder = newton.ModelBuilder()
+    base, y = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3))), (0.0, 1.0, 0.0)
+    joints = [builder.add_joint_fixed(-1, base)]
+    links = [builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3))) for _ in range(3)]
+    joints += [builder.add_joint_revolute(base, link, axis=y) for link in links]
+    builder.add_articulation(joints)
+    for follower, leader, factor in ((2, 1, 2.0), (3, 2, 0.5)):
+        builder.joint_mimic_joint[joints[follower]] = joints[leader]
+        builder.joint_mimic_coeffs[joints[follower]] = (0.0, factor)
+    sim = Simulation(builder, collide=False)
+    sim.control.joint_f.assign([0.3, 0.0, 0.0])
+    sim.step(10)
+    rates = sim.velocity[links, 4]
+    np.testing.assert_allclose(rates[1:], [2.0 * rates[0], rates[0]], rtol=1e-4)
+    assert rates[0] > 1e-3
+    sim.model.joint_mimic_coeffs.assign(sim.model.joint_mimic_coeffs.numpy() * [1.0, 2.0])
+    sim.solver.notify_model_changed(ModelFlags.JOINT_PROPERTIES)
+    sim.step(10)
+    # what was closed at the start of the step moves on by the new ratios
+    rates = sim.velocity[links, 4]
+    np.testing.assert_allclose(rates[1:], [4.0 * rates[0], 4.0 * rates[0]], rtol=1e-3)
 
 
 def test_reset_puts_all_links_back_and_a_checkpoint_goes_on_to_the_same_bits() -> None:

@@ -93,7 +93,7 @@ def gather_body(
     pose = link_q[leader]
     rotation = wp.transform_get_rotation(pose)
     velocity = moved_at(link_qd[leader], -wp.quat_rotate(rotation, links.arm[leader]))
-    if link_qd[leader] == links.left_qd[body]:
+    if link_qd[leader] == links.left_qd[body] and pose == links.body_q_out[body]:
         # to the bit: of second order is only what goes on from where the last step left it
         velocity = links.body_qd_out[body]
     wrench = wp.spatial_vector()
