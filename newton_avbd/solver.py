@@ -659,7 +659,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if self.model.body_count == 0:
             return
         selected = self._no_mask if mask is None else mask
-        wanted = StateFlags.BODY_Q | StateFlags.BODY_QD if flags is None else StateFlags(int(flags))
+        wanted = int(StateFlags.BODY_Q | StateFlags.BODY_QD if flags is None else flags)
         model = self._solved
         if self._large is not None:
             self._large.forget(self._launch, model.body_world, selected)
@@ -667,8 +667,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if isinstance(model, SolvedModel) and self._flags.welds:
             bodies = model.given
             rest = [self.model.body_world, self.model.body_q, self.model.body_qd]
-            kinds = [bool(wanted & StateFlags.BODY_Q), bool(wanted & StateFlags.BODY_QD)]
-            self._launch_links(reset_links, [*rest, selected, *kinds, state.body_q, state.body_qd])
+            self._launch_links(reset_links, [*rest, selected, wanted, state.body_q, state.body_qd])
         self._launch_bodies(
             reset_bodies,
             [
@@ -676,7 +675,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 model.body_q,
                 model.body_qd,
                 selected,
-                int(wanted),
+                wanted,
                 self._worlds,
                 self._joints,
                 self._tree,

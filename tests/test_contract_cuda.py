@@ -55,7 +55,7 @@ VARIANTS = {
     "hinges": HINGED,
     "driven hinges": with_all(HINGED, "drives limits armature springs bdf2"),
     "a robot": with_all(
-        dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs"
+        dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs welds"
     ),
     "contacts": with_all(
         BODIES,

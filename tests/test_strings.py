@@ -328,3 +328,28 @@ def test_newtons_own_test_of_its_bounds_passes(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(newton.solvers, "SolverXPBD", SolverAVBD)
     with pytest.warns(UserWarning, match="without contacts"):
         tests.test_distance_joint_limits(unittest.TestCase(), "cpu")
+
+
+def test_a_chain_of_distances_of_zero_holds_at_its_points() -> None:
+    """Three bodies hung from each other by DISTANCE joints of length 0, solved at once, swing."""
+    builder = newton.ModelBuilder()
+    joints, above = [], WORLD
+    for i in range(3):
+        link = add_link(builder, xform=transform((0.5 + i, 0.0, 0.0)))
+        start = transform((0.5 if i else 0.0, 0.0, 0.0))
+        joint = builder.add_joint_distance(
+            above,
+            link,
+            parent_xform=start,
+            child_xform=transform((-0.5, 0.0, 0.0)),
+            min_distance=0.0,
+            max_distance=0.0,
+        )
+        joints.append(joint)
+        above = link
+    builder.add_articulation(joints)
+    sim = Simulation(builder, collide=False)
+    for _ in range(60):
+        sim.step()
+        np.testing.assert_allclose(anchor_gaps(sim), 0.0, atol=1e-5)
+    assert sim.center[2, 2] < -0.2

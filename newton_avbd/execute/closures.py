@@ -22,7 +22,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
-from ..rows.joint import is_string
+from ..rows.joint import is_point, is_string
 from .loops import bound_of, distance_force, loop_geometry, string_direction
 from .trees import ROUNDING, anchor_shift, is_linked, is_put, parent_slot, relative_turn
 
@@ -167,6 +167,9 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         shift = linear_misfit(joints, joint, q_p, offset)
         turn = angular_misfit(joints, joint, q_p, q_c)
         linear = 3 - linear_count(joints, joint)
+        if wp.static(effects.kinds.distances):
+            if is_point(joints, joint):
+                linear = int(3)
         kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
         left = shift - wp.spatial_top(kept)
         turn -= wp.spatial_bottom(kept)

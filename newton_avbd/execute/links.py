@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Welded links: their states make that of the body which they are, and its state makes theirs."""
 
+import newton
 import warp as wp
 
 from ..algebra.so3 import world_inertia
@@ -327,8 +328,7 @@ def reset_links(
     rest_qd: wp.array[wp.spatial_vector],
     # In:
     mask: wp.array[wp.bool],
-    poses: wp.bool,
-    velocities: wp.bool,
+    flags: int,
     # State out:
     link_q: wp.array[wp.transform],
     link_qd: wp.array[wp.spatial_vector],
@@ -338,9 +338,9 @@ def reset_links(
     if mask.shape[0] > 0:
         if not is_selected(body_world[link], mask):
             return
-    if poses:
+    if (flags & wp.static(int(newton.StateFlags.BODY_Q))) != 0:
         link_q[link] = rest_q[link]
-    if velocities:
+    if (flags & wp.static(int(newton.StateFlags.BODY_QD))) != 0:
         link_qd[link] = rest_qd[link]
 
 
