@@ -84,6 +84,8 @@ class Welds:
         entry = np.full(count + 1, -1)
         linking = kept[model.joint_type.numpy()[kept] != int(newton.JointType.FREE)]
         entry[root[child[linking][::-1]]] = child[linking][::-1]
+        led = np.flatnonzero(_is_kinematic(model))
+        entry[root[led]] = led
         frame, weld, towards, depth = _walk(model, used, root, entry, is_static)
 
         leader = _leaders(model, root[:count])
@@ -101,6 +103,11 @@ class Welds:
 
 
 _IDENTITY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+def _is_kinematic(model: newton.Model) -> np.ndarray:
+    """Which links the user moves."""
+    return model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
 
 
 def _find_welds(model: newton.Model, breakable: bool) -> np.ndarray:
@@ -127,8 +134,7 @@ def _spanning_forest(model: newton.Model, welds: np.ndarray) -> tuple[list[int],
     """
     count = model.body_count
     root = list(range(count + 1))
-    is_led = np.append(model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0, True)
-    led = is_led.tolist()
+    led = [*_is_kinematic(model).tolist(), True]
 
     def find(link: int) -> int:
         while root[link] != link:
@@ -154,7 +160,7 @@ def _walk(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Walks each set of welded links from its root: poses in the root's frame, and ways to it.
 
-    The root of a set is the world, or the link that another joint holds, or any link.
+    The root of a set is the world, its kinematic link, the link that another joint holds, or any.
     """
     count = model.body_count
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
@@ -191,7 +197,7 @@ def _walk(
 
 def _leaders(model: newton.Model, root: np.ndarray) -> np.ndarray:
     """The leader of each link's set: the kinematic body, otherwise the heaviest link."""
-    is_led = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    is_led = _is_kinematic(model)
     order = np.lexsort((np.arange(root.size), -model.body_mass.numpy(), ~is_led, root))
     sets, first = np.unique(root[order], return_index=True)
     return order[first][np.searchsorted(sets, root)]

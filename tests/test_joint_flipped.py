@@ -17,8 +17,8 @@ END = wp.transform(wp.vec3(-0.3, 0.1, 0.2), wp.quat_rpy(-0.2, 0.1, 0.6))
 AXIS = (0.6, 0.0, 0.8)
 
 
-def hanging(kind: str, *, flipped: bool) -> SolverAVBD:
-    """A body on a kinematic one, joined from it or to it."""
+def hanging(kind: str, *, flipped: bool, welds: bool = False) -> SolverAVBD:
+    """A body on a kinematic one, joined from it or to it, by a joint that is no weld or one."""
     builder = newton.ModelBuilder()
     inertia = wp.mat33(0.02, 0.0, 0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.04)
     holder = builder.add_link(mass=1.0, inertia=inertia, is_kinematic=True)
@@ -42,7 +42,8 @@ def hanging(kind: str, *, flipped: bool) -> SolverAVBD:
         settings |= {"parent_xform": END, "child_xform": ANCHOR}
         ends = (body, holder)
     getattr(builder, f"add_joint_{kind}")(*ends, **settings)
-    return SolverAVBD(builder.finalize(device="cpu", skip_all_validations=True))
+    model = builder.finalize(device="cpu", skip_all_validations=True)
+    return SolverAVBD(model, effects={} if welds else {"welds": False})
 
 
 @pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic", "ball"])
@@ -66,9 +67,11 @@ def test_a_joint_holds_the_same_from_either_end(kind: str) -> None:
         assert np.abs(there - there[0]).max() > 0.1
 
 
-def test_a_held_joint_child_reads_what_holds_it() -> None:
+@pytest.mark.parametrize("welds", [False, True])
+def test_a_held_joint_child_reads_what_holds_it(welds: bool) -> None:
     """The wrench from joint parent to joint child: the kinematic body is pulled by the weight."""
-    solver = hanging("fixed", flipped=True)
+    solver = hanging("fixed", flipped=True, welds=welds)
+    assert solver.effects.flags.welds == welds
     state, out = solver.model.state(), solver.model.state()
     observables = solver.observables([solver.ObservableKind.BODY_PARENT_F])
     solver.step(state, out, None, None, DT, observables=observables)
