@@ -5,6 +5,7 @@
 
 import argparse
 import difflib
+import importlib.metadata
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -47,6 +48,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="newton-avbd",
         description="Simulate rigid bodies in Newton by Augmented Vertex Block Descent.",
     )
+    parser.add_argument("--version", action="version", version=_versions())
     commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for name, module, summary in (
         ("run", run, "simulate a scene"),
@@ -69,6 +71,12 @@ def _parser() -> argparse.ArgumentParser:
         module.add_arguments(command)
         command.set_defaults(main=module.main, parser=command)
     return parser
+
+
+def _versions() -> str:
+    """Versions of this package and of those that it stands on, as a report of a fault needs them."""
+    names = ("newton-avbd", "newton", "warp-lang")
+    return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
 
 
 def _reject(parser: argparse.ArgumentParser, unknown: str) -> NoReturn:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line reports what happened, and says in a sentence what it cannot do."""
 
+import importlib.metadata
 import importlib.util
 import json
 import os
@@ -44,6 +45,15 @@ def test_run_reports_contacts_and_penetration_of_a_pile(capsys):
     value, unit = table["deepest penetration at the end"].split()
     assert unit == "mm"
     assert float(value) < 0.05  # what the pyramid is to keep, see the benchmark
+
+
+def test_version_names_what_a_report_of_a_fault_needs(capsys):
+    with pytest.raises(SystemExit) as end:
+        main(["--version"])
+    assert end.value.code == 0
+    printed = capsys.readouterr().out
+    for name in ("newton-avbd", "newton", "warp-lang"):
+        assert f"{name} {importlib.metadata.version(name)}" in printed
 
 
 def test_run_fails_where_the_scene_fails_its_own_test(capsys):
