@@ -74,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _versions() -> str:
-    """Versions of this package and of those that it stands on, as a report of a fault needs them."""
+    """Versions of this package and of what it stands on, which a report of a fault needs."""
     names = ("newton-avbd", "newton", "warp-lang")
     return ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
 
