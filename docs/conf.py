@@ -1,0 +1,57 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration of the documentation site: Sphinx, MyST and the theme of Newton's own site.
+
+    sphinx-build -W --keep-going docs docs/_build
+
+builds it without a network. ``DOCS_ONLINE=1`` links Newton's, Warp's and NumPy's own sites, too.
+"""
+
+import importlib.metadata
+import os
+
+project = "newton-avbd"
+author = "The newton-avbd Developers"
+project_copyright = f"2026, {author}"
+release = importlib.metadata.version("newton-avbd")
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.intersphinx",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+]
+exclude_patterns = ["_build"]
+
+myst_enable_extensions = ["dollarmath", "amsmath"]
+myst_heading_anchors = 4
+
+nitpicky = True
+nitpick_ignore_regex = [("py:.*", r"(newton|warp|wp|numpy|np|collections|typing)\..*")]
+
+# A build without a network has nobody to ask for these.
+_SITES = {
+    "python": ("https://docs.python.org/3", None),
+    "numpy": ("https://numpy.org/doc/stable", None),
+    "warp": ("https://nvidia.github.io/warp", None),
+    "newton": ("https://newton-physics.github.io/newton/latest", None),
+}
+intersphinx_mapping = _SITES if os.environ.get("DOCS_ONLINE") else {}
+
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_preserve_defaults = True
+autodoc_member_order = "bysource"
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"newton-avbd {release}"
+html_show_sourcelink = False
+html_theme_options = {
+    "navigation_depth": 2,
+    "show_toc_level": 2,
+    "show_prev_next": False,
+    "use_edit_page_button": False,
+}
