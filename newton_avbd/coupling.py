@@ -148,8 +148,8 @@ def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray
         model: The model; its arrays are copied to the host.
 
     Returns:
-        By body that moves: its rotation, and the acceleration by a unit wrench, world axes, shape
-        (6, 6).
+        The rotation of each body that moves, and its acceleration by a unit wrench, world axes,
+        shape (6, 6).
     """
     state = model.state()
     jacobians = newton.eval_jacobian(model, state)

@@ -164,7 +164,7 @@ class Effects:
     gyroscopic: bool
     """A body whose principal moments of inertia differ."""
     joint_force: bool
-    """A joint whose generalized force is a wrench on its body: FREE, DISTANCE or ROD."""
+    """A joint of type FREE, DISTANCE or ROD, whose generalized force is a wrench on its body."""
     welds: bool = False
     """Links that joints without a free axis make one body."""
     kinds: JointKinds = field(default_factory=JointKinds)
@@ -172,13 +172,13 @@ class Effects:
     reaction: bool = False
     """Such a joint below a body that moves, on which its force reacts."""
     flipped: bool = False
-    """A tree that goes from the child of a joint to its parent: the child is kinematic, or held."""
+    """A tree that goes from the child of a joint, kinematic or held, to its parent."""
     light_roots: bool = False
     """A free body whose joints carry so much more than itself that rounding would move it."""
     light_links: bool = False
     """A body with shapes whose joints put many times its own mass behind its contacts."""
     loops: bool = False
-    """Joints outside of trees: they close a loop, or each body is a block of its own."""
+    """Joints outside of trees, which close a loop, or each body is a block of its own."""
     closures: bool = False
     """Joints that close loops within a tree and are solved with it, or mimics."""
     mimics: bool = False
@@ -200,19 +200,19 @@ class Effects:
     breaking: bool = False
     """A joint that breaks at some force or torque."""
     pairs: bool = False
-    """Two bodies in a world, which may meet: contacts are not all with what does not move."""
+    """Two bodies in a world, which may meet, so that contacts are not all with static shapes."""
     compliance: bool = False
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
     piles: bool = False
     """Free bodies in contact are solved at once, and a world has two of them."""
     bdf2: bool = False
-    """Asked for: second order in time."""
+    """Second order in time, where it was asked for."""
     rho: float = 0.0
     """Share that its steps leave of what is infinitely fast."""
     ramp: bool = False
-    """The seed document's formulation: penalties that grow, and no multipliers."""
+    """The seed document's formulation, penalties that grow and no multipliers."""
     sleeping: bool = False
-    """Asked for: islands at rest are not solved, and each island is solved for itself."""
+    """Islands at rest are not solved, and each one by itself, where that was asked for."""
     friction_mix: str = "geometric_average"
     """How the friction coefficients of two shapes mix."""
     angular_friction: bool = False
@@ -228,7 +228,7 @@ class Effects:
     contact_materials: bool = False
     """The contact buffer in use has materials of its own for each contact."""
     on_gpu: bool = False
-    """Not of the scene: what the kernels are compiled for."""
+    """What the kernels are compiled for, not an effect of the scene."""
 
     @classmethod
     def of_model(
@@ -363,7 +363,7 @@ class Effects:
 
     @property
     def stops(self) -> bool:
-        """Whether something stops coordinates: hard limits of position or velocity."""
+        """Whether hard limits of position or velocity stop coordinates."""
         return self.hard_limits or self.velocity_limits
 
     @property

@@ -21,12 +21,12 @@ class Report:
     sweeps: np.ndarray
     """Sweeps that the world took; 0 where nothing touched and no joint held."""
     update: np.ndarray
-    """Residual: how far the last sweep still moved a body [m], a turn by its radius of gyration."""
+    """How far the last sweep still moved a body [m], a turn by its radius of gyration."""
     allowed: np.ndarray
-    """Update at which the world's sweeps end [m]: ``tolerance``, or where nothing moves any
+    """The ``update`` [m] at which the world's sweeps end, ``tolerance`` or where nothing moves any
     more."""
     order: np.ndarray
-    """Order of the step in time: 2 where a scheme of second order could be kept, otherwise 1."""
+    """Order of the step in time, 2 where a scheme of second order could be kept, otherwise 1."""
 
     @property
     def settled(self) -> np.ndarray:
@@ -79,5 +79,5 @@ class Status:
     clashes: int
     """Blocks that found no color in it, and so moved one after the other."""
     dropped_contacts: int
-    """Contacts of all steps that were left out because they made no sense: numbers that are not
-    finite, shapes that do not exist, or bodies of different worlds."""
+    """Contacts of all steps that were left out because they made no sense (numbers that are not
+    finite, shapes that do not exist, or bodies of different worlds)."""

@@ -96,6 +96,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             SolverBase.ObservableKind.CONTACT_F,
         }
     )
+    """Arrays that a step can fill, ``body_qdd``, ``body_parent_f`` and ``contact_f``."""
 
     def __init__(
         self,
@@ -257,7 +258,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             contacts: Contacts of this or an earlier collision pass, or None for no contacts
                 (or where the solver owns a pipeline).
             dt: Time step [s].
-            observables: Arrays of :meth:`observables` to fill.
+            observables: Arrays to fill, from :meth:`newton.solvers.SolverBase.observables` of this
+                solver; None for none.
 
         Raises:
             ValueError: If an argument does not fit the model, or ``dt`` is not positive.
@@ -582,7 +584,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
 
     @property
     def effects(self) -> SceneEffects:
-        """Every effect: on or off, why, and what memory it takes; ``print`` it for a table.
+        """Every effect, on or off, why, and what memory it takes; ``print`` it for a table.
 
         What a contact buffer calls for is on once a step had such a buffer.
         """
