@@ -56,7 +56,10 @@ class Report:
 
 @dataclass(frozen=True)
 class Status:
-    """What happened in a solver since its construction or the last reset; read on request."""
+    """What happened in a solver since its construction or the last reset; read on request.
+
+    Arrays by world have shape (world_count,), or (1,) where all bodies are solved as one world.
+    """
 
     held_steps: np.ndarray
     """How often a world, or a body that touches nothing, was held still because its state, or what
@@ -69,7 +72,7 @@ class Status:
     update: np.ndarray
     """How far the last of these still moved a body [m], a turn by its radius of gyration."""
     broken_joints: np.ndarray
-    """Joints that broke."""
+    """Indices of the joints that broke, shape (count,)."""
     sleeping_bodies: int
     """Bodies that sleep."""
     contact_overflow: int

@@ -85,6 +85,13 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
     Sources: Giles, Diaz, Yuksel, "Augmented Vertex Block Descent", 2025; "Rigid Body Dynamics with
     VBD, Section I: Free Bodies"; Featherstone, "Rigid Body Dynamics Algorithms", 2008; ``docs/``
     says where this solver departs from them, and why.
+
+    Example:
+        As any of Newton's solvers::
+
+            solver = SolverAVBD(model)
+            pipeline.collide(state_0, contacts)
+            solver.step(state_0, state_1, control, contacts, 1.0 / 240.0)
     """
 
     supports_collision_pipeline = True
@@ -248,13 +255,15 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         """Advance the bodies by one time step.
 
         Args:
-            state_in: State to start from; ``body_q``, ``body_qd`` and ``body_f`` are read. A
-                kinematic body moves at its ``body_qd``; where that is zero, friction sees how its
-                pose has been written since the last step.
+            state_in: State to start from, of which three arrays of shape (body_count,) are read:
+                poses ``body_q`` [m], velocities ``body_qd`` [m/s, rad/s] and forces ``body_f`` [N,
+                N m]. A kinematic body moves at its ``body_qd``; where that is zero, friction sees
+                how its pose has been written since the last step.
             state_out: State to write ``body_q`` and ``body_qd`` to, and the joint coordinates with
                 ``update_joint_state``; may be ``state_in``.
-            control: ``joint_f``, ``joint_target_q`` and ``joint_target_qd``; None for the model's
-                own.
+            control: ``joint_f`` [N or N m] and ``joint_target_qd`` [m/s or rad/s], shape
+                (joint_dof_count,), and ``joint_target_q`` [m or rad], shape (joint_coord_count,);
+                None for the model's own.
             contacts: Contacts of this or an earlier collision pass, or None for no contacts
                 (or where the solver owns a pipeline).
             dt: Time step [s].
@@ -607,7 +616,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
 
     @property
     def status(self) -> Status:
-        """What happened so far; copies a few numbers from the device."""
+        """What happened since the construction or the last reset, copied from the device."""
         colors, clashes = (0, 0) if self._large is None else self._large.found()
         return Status(
             colors=colors,
@@ -655,7 +664,12 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             state: State to modify: ``body_q`` and ``body_qd``, as ``flags`` say.
             world_mask: Which worlds, shape ``(world_count + 1,)``; the last entry is for global
                 bodies. None for all.
-            flags: What to put back; None for all. Multipliers are always forgotten.
+            flags: What to put back; None for all, 0 for poses and velocities that the caller has
+                written. Multipliers are always forgotten.
+
+        Raises:
+            TypeError: If the mask is no array of booleans.
+            ValueError: If the mask has another shape or is on another device.
         """
         mask = self._normalize_reset_world_mask(world_mask)
         if self.model.body_count == 0:
