@@ -9,6 +9,8 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "newton_avbd"
+FRONT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+"""Outside of the site, whose build checks the links of its own pages."""
 STEP = (ROOT / "docs" / "algorithm.md").read_text().split("| what | function | file |")[1]
 STAGES = [line for line in STEP.split("\n\n")[0].splitlines() if ".py" in line]
 
@@ -27,3 +29,9 @@ def test_the_files_that_a_page_names_exist(page: Path) -> None:
     for name in re.findall(r"`([a-z0-9_/]+\.py)`", page.read_text()):
         places = (ROOT / name, PACKAGE / name, PACKAGE / "execute" / name, PACKAGE / "rows" / name)
         assert any(place.exists() for place in places), name
+
+
+@pytest.mark.parametrize("page", FRONT_PAGES)
+def test_the_links_of_a_front_page_lead_somewhere(page: str) -> None:
+    for link in re.findall(r"\]\((?!http)([^)#]+)", (ROOT / page).read_text()):
+        assert (ROOT / link).exists(), link
