@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from . import data
-from .actuators import Actuators, is_limited
+from .actuators import Actuators, is_limited, reflected_armature
 from .execute import actuation as kernels
 from .execute.launch import Launcher
 from .rows import actuator as rules
@@ -101,6 +101,11 @@ class Actuation:
             world = self._model.mujoco.actuator_world
             launch(kernels.reset_activations, world.size, [world, mask, self.law.activation])
 
+    def bind(self, joints: Any) -> None:
+        """Adds the armature of actuators to that of their axes."""
+        if self._armature is not None:
+            joints.armature = self._armature
+
     def remembered(self) -> Iterator[tuple[str, wp.array]]:
         """Arrays that a step leaves to the next one, by name."""
         if self.law.activation is not None:
@@ -137,6 +142,11 @@ class Actuation:
         dofs = np.unique(np.array(sorted(axes.values()), dtype=int))
         rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
         self.pushes = wp.zeros(model.joint_dof_count if axes else 0, dtype=data.AxisPush)
+        armature = reflected_armature(model, axes)
+        self._armature = None
+        if np.any(armature):
+            whole = model.joint_armature.numpy() + armature
+            self._armature = wp.array(whole, dtype=float)
         self._dofs = wp.array(dofs, dtype=wp.int32)
         self._start = wp.array(np.cumsum([0, *map(len, rows)]), dtype=wp.int32)
         self._rows = wp.array([row for of_dof in rows for row in of_dof], dtype=wp.int32)

@@ -178,3 +178,19 @@ def is_limited(mujoco: Any, name: str) -> np.ndarray:
     limited = getattr(mujoco, f"actuator_{name}limited").numpy()
     has_range = getattr(mujoco, f"actuator_has_{name}range").numpy() > 0
     return (limited == 1) | ((limited == _AUTO) & has_range & bool(mujoco.autolimits.numpy()[0]))
+
+
+def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
+    """What the armature of actuators adds to that of each degree of freedom [kg or kg m^2].
+
+    Args:
+        model: The model.
+        axes: Degree of freedom of each actuator that pushes along one, by its row.
+    """
+    added = np.zeros(model.joint_dof_count, dtype=np.float32)
+    if axes:
+        mujoco: Any = model.mujoco
+        rows = list(axes)
+        gear = mujoco.actuator_gear.numpy()[rows, 0]
+        np.add.at(added, list(axes.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
+    return added

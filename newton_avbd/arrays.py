@@ -177,6 +177,8 @@ class SolverArrays:
         if model.joint_count:
             self._bind_mimics()
             self._bind_break_limits()
+        if self._actuation is not None:
+            self._actuation.bind(self._joints)
 
     def _bind_mimics(self) -> None:
         """Chains of mimic joints and sparse ones have coefficients that the model's array lacks."""
@@ -539,6 +541,7 @@ class SolverArrays:
         self._actuation, self._ctrl = None, None
         if not wanted.isdisjoint(ACTING):
             self._actuation = Actuation(self.model, self._joints, wanted)
+            self._actuation.bind(self._joints)
         # the next step makes its view of the control anew
         self._control_arrays = (None, None, None)
 

@@ -11,7 +11,7 @@ from typing import Any
 import newton
 import numpy as np
 
-from .actuators import Actuators, compensated_links
+from .actuators import Actuators, compensated_links, reflected_armature
 from .attributes import break_limits
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
@@ -283,6 +283,7 @@ class Effects:
         driven = axes.driven()
         actuators = Actuators.of_model(model)
         actuated = np.isin(axes.dofs, list(actuators.axes.values()))
+        reflected = reflected_armature(model, actuators.axes)[axes.dofs] > 0.0
         ranged = np.isin(axes.dofs, actuators.limited_axes(model))
         callers = {
             "contact": shapes,
@@ -323,7 +324,7 @@ class Effects:
             "limits": axes.joints(axes.bounded()),
             "velocity_limits": axes.joints(axes.limited("joint_velocity_limit", 0.0)),
             "springs": axes.joints(axes.positive("joint_damping", "joint_stiffness")),
-            "armature": axes.joints(axes.positive("joint_armature")),
+            "armature": axes.joints(axes.positive("joint_armature") | reflected),
             "joint_friction": axes.joints(axes.positive("joint_friction")),
             "breaking": _breakable(model),
         }

@@ -99,7 +99,7 @@ def push_axes(
             push.force += force
             push.stiffness += stiffness
             push.damping += damping
-        push.damping += gear * gear * own_damping(actuators, row, velocity)
+        push.damping += gear * gear * own_damping(actuators, row, qd)
     pushes[dof] = push
 
 

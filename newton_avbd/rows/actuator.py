@@ -262,7 +262,7 @@ def at_limit(law: ActuatorLaw, length: float, velocity: float) -> ActuatorLaw:
 
 @wp.func
 def own_damping(actuators: wp.ref[ActuatorModel], row: int, velocity: float) -> float:
-    """Damping of an actuator beside its force [N s/m or N m s/rad], at a velocity."""
+    """Damping of an actuator beside its force [N s/m or N m s/rad], at the velocity of its axis."""
     poly = actuators.dampingpoly[row]
     speed = wp.abs(velocity)
     return actuators.damping[row] + speed * (poly[0] + speed * poly[1])
