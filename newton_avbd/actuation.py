@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from . import data
-from .actuators import Actuators, is_limited, reflected_armature
+from .actuators import Actuators, fixed_tendons, is_limited, reflected_armature
 from .execute import actuation as kernels
 from .execute.launch import Launcher
 from .rows import actuator as rules
@@ -44,13 +44,16 @@ class Actuation:
         found = Actuators.of_model(model)
         axes = found.axes if "actuators" in wanted else {}
         bodies = found.bodies if "body_actuators" in wanted else {}
-        self.rows = sorted({*axes, *bodies})
+        tendons = fixed_tendons(model) if "tendons" in wanted else {}
+        pulling = {row: tendon for row, tendon in found.tendons.items() if tendon in tendons}
+        self.rows = sorted({*axes, *bodies, *pulling})
         self.control_count = len(found.labels)
         with wp.ScopedDevice(model.device):
             self.law = data.ActuatorModel()
             if self.rows:
                 self._make_law(found)
-            self._make_axes(axes)
+            self._make_axes(axes, tendons)
+            self._make_tendons(tendons, pulling)
             self._make_bodies(bodies)
             self._compensation = wp.empty(0, dtype=float)
             if "gravity_compensation" in wanted:
@@ -65,6 +68,10 @@ class Actuation:
         model = self._model
         if self._is_measured:
             newton.eval_ik(self._all_joints, state, self._joint_q, self._joint_qd)
+        if self._tendons.tendon is not None:
+            motion = [self._joint_q, self._joint_qd, ctrl, dt]
+            given = [self.law, model.mujoco.dof_ref, *motion, self._tendons]
+            launch(kernels.pull_tendons, self._tendons.tendon.size, given)
         if self._dofs.size:
             launch(
                 kernels.push_axes,
@@ -74,7 +81,8 @@ class Actuation:
                     self._joints,
                     model.mujoco.dof_ref,
                     *(self._dofs, self._start, self._rows, self._coordinate),
-                    *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt, self.pushes),
+                    *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
+                    *(self._tendons, self._tendon_start, self._tendon_items, self.pushes),
                 ],
             )
         bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia]
@@ -136,31 +144,67 @@ class Actuation:
         law.velocity_bias = wp.array(velocity_bias, dtype=float)
         law.acc0 = wp.array(acc0, dtype=float)
 
-    def _make_axes(self, axes: dict[int, int]) -> None:
-        """Lists actuators by degree of freedom, and whether its coordinate is to be measured."""
+    def _make_axes(
+        self, axes: dict[int, int], tendons: dict[int, tuple[list[int], list[float]]]
+    ) -> None:
+        """Lists actuators and tendons by degree of freedom."""
         model = self._model
-        dofs = np.unique(np.array(sorted(axes.values()), dtype=int))
+        tied = [dof for of_tendon, _ in tendons.values() for dof in of_tendon]
+        dofs = np.unique(np.array([*axes.values(), *tied], dtype=int))
         rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
-        self.pushes = wp.zeros(model.joint_dof_count if axes else 0, dtype=data.AxisPush)
+        owner = np.repeat(np.arange(len(tendons)), [len(of) for of, _ in tendons.values()])
+        items = [[(owner[k], k) for k, dof in enumerate(tied) if dof == known] for known in dofs]
+        self.pushes = wp.zeros(model.joint_dof_count if dofs.size else 0, dtype=data.AxisPush)
+        self._dofs, self._coordinate = _indices(dofs), _indices(self._coordinates(dofs))
+        self._start, self._rows = _lists(rows)
+        self._tendon_start = _indices(np.cumsum([0, *map(len, items)]))
+        flat = np.array([item for of_dof in items for item in of_dof], dtype=np.int32)
+        self._tendon_items = wp.array(flat.reshape(-1, 2), dtype=wp.vec2i)
         armature = reflected_armature(model, axes)
         self._armature = None
         if np.any(armature):
-            whole = model.joint_armature.numpy() + armature
-            self._armature = wp.array(whole, dtype=float)
-        self._dofs = wp.array(dofs, dtype=wp.int32)
-        self._start = wp.array(np.cumsum([0, *map(len, rows)]), dtype=wp.int32)
-        self._rows = wp.array([row for of_dof in rows for row in of_dof], dtype=wp.int32)
-        starts = model.joint_qd_start.numpy() if model.joint_count else np.zeros(1, dtype=int)
-        joint = np.searchsorted(starts, dofs, side="right") - 1
-        coordinate = dofs - starts[joint]
-        if dofs.size:
-            coordinate += model.joint_q_start.numpy()[joint]
-        self._coordinate = wp.array(coordinate, dtype=wp.int32)
-        self._is_measured = bool(axes) and self._needs_motion(axes, rows)
-        self._joint_q = wp.zeros(model.joint_coord_count if self._is_measured else 0, dtype=float)
-        self._joint_qd = wp.zeros(model.joint_dof_count if self._is_measured else 0, dtype=float)
+            self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)
+        self._is_measured = bool(tendons) or (bool(axes) and self._needs_motion(axes, rows))
+        is_measured = int(self._is_measured)
+        self._joint_q = wp.zeros(is_measured * model.joint_coord_count, dtype=float)
+        self._joint_qd = wp.zeros(is_measured * model.joint_dof_count, dtype=float)
         if self._is_measured:
             self._all_joints = AllJoints(model)
+
+    def _make_tendons(
+        self, tendons: dict[int, tuple[list[int], list[float]]], pulling: dict[int, int]
+    ) -> None:
+        """Lists what each tendon combines, and the actuators that pull it."""
+        work, model = data.TendonModel(), self._model
+        self._tendons = work
+        if not tendons:
+            return
+        mujoco: Any = model.mujoco
+        dofs = [of_tendon for of_tendon, _ in tendons.values()]
+        coefficients = [values for _, values in tendons.values()]
+        work.tendon = _indices(np.array(list(tendons)))
+        work.joint_start, work.dof = _lists(dofs)
+        work.coordinate = _indices(self._coordinates(work.dof.numpy()))
+        work.coefficient = wp.array(np.concatenate(coefficients), dtype=float)
+        work.row_start, work.rows = _lists(
+            [[row for row, pulled in pulling.items() if pulled == tendon] for tendon in tendons]
+        )
+        for name in ("stiffness", "damping", "springlength"):
+            setattr(work, name, getattr(mujoco, f"tendon_{name}"))
+        ref = mujoco.dof_ref.numpy()
+        rest = [np.dot(c, ref[of]) for of, c in zip(dofs, coefficients, strict=True)]
+        work.rest = wp.array(rest, dtype=float)
+        for name in ("force", "slope", "rate", "size"):
+            setattr(work, name, wp.zeros(len(tendons), dtype=float))
+
+    def _coordinates(self, dofs: np.ndarray) -> np.ndarray:
+        """Joint coordinate of degrees of freedom that have an axis."""
+        model = self._model
+        if dofs.size == 0:
+            return dofs
+        starts = model.joint_qd_start.numpy()
+        joint = np.searchsorted(starts, dofs, side="right") - 1
+        return dofs - starts[joint] + model.joint_q_start.numpy()[joint]
 
     def _make_bodies(self, bodies: dict[int, tuple[int, int, Any, int, Any]]) -> None:
         """Lists actuators that push bodies, and by link those that push it."""
@@ -181,8 +225,7 @@ class Actuation:
             items[link[i]].append(2 * i)
             if against[i] >= 0:
                 items[against[i]].append(2 * i + 1)
-        self._link_start = wp.array(np.cumsum([0, *map(len, items)]), dtype=wp.int32)
-        self._items = wp.array([item for of_link in items for item in of_link], dtype=wp.int32)
+        self._link_start, self._items = _lists(items)
 
     def _needs_motion(self, axes: dict[int, int], rows: list[list[int]]) -> bool:
         """Whether a force takes length and velocity at the start of the step."""
@@ -249,6 +292,17 @@ class Actuation:
                 velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
             acc0[row] = abs(gear[row]) * mobility
         return velocity_bias, acc0
+
+
+def _indices(values: np.ndarray) -> wp.array:
+    """An array of indices on the current device."""
+    return wp.array(values.astype(np.int32), dtype=wp.int32)
+
+
+def _lists(items: list[list[int]]) -> tuple[wp.array, wp.array]:
+    """Where each of some lists starts in one array, and that array."""
+    flat = np.array([item for one in items for item in one], dtype=int)
+    return _indices(np.cumsum([0, *map(len, items)])), _indices(flat)
 
 
 def _reference_inertia(model: newton.Model) -> dict[int, tuple[float, float]]:

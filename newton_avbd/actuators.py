@@ -21,7 +21,7 @@ _TRANSMISSION = SolverMuJoCo.TrnType
 _CTRL_DIRECT = int(SolverMuJoCo.CtrlSource.CTRL_DIRECT)
 """An actuator with an input of its own, not the target of a joint."""
 _BALL, _FREE = int(newton.JointType.BALL), int(newton.JointType.FREE)
-ACTING = ("actuators", "body_actuators", "gravity_compensation")
+ACTING = ("actuators", "tendons", "body_actuators", "gravity_compensation")
 """Effects of what acts before a step."""
 _AUTO = 2
 """A limit that holds where a range is given."""
@@ -78,7 +78,10 @@ class Actuators:
             elif kind == _TRANSMISSION.SITE and target >= 0:
                 found._add_site(model, row, target)
             elif kind == _TRANSMISSION.TENDON and target >= 0:
-                found.tendons[row] = target
+                if target in fixed_tendons(model):
+                    found.tendons[row] = target
+                else:
+                    found.left[row] = "the tendon that it pulls is left out"
             elif target < 0:
                 found.left[row] = "its target does not exist"
             else:
@@ -194,3 +197,24 @@ def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
         gear = mujoco.actuator_gear.numpy()[rows, 0]
         np.add.at(added, list(axes.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
     return added
+
+
+def fixed_tendons(model: newton.Model) -> dict[int, tuple[list[int], list[float]]]:
+    """Degrees of freedom and coefficients of each fixed tendon that acts, by its row.
+
+    Those act that combine joints with one axis.
+    """
+    found: dict[int, tuple[list[int], list[float]]] = {}
+    count = model.custom_frequency_counts.get("mujoco:tendon", 0)
+    if not count:
+        return found
+    mujoco: Any = model.mujoco
+    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy()
+    for row in np.flatnonzero(mujoco.tendon_type.numpy() == 0).tolist():
+        first, size = mujoco.tendon_joint_adr.numpy()[row], mujoco.tendon_joint_num.numpy()[row]
+        joints = mujoco.tendon_joint.numpy()[first : first + size]
+        has_axes = [KINDS[newton.JointType(int(kinds[joint]))].has_axes for joint in joints]
+        if all(has_axes) and np.all(starts[joints + 1] == starts[joints] + 1):
+            coefficients = mujoco.tendon_coef.numpy()[first : first + size].tolist()
+            found[row] = (starts[joints].tolist(), coefficients)
+    return found

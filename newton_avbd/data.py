@@ -321,6 +321,37 @@ class BodyActuation:
 
 
 @wp.struct
+class TendonModel:
+    """MuJoCo's fixed tendons: linear combinations of coordinates, with what pulls them."""
+
+    tendon: wp.array[wp.int32]
+    """Row in the ``mujoco`` namespace of each."""
+    joint_start: wp.array[wp.int32]
+    """First of the degrees of freedom that each combines."""
+    dof: wp.array[wp.int32]
+    coordinate: wp.array[wp.int32]
+    """Joint coordinate of each of these."""
+    coefficient: wp.array[float]
+    row_start: wp.array[wp.int32]
+    """First of the actuators of each."""
+    rows: wp.array[wp.int32]
+    stiffness: wp.array[float]
+    """The model's arrays, by row."""
+    damping: wp.array[float]
+    springlength: wp.array[wp.vec2]
+    rest: wp.array[float]
+    """Length in the reference pose, by row."""
+    force: wp.array[float]
+    """Tension less what it slackens by its slopes, in the step [N or N m]."""
+    slope: wp.array[float]
+    """How much the tension falls with velocity, at the end of the step [N s/m]."""
+    rate: wp.array[float]
+    """How much of that is damping [N s/m]."""
+    size: wp.array[float]
+    """Sum of the coefficients' absolute values."""
+
+
+@wp.struct
 class ControlInput:
     """What drives the joints in the step."""
 

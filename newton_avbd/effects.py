@@ -11,7 +11,7 @@ from typing import Any
 import newton
 import numpy as np
 
-from .actuators import Actuators, compensated_links, reflected_armature
+from .actuators import Actuators, compensated_links, fixed_tendons, reflected_armature
 from .attributes import break_limits
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
@@ -130,6 +130,7 @@ CAUSES: dict[str, Cause] = {
     "springs": Cause("joint", "with a passive stiffness or damping", "rows/axis.py"),
     "armature": Cause("joint", "with armature above zero", "rows/axis.py"),
     "joint_friction": Cause("joint", "with friction above zero", "rows/axis.py"),
+    "tendons": Cause("joint", "that a fixed MuJoCo tendon combines", "execute/actuation.py"),
     "gravity_compensation": Cause(
         "body", "with gravity compensation (mujoco:gravcomp)", "execute/actuation.py"
     ),
@@ -197,6 +198,8 @@ class Effects:
     """A joint axis with a drive that has a gain."""
     actuators: bool = False
     """A joint axis with an actuator of MuJoCo's."""
+    tendons: bool = False
+    """A joint axis that a fixed tendon of MuJoCo's combines with others."""
     gravity_compensation: bool = False
     """A body whose weight is compensated."""
     body_actuators: bool = False
@@ -281,10 +284,12 @@ class Effects:
         shapes = _colliding(model)
         axes = _Axes.of_model(model)
         driven = axes.driven()
-        actuators = Actuators.of_model(model)
+        user_model = getattr(model, "user_model", model)
+        actuators = Actuators.of_model(user_model)
         actuated = np.isin(axes.dofs, list(actuators.axes.values()))
-        reflected = reflected_armature(model, actuators.axes)[axes.dofs] > 0.0
-        ranged = np.isin(axes.dofs, actuators.limited_axes(model))
+        tied = [dof for dofs, _ in fixed_tendons(user_model).values() for dof in dofs]
+        reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
+        ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
         callers = {
             "contact": shapes,
             "friction": _shapes_with(model, "mu"),
@@ -314,7 +319,8 @@ class Effects:
             ),
             "drives": axes.joints(driven),
             "actuators": axes.joints(actuated),
-            "gravity_compensation": _bodies_of(model, compensated_links(model)),
+            "tendons": axes.joints(np.isin(axes.dofs, tied)),
+            "gravity_compensation": _bodies_of(model, compensated_links(user_model)),
             "body_actuators": _bodies_of(
                 model, np.array([link for _, link, *_ in actuators.bodies.values()], dtype=int)
             ),
@@ -391,6 +397,11 @@ class Effects:
             or self.limits
         )
         return linear or self.laws or self.mimics
+
+    @property
+    def pushed_axes(self) -> bool:
+        """Whether actuators or tendons push along joint axes."""
+        return self.actuators or self.tendons
 
     @property
     def free_balls(self) -> bool:

@@ -5,7 +5,7 @@
 import warp as wp
 
 from ..algebra.so3 import rotation_vector
-from ..data import ActuatorModel, AxisPush, BodyActuation, JointModel, vec6
+from ..data import ActuatorModel, AxisPush, BodyActuation, JointModel, TendonModel, vec6
 from ..rows.actuator import (
     AGAINST_SITE,
     AT_SITE,
@@ -34,6 +34,58 @@ def is_driven(joints: wp.ref[JointModel], dof: int) -> bool:
 
 
 @wp.kernel(**KERNEL)
+def pull_tendons(
+    # Model:
+    actuators: ActuatorModel,
+    ref: wp.array[float],
+    # In:
+    joint_q: wp.array[float],
+    joint_qd: wp.array[float],
+    ctrl: wp.array[float],
+    h: float,
+    # Out:
+    tendons: TendonModel,
+):
+    """Tension of each fixed tendon at the start of the step, and its slopes; one thread a tendon.
+
+    Length and velocity are sums of coefficients times q + ref and v. The spring has a dead band.
+    """
+    i = wp.tid()
+    tendon = tendons.tendon[i]
+    length = float(0.0)
+    velocity = float(0.0)
+    size = float(0.0)
+    for k in range(tendons.joint_start[i], tendons.joint_start[i + 1]):
+        dof = tendons.dof[k]
+        coefficient = tendons.coefficient[k]
+        length += coefficient * (joint_q[tendons.coordinate[k]] + ref[dof])
+        velocity += coefficient * joint_qd[dof]
+        size += wp.abs(coefficient)
+    band = tendons.springlength[tendon]
+    if band[0] < 0.0 and band[0] == band[1]:
+        band = wp.vec2(tendons.rest[i], tendons.rest[i])
+    beyond = wp.min(length - band[0], 0.0) + wp.max(length - band[1], 0.0)
+    force = -tendons.stiffness[tendon] * beyond - tendons.damping[tendon] * velocity
+    stiffness = wp.where(beyond != 0.0, tendons.stiffness[tendon], 0.0)
+    damping = tendons.damping[tendon]
+    for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
+        row = tendons.rows[k]
+        gear = actuators.gear[row][0]
+        drive = input_of(actuators, row, ctrl, h)
+        law = law_of(actuators, row, drive, gear * length, gear * velocity)
+        law = at_limit(law, gear * length, gear * velocity)
+        push = law.force - law.stiffness * gear * length - law.damping * gear * velocity
+        own = own_damping(actuators, row, velocity)
+        force += gear * push - gear * gear * own * velocity
+        stiffness += gear * gear * law.stiffness
+        damping += gear * gear * (law.damping + own)
+    tendons.force[i] = force
+    tendons.rate[i] = damping
+    tendons.slope[i] = damping + h * stiffness
+    tendons.size[i] = size
+
+
+@wp.kernel(**KERNEL)
 def push_axes(
     # Model:
     actuators: ActuatorModel,
@@ -49,6 +101,9 @@ def push_axes(
     ctrl: wp.array[float],
     has_limits: bool,
     h: float,
+    tendons: TendonModel,
+    tendon_start: wp.array[wp.int32],
+    tendon_items: wp.array[wp.vec2i],
     # Out:
     pushes: wp.array[AxisPush],
 ):
@@ -57,6 +112,10 @@ def push_axes(
     Length and velocity of a transmission are gear (q + ref) and gear v. A force range shares the
     mechanism of the drive's effort limit where one actuator has one and nothing else drives the
     axis; of others it counts as reached or not at the start of the step.
+
+    The tension of a tendon depends on several axes. Each gets its share at the start of the step,
+    and of c c^T times the slope the sums of the rows (Gershgorin): the step is stable, however
+    stiff the tendon.
     """
     i = wp.tid()
     dof = dofs[i]
@@ -100,6 +159,12 @@ def push_axes(
             push.stiffness += stiffness
             push.damping += damping
         push.damping += gear * gear * own_damping(actuators, row, qd)
+    for k in range(tendon_start[i], tendon_start[i + 1]):
+        tendon = tendon_items[k][0]
+        coefficient = tendons.coefficient[tendon_items[k][1]]
+        weight = wp.abs(coefficient) * tendons.size[tendon]
+        push.force += coefficient * tendons.force[tendon] + weight * tendons.rate[tendon] * qd
+        push.damping += weight * tendons.slope[tendon]
     pushes[dof] = push
 
 

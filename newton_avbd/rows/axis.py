@@ -260,7 +260,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
             pull, k = drive(joints, control, index, away, moved, h)
             force += pull
             stiffness += k
-        if wp.static(effects.actuators):
+        if wp.static(effects.pushed_axes):
             pull, k = pushed(control, index, q, moved, h)
             force += pull
             stiffness += k
@@ -299,7 +299,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
             pull, stiffness = drive(joints, control, index, away, moved, h)
         most = most_effort(joints, index)
         least = -most
-        if wp.static(effects.actuators):
+        if wp.static(effects.pushed_axes):
             more, k = pushed_within(control, index, q, moved, h)
             pull += more
             stiffness += k
