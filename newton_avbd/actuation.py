@@ -129,14 +129,13 @@ class Actuation:
             *((same, same) for same in _SAME),
         ):
             setattr(law, name, getattr(mujoco, f"actuator_{attribute}"))
-        limits = sum(
-            int(bit) * is_limited(mujoco, name)
-            for name, bit in (
-                ("ctrl", rules.LIMITS_CONTROL),
-                ("force", rules.LIMITS_FORCE),
-                ("act", rules.LIMITS_ACTIVATION),
-            )
-        )
+        limits = np.zeros(self.control_count, dtype=int)
+        for name, bit in (
+            ("ctrl", rules.LIMITS_CONTROL),
+            ("force", rules.LIMITS_FORCE),
+            ("act", rules.LIMITS_ACTIVATION),
+        ):
+            limits += int(bit) * is_limited(mujoco, name)
         law.limits = wp.array(limits, dtype=wp.int32)
         law.activation = wp.zeros(limits.size, dtype=float)
         law.lengthrange = wp.array(self._length_ranges(found), dtype=wp.vec2)

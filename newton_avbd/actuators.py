@@ -25,6 +25,7 @@ ACTING = ("actuators", "tendons", "body_actuators", "gravity_compensation")
 """Effects of what acts before a step."""
 _AUTO = 2
 """A limit that holds where a range is given."""
+_ONE_AXIS = (int(newton.JointType.REVOLUTE), int(newton.JointType.PRISMATIC))
 _IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _DYNAMICS = (0, 1, 2, 3, 4)
 """Dynamics of activation that :mod:`.rows.actuator` knows."""
@@ -87,11 +88,6 @@ class Actuators:
             else:
                 found.left[row] = f"its transmission is {_TRANSMISSION(kind).name}"
         return found
-
-    @property
-    def any(self) -> bool:
-        """Whether one acts."""
-        return bool(self.axes or self.bodies or self.tendons)
 
     def limited_axes(self, model: newton.Model) -> list[int]:
         """Degrees of freedom with an actuator whose force has a range."""
@@ -202,7 +198,8 @@ def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
 def fixed_tendons(model: newton.Model) -> dict[int, tuple[list[int], list[float]]]:
     """Degrees of freedom and coefficients of each fixed tendon that acts, by its row.
 
-    Those act that combine joints with one axis.
+    Of a joint with several axes Newton's importer does not say which one a tendon combines. As in
+    SolverMuJoCo the tendon goes without it then, and a tendon of such joints only does not act.
     """
     found: dict[int, tuple[list[int], list[float]]] = {}
     count = model.custom_frequency_counts.get("mujoco:tendon", 0)
@@ -213,8 +210,8 @@ def fixed_tendons(model: newton.Model) -> dict[int, tuple[list[int], list[float]
     for row in np.flatnonzero(mujoco.tendon_type.numpy() == 0).tolist():
         first, size = mujoco.tendon_joint_adr.numpy()[row], mujoco.tendon_joint_num.numpy()[row]
         joints = mujoco.tendon_joint.numpy()[first : first + size]
-        has_axes = [KINDS[newton.JointType(int(kinds[joint]))].has_axes for joint in joints]
-        if all(has_axes) and np.all(starts[joints + 1] == starts[joints] + 1):
-            coefficients = mujoco.tendon_coef.numpy()[first : first + size].tolist()
-            found[row] = (starts[joints].tolist(), coefficients)
+        is_known = np.isin(kinds[joints], _ONE_AXIS) & (joints >= 0)
+        if np.any(is_known):
+            coefficients = mujoco.tendon_coef.numpy()[first : first + size][is_known]
+            found[row] = (starts[joints[is_known]].tolist(), coefficients.tolist())
     return found
