@@ -388,15 +388,8 @@ class Effects:
     @property
     def coordinates(self) -> bool:
         """Whether something acts along joint axes that depends on their coordinates."""
-        linear = (
-            self.drives
-            or self.actuators
-            or self.springs
-            or self.armature
-            or self.rods
-            or self.limits
-        )
-        return linear or self.laws or self.mimics
+        linear = self.drives or self.springs or self.armature or self.rods or self.limits
+        return linear or self.pushed_axes or self.laws or self.mimics
 
     @property
     def pushed_axes(self) -> bool:

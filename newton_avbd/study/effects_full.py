@@ -8,6 +8,7 @@ from typing import Any
 import newton
 import numpy as np
 import warp as wp
+from newton.solvers import mujoco
 
 from newton_avbd import SolverAVBD
 
@@ -42,7 +43,10 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.add_shape_box(put, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
     links = [
         builder.add_link(
-            xform=_at(0.5 * i, 0.0, 2.0), mass=1.0, inertia=wp.mat33(np.diag((0.02, 0.03, 0.04)))
+            xform=_at(0.5 * i, 0.0, 2.0),
+            mass=1.0,
+            inertia=wp.mat33(np.diag((0.02, 0.03, 0.04))),
+            custom_attributes={"mujoco:gravcomp": 0.1},
         )
         for i in range(10)
     ]
@@ -74,7 +78,6 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.set_joint_mimic(second, first)
     builder.add_articulation([builder.add_joint_revolute(**ends(-1, links[8]))])
     builder.add_articulation([builder.add_joint_rod(**ends(-1, links[9]))])
-    builder.body_mass[links[9]] = 1.0
     target = mujoco.ActuatorTarget
     mujoco.add_actuator_motor(builder, target.joint(first))
     mujoco.add_actuator_motor(builder, target.joint(joints[3]), gear=(1.0, 0.0, 0.0))
