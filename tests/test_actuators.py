@@ -194,7 +194,7 @@ def test_activation_stays_in_its_range_and_is_reset_and_restored() -> None:
 
 
 def muscle_force(length: float) -> float:
-    """Active force of a muscle of 2 N at full activation and no velocity, [0.75, 1.05] on [-1, 1]."""
+    """Active force [N] of a muscle of 2 N at rest; [-1, 1] is its range [0.75, 1.05]."""
     unit = 2.0 / 0.3
     x = 0.75 + (length + 1.0) / unit
     a, b = 0.75, 1.3
