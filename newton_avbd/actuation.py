@@ -28,13 +28,20 @@ _SAME = (
 class Actuation:
     """The arrays by which actuators and gravity compensation act, and what a step launches."""
 
-    def __init__(self, model: newton.Model, joints: Any, wanted: frozenset[str]) -> None:
+    def __init__(
+        self,
+        model: newton.Model,
+        joints: Any,
+        wanted: frozenset[str],
+        before: "Actuation | None" = None,
+    ) -> None:
         """Makes the arrays.
 
         Args:
             model: The user's model.
             joints: The joints as kernels see them.
             wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits``.
+            before: What there was before the model changed, whose activations go on.
 
         Raises:
             ValueError: If a muscle has no length range.
@@ -52,6 +59,8 @@ class Actuation:
             self.law = data.ActuatorModel()
             if self.rows:
                 self._make_law(found)
+                if before is not None and before.law.activation is not None:
+                    self.law.activation = before.law.activation
             self._make_axes(axes, tendons)
             self._make_tendons(tendons, pulling)
             self._make_bodies(bodies)

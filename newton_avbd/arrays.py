@@ -538,9 +538,11 @@ class SolverArrays:
         """Buffers for MuJoCo's actuators and gravity compensation, where the model has any."""
         names = (*ACTING, "effort_limits")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
-        self._actuation, self._ctrl = None, None
+        before, self._actuation, self._ctrl = self._actuation, None, None
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((before,))
         if not wanted.isdisjoint(ACTING):
-            self._actuation = Actuation(self.model, self._joints, wanted)
+            self._actuation = Actuation(self.model, self._joints, wanted, before)
             self._actuation.bind(self._joints)
         # the next step makes its view of the control anew
         self._control_arrays = (None, None, None)

@@ -187,6 +187,9 @@ def test_activation_stays_in_its_range_and_is_reset_and_restored() -> None:
     one, _ = advance(model, solver, [1.0, 2.0], 5, state)
     two, _ = advance(model, other, [1.0, 2.0], 5, again)
     np.testing.assert_array_equal(one, two)
+    solver.notify_model_changed(newton.ModelFlags.ALL)
+    kept = solver.checkpoint()["actuators.activation"]
+    np.testing.assert_array_equal(kept, found["actuators.activation"])
     mask = wp.array([True, False, False], dtype=wp.bool, device="cpu")
     solver.reset(state, mask)
     left = solver.checkpoint()["actuators.activation"]

@@ -108,11 +108,11 @@ class ExampleSimulation:
         self.frame_dt: float = self._example.frame_dt
         self._complaint: str | None = None
         # Beside this graph an example may have others, which do not simulate, as of its planner.
-        simulated = ("graph",) if isinstance(vars(self._example).get("graph"), wp.Graph) else ()
+        has_own = isinstance(vars(self._example).get("graph"), wp.Graph)
         for attribute, value in vars(self._example).items():
             if isinstance(value, newton.CollisionPipeline):
                 self.timer.watch_pipeline(value)
-            elif isinstance(value, wp.Graph) and attribute in (simulated or attribute):
+            elif isinstance(value, wp.Graph) and (attribute == "graph" or not has_own):
                 # Stepped eagerly, so that solver and collision detection can be timed apart.
                 eager = _Eager() if hasattr(self._example, "simulate") else None
                 setattr(self._example, attribute, eager)
