@@ -12,6 +12,8 @@ import numpy as np
 import warp as wp
 
 from . import buffers, data, views
+from .actuation import Actuation
+from .actuators import ACTING
 from .attributes import BREAK_LIMITS, break_limits
 from .checks import check_array
 from .effects import Callers, Effects, free_joints, linking_joints, pushing_joints
@@ -68,6 +70,8 @@ class SolverArrays:
         self._welds = self._find_welds()
         self._solved = solved_model(self.model, self._welds) or self.model
         self._refresh_solved()
+        self._actuation: Actuation | None = None
+        self._ctrl: wp.array | None = None
         self._weld_loads: data.LinkLoads | None = None
         self._weld_contact_f: Any = None
         self._weld_joint_f: Any = None
@@ -173,6 +177,8 @@ class SolverArrays:
         if model.joint_count:
             self._bind_mimics()
             self._bind_break_limits()
+        if self._actuation is not None:
+            self._actuation.bind(self._joints)
 
     def _bind_mimics(self) -> None:
         """Chains of mimic joints and sparse ones have coefficients that the model's array lacks."""
@@ -252,6 +258,7 @@ class SolverArrays:
         bodies at once.
         """
         groups, topology, self._flags, self._callers = self._look_at_model()
+        self._make_actuation()
         self._flags_apart = self._flags.without_contact()
         if self._flags.put_bodies and self._work.put is None:
             self._forget_launches()
@@ -496,11 +503,49 @@ class SolverArrays:
             check_array(f"control.{name}", getattr(source, name), count, self.device)
         self._control_arrays = arrays
         self._control = data.ControlInput()
+        if self._actuation is not None:
+            self._control.pushes = self._actuation.pushes
         if arrays[0] is not None:
             self._control.joint_f = arrays[0]
         if arrays[1] is not None:
             self._control.target_q, self._control.target_qd = arrays[1], arrays[2]
         return self._control
+
+    def _actuator_control(self, source: newton.Control | None) -> wp.array | None:
+        """Controls of MuJoCo's actuators."""
+        assert self._actuation is not None
+        count = self._actuation.control_count
+        if count == 0:
+            return None
+        namespace = getattr(self.model if source is None else source, "mujoco", None)
+        ctrl = getattr(namespace, "ctrl", None)
+        if ctrl is None:
+            raise ValueError(
+                "control has no mujoco.ctrl, which the model's actuators need. Create it with "
+                "model.control()."
+            )
+        if ctrl is not self._ctrl:
+            if ctrl.ndim != 1 or ctrl.shape[0] != count or ctrl.dtype != wp.float32:
+                raise ValueError(
+                    f"control.mujoco.ctrl must be {count} numbers of float32, one an actuator, in "
+                    f"the order of the model's mujoco:actuator rows; it has shape {ctrl.shape}."
+                )
+            check_array("control.mujoco.ctrl", ctrl, count, self.device)
+            self._ctrl = ctrl
+        return ctrl
+
+    def _make_actuation(self) -> None:
+        """Buffers for MuJoCo's actuators and gravity compensation, where the model has any."""
+        names = (*ACTING, "effort_limits")
+        wanted = frozenset(name for name in names if getattr(self._flags, name))
+        before, self._actuation, self._ctrl = self._actuation, None, None
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((before,))
+        if not wanted.isdisjoint(ACTING):
+            self._actuation = Actuation(self.model, self._joints, wanted, before)
+            self._actuation.bind(self._joints)
+        # the next step makes its view of the control anew
+        self._control_arrays = (None, None, None)
 
     def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a solver says about a model that it cannot simulate, before it simulates anything."""
 
+import operator
 import warnings
 from collections.abc import Sequence
 from typing import Any
@@ -10,11 +11,10 @@ import newton
 import numpy as np
 import warp as wp
 
+from .actuators import Actuators, fixed_tendons
 from .attributes import break_limits
 from .rows.joint import KINDS
 
-_CTRL_DIRECT = int(newton.solvers.SolverMuJoCo.CtrlSource.CTRL_DIRECT)
-"""An actuator with an input of its own, not the target of a joint."""
 _MOST_NAMES = 3
 """Labels in a message."""
 _INVERSE = 0.02
@@ -24,6 +24,12 @@ _UNIT = 1.0e-3
 _SKEW = 1.0e-3
 """How far an inertia tensor may be from symmetric and from the triangle inequality, by its largest
 moment; rounding of a thin plate's is far below."""
+_OF_MUJOCO = (
+    "gravcomp",
+    "ctrl",
+    *(f"actuator_{name}" for name in ("gear", "gainprm", "biasprm", "dynprm", "armature")),
+)
+"""Attributes of the ``mujoco`` namespace that act, finite."""
 _COEFFICIENTS = (
     "joint_target_ke",
     "joint_target_kd",
@@ -58,6 +64,11 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             _check_numbers(model, f"shape_material_{name}", model.shape_label, minimum=0.0)
         _check_numbers(model, "shape_transform", model.shape_label)
         _check_lengths(model, "shape_transform", model.shape_label)
+    for name in _OF_MUJOCO:
+        if getattr(getattr(model, "mujoco", None), name, None) is not None:
+            labels = getattr(model.mujoco, "actuator_label", ())
+            labels = model.body_label if name == "gravcomp" else labels
+            _check_numbers(model, f"mujoco.{name}", labels)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
 
@@ -97,10 +108,8 @@ def report_ignored(
         )
     if actuators := _actuators(model):
         messages.append(
-            f"SolverAVBD leaves out {', '.join(actuators)}, which control.mujoco.ctrl controls. "
-            "Import with ctrl_direct=False, which makes joint drives of position and velocity "
-            "actuators; write what others push to control.joint_f, as newton.actuators do; or use "
-            "SolverMuJoCo."
+            f"SolverAVBD leaves out {', '.join(actuators)}. Push with control.joint_f or "
+            "state.body_f instead, or use SolverMuJoCo."
         )
     if adhesive := _shapes(model, _material(model, "ka") > 0.0):
         messages.append(
@@ -182,20 +191,29 @@ def _equalities(model: newton.Model) -> list[str]:
         labels = [mujoco.equality_constraint_label[i] for i in np.flatnonzero(left)]
         found += _named(len(labels), "MuJoCo equality constraint", labels)
     if count := counts.get("mujoco:tendon", 0):
-        found += _named(count, "MuJoCo tendon", mujoco.tendon_label)
+        fixed = fixed_tendons(model)
+        spatial = [mujoco.tendon_label[i] for i in range(count) if i not in fixed]
+        found += _named(len(spatial), "MuJoCo tendon", spatial)
+        limited = mujoco.tendon_limited.numpy()
+        ranges = mujoco.tendon_range.numpy()
+        is_limited = (limited == 1) | ((limited == 2) & (ranges[:, 0] < ranges[:, 1]))
+        for what, left in (
+            ("limit", is_limited),
+            ("friction loss", mujoco.tendon_frictionloss.numpy() > 0.0),
+            ("armature", mujoco.tendon_armature.numpy() > 0.0),
+        ):
+            names = [mujoco.tendon_label[i] for i in fixed if left[i]]
+            found += _named(len(names), f"{what} of a MuJoCo tendon", names)
     return found
 
 
 def _actuators(model: newton.Model) -> list[str]:
-    """MuJoCo's own actuators that push as authored; a motor without a control input does not."""
-    if not model.custom_frequency_counts.get("mujoco:actuator", 0):
-        return []
-    mujoco: Any = model.mujoco
-    acts = (mujoco.actuator_biastype.numpy() != 0) & mujoco.actuator_biasprm.numpy().any(axis=1)
-    for name in ("ctrl", "actuator_damping", "actuator_armature"):
-        acts |= getattr(mujoco, name).numpy() != 0.0
-    left = np.flatnonzero(acts & (mujoco.ctrl_source.numpy() == _CTRL_DIRECT))
-    return _named(left.size, "MuJoCo actuator", [mujoco.actuator_label[i] for i in left])
+    """MuJoCo's own actuators that the solver does not know, each with the reason."""
+    found = Actuators.of_model(model)
+    return [
+        f"MuJoCo actuator {row} ('{found.labels[row]}'): {why}"
+        for row, why in list(found.left.items())[:_MOST_NAMES]
+    ] + (["..."] if len(found.left) > _MOST_NAMES else [])
 
 
 def _shapes(model: newton.Model, concerned: np.ndarray) -> list[str]:
@@ -355,7 +373,7 @@ def _check_numbers(
     model: newton.Model, name: str, labels: Sequence[str], minimum: float = -np.inf
 ) -> None:
     """Raises a ValueError that names the first entry of a model array that makes no sense."""
-    values = getattr(model, name).numpy()
+    values = operator.attrgetter(name)(model).numpy()
     if values.size == 0:
         return
     per_item = values.reshape(len(values), -1)

@@ -239,9 +239,124 @@ class LinkLoads:
     """By link: that weld, a joint of the model; -1 at a root."""
 
 
+vec10 = wp.types.vector(length=10, dtype=wp.float32)
+vec6 = wp.types.vector(length=6, dtype=wp.float32)
+
+
+@wp.struct
+class ActuatorModel:
+    """MuJoCo's actuators, arrays of the ``mujoco`` namespace read live, and their activation."""
+
+    dynamics: wp.array[wp.int32]
+    gain: wp.array[wp.int32]
+    bias: wp.array[wp.int32]
+    dynprm: wp.array[vec10]
+    gainprm: wp.array[vec10]
+    biasprm: wp.array[vec10]
+    velocity_bias: wp.array[float]
+    """What stands for a ``biasprm[2]`` above zero: what a damping ratio there comes to."""
+    gear: wp.array[vec6]
+    limits: wp.array[wp.int32]
+    """Which of control (1), force (2) and activation (4) are clamped."""
+    ctrlrange: wp.array[wp.vec2]
+    forcerange: wp.array[wp.vec2]
+    actrange: wp.array[wp.vec2]
+    lengthrange: wp.array[wp.vec2]
+    acc0: wp.array[float]
+    """Acceleration of the transmission by a unit force in the reference pose, for muscles."""
+    actearly: wp.array[wp.bool]
+    damping: wp.array[float]
+    dampingpoly: wp.array[wp.vec2]
+    activation: wp.array[float]
+    """The solver's own state."""
+
+
+@wp.struct
+class ActuatorLaw:
+    """Force of an actuator, force - stiffness l - damping v, clamped; see :mod:`.rows.actuator`."""
+
+    force: float
+    stiffness: float
+    damping: float
+    least: float
+    most: float
+
+
+@wp.struct
+class AxisPush:
+    """What actuators push a joint axis with in the step, by its coordinate q and its velocity v.
+
+    It is force - stiffness q - damping v, and drive - drive_stiffness q - drive_damping v, which
+    together with the joint's drive stays between ``least`` and ``most`` [N or N m].
+    """
+
+    force: float
+    stiffness: float
+    damping: float
+    drive: float
+    drive_stiffness: float
+    drive_damping: float
+    least: float
+    most: float
+
+
+@wp.struct
+class BodyActuation:
+    """Actuators that push bodies: at sites, and along BALL and FREE joints; by actuator."""
+
+    row: wp.array[wp.int32]
+    frame: wp.array[wp.transform]
+    """Where on its link it pushes, the axes of its gear."""
+    link: wp.array[wp.int32]
+    reference: wp.array[wp.transform]
+    """Of what it pushes against: on the link ``against``, or in the world."""
+    against: wp.array[wp.int32]
+    """Link that gets the reaction, -1 for the world."""
+    axes: wp.array[wp.int32]
+    """Whose axes the gear is in; see :mod:`.execute.actuation`."""
+    force: wp.array[wp.vec3]
+    """Force [N] and torque [N m] in the step, world frame, and where [m]."""
+    torque: wp.array[wp.vec3]
+    point: wp.array[wp.vec3]
+
+
+@wp.struct
+class TendonModel:
+    """MuJoCo's fixed tendons: linear combinations of coordinates, with what pulls them."""
+
+    tendon: wp.array[wp.int32]
+    """Row in the ``mujoco`` namespace of each."""
+    joint_start: wp.array[wp.int32]
+    """First of the degrees of freedom that each combines."""
+    dof: wp.array[wp.int32]
+    coordinate: wp.array[wp.int32]
+    """Joint coordinate of each of these."""
+    coefficient: wp.array[float]
+    row_start: wp.array[wp.int32]
+    """First of the actuators of each."""
+    rows: wp.array[wp.int32]
+    stiffness: wp.array[float]
+    """The model's arrays, by row."""
+    damping: wp.array[float]
+    springlength: wp.array[wp.vec2]
+    rest: wp.array[float]
+    """Length in the reference pose, by row."""
+    force: wp.array[float]
+    """Tension less what it slackens by its slopes, in the step [N or N m]."""
+    slope: wp.array[float]
+    """How much the tension falls with velocity, at the end of the step [N s/m]."""
+    rate: wp.array[float]
+    """How much of that is damping [N s/m]."""
+    size: wp.array[float]
+    """Sum of the coefficients' absolute values."""
+
+
 @wp.struct
 class ControlInput:
     """What drives the joints in the step."""
+
+    pushes: wp.array[AxisPush]
+    """What actuators push each degree of freedom with; empty without any."""
 
     joint_f: wp.array[float]
     """Generalized force on each degree of freedom [N or N m]."""
@@ -537,8 +652,9 @@ class AxisLaw:
     drive: float
     """Generalized force of the drive before its limit [N or N m]."""
     drive_stiffness: float
-    effort: float
-    """Most that the drive pushes with [N or N m]."""
+    least: float
+    """Least and most that the drive pushes with [N or N m]."""
+    most: float
     piece: wp.vec3i
     """The piece of the law that elimination assumed; see :func:`.rows.axis.make_axis`."""
     next: wp.vec3i

@@ -11,6 +11,7 @@ from typing import Any
 import newton
 import numpy as np
 
+from .actuators import Actuators, compensated_links, fixed_tendons, reflected_armature
 from .attributes import break_limits
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
@@ -123,11 +124,21 @@ CAUSES: dict[str, Cause] = {
     "effort_limits": Cause(
         "joint", "with a drive of limited effort (effort_limit)", "rows/axis.py"
     ),
+    "actuators": Cause("joint", "with a MuJoCo actuator (mujoco:actuator_*)", "rows/actuator.py"),
     "limits": Cause("joint", "with a limit (limit_lower, limit_upper)", "rows/axis.py"),
     "velocity_limits": Cause("joint", "with a velocity_limit", "rows/axis.py"),
     "springs": Cause("joint", "with a passive stiffness or damping", "rows/axis.py"),
     "armature": Cause("joint", "with armature above zero", "rows/axis.py"),
     "joint_friction": Cause("joint", "with friction above zero", "rows/axis.py"),
+    "tendons": Cause("joint", "that a fixed MuJoCo tendon combines", "execute/actuation.py"),
+    "gravity_compensation": Cause(
+        "body", "with gravity compensation (mujoco:gravcomp)", "execute/actuation.py"
+    ),
+    "body_actuators": Cause(
+        "body",
+        "that a MuJoCo actuator pushes at a site, or along a BALL or FREE joint",
+        "execute/actuation.py",
+    ),
     "breaking": Cause(
         "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
     ),
@@ -185,6 +196,14 @@ class Effects:
     """A joint that mimics another."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""
+    actuators: bool = False
+    """A joint axis with an actuator of MuJoCo's."""
+    tendons: bool = False
+    """A joint axis that a fixed tendon of MuJoCo's combines with others."""
+    gravity_compensation: bool = False
+    """A body whose weight is compensated."""
+    body_actuators: bool = False
+    """An actuator of MuJoCo's that pushes bodies."""
     limits: bool = False
     """A joint axis with a limit."""
     springs: bool = False
@@ -265,6 +284,12 @@ class Effects:
         shapes = _colliding(model)
         axes = _Axes.of_model(model)
         driven = axes.driven()
+        user_model = getattr(model, "user_model", model)
+        actuators = Actuators.of_model(user_model)
+        actuated = np.isin(axes.dofs, list(actuators.axes.values()))
+        tied = [dof for dofs, _ in fixed_tendons(user_model).values() for dof in dofs]
+        reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
+        ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
         callers = {
             "contact": shapes,
             "friction": _shapes_with(model, "mu"),
@@ -293,11 +318,19 @@ class Effects:
                 [closure.joint for closure in topology.closures if closure.leader >= 0], dtype=int
             ),
             "drives": axes.joints(driven),
-            "effort_limits": axes.joints(driven & axes.limited("joint_effort_limit", -1.0)),
+            "actuators": axes.joints(actuated),
+            "tendons": axes.joints(np.isin(axes.dofs, tied)),
+            "gravity_compensation": _bodies_of(model, compensated_links(user_model)),
+            "body_actuators": _bodies_of(
+                model, np.array([link for _, link, *_ in actuators.bodies.values()], dtype=int)
+            ),
+            "effort_limits": axes.joints(
+                ((driven | actuated) & axes.limited("joint_effort_limit", -1.0)) | ranged
+            ),
             "limits": axes.joints(axes.bounded()),
             "velocity_limits": axes.joints(axes.limited("joint_velocity_limit", 0.0)),
             "springs": axes.joints(axes.positive("joint_damping", "joint_stiffness")),
-            "armature": axes.joints(axes.positive("joint_armature")),
+            "armature": axes.joints(axes.positive("joint_armature") | reflected),
             "joint_friction": axes.joints(axes.positive("joint_friction")),
             "breaking": _breakable(model),
         }
@@ -318,6 +351,8 @@ class Effects:
     def leaving_out(self, names: frozenset[str]) -> "Effects":
         """These effects less some, and less what goes with those."""
         gone = names.union(*(_IMPLIED.get(name, ()) for name in names))
+        if self.actuators and "effort_limits" not in names:
+            gone -= {"effort_limits"}  # actuators have limits, too
         return dataclasses.replace(self, **_all(gone, False))
 
     @property
@@ -354,7 +389,12 @@ class Effects:
     def coordinates(self) -> bool:
         """Whether something acts along joint axes that depends on their coordinates."""
         linear = self.drives or self.springs or self.armature or self.rods or self.limits
-        return linear or self.laws or self.mimics
+        return linear or self.pushed_axes or self.laws or self.mimics
+
+    @property
+    def pushed_axes(self) -> bool:
+        """Whether actuators or tendons push along joint axes."""
+        return self.actuators or self.tendons
 
     @property
     def free_balls(self) -> bool:
@@ -555,6 +595,12 @@ class SceneEffects(Mapping[str, Effect]):
 def _all(names: Iterable[str], value: bool) -> dict[str, Any]:
     """The same for all names, as keyword arguments."""
     return dict.fromkeys(names, value)
+
+
+def _bodies_of(model: newton.Model, links: np.ndarray) -> np.ndarray:
+    """The bodies that some links of the user's model belong to."""
+    bodies = getattr(model, "body_of_link", None)
+    return np.unique(links if bodies is None else bodies[links][bodies[links] >= 0])
 
 
 def _pushing(model: newton.Model) -> np.ndarray:

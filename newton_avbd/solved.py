@@ -62,6 +62,11 @@ class SolvedModel:
         return getattr(self._model, name)
 
     @property
+    def user_model(self) -> newton.Model:
+        """The model that this one stands for."""
+        return self._model
+
+    @property
     def weld_indices(self) -> np.ndarray:
         """The welds, as indices of :attr:`weld_label`."""
         return np.arange(self.welds.welded.size)

@@ -65,6 +65,7 @@ from .memory import bytes_by_effect, members
 from .report import Report, Status
 from .settings import Settings, register_scene_settings
 from .solved import BodyState, SolvedModel
+from .views import AllJoints
 
 
 class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
@@ -236,7 +237,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         self.writes_joint_state = update_joint_state and model.joint_count > 0
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         if self.writes_joint_state:
-            self._all_joints = _AllJoints(model)
+            self._all_joints = AllJoints(model)
         self._make_arrays()
         self._callers.require((name for name, on in (effects or {}).items() if on), self._flags)
 
@@ -262,8 +263,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             state_out: State to write ``body_q`` and ``body_qd`` to, and the joint coordinates with
                 ``update_joint_state``; may be ``state_in``.
             control: ``joint_f`` [N or N m] and ``joint_target_qd`` [m/s or rad/s], shape
-                (joint_dof_count,), and ``joint_target_q`` [m or rad], shape (joint_coord_count,);
-                None for the model's own.
+                (joint_dof_count,), ``joint_target_q`` [m or rad], shape (joint_coord_count,), and
+                ``mujoco.ctrl`` where the model has MuJoCo's actuators; None for the model's own.
             contacts: Contacts of this or an earlier collision pass, or None for no contacts
                 (or where the solver owns a pipeline).
             dt: Time step [s].
@@ -298,14 +299,15 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
+        start = self._actuate(state_in, control, dt)
         needs_solve = self._flags.joints or self._flags.bdf2 or self._flags.sleeping
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)
-        given: newton.State | BodyState = state_in
+        given: newton.State | BodyState = start
         result: newton.State | BodyState = state_out
         if is_apart:
-            given, result = self._gather_bodies(state_in, control_input)
+            given, result = self._gather_bodies(start, control_input)
         if is_free:
             self._integrate(given, result, control_input, dt)
         else:
@@ -325,14 +327,24 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             observables and observables.body_parent_f, state_out.body_parent_f
         ):
             if self._flags.welds:
-                self._export_weld_force(body_parent_f, state_in, control_input, contacts, dt)
+                self._export_weld_force(body_parent_f, start, control_input, contacts, dt)
             else:
                 self._export_parent_force(body_parent_f, state_out, control_input, contacts, dt)
         if self.writes_joint_state:
             self._write_joint_state(state_out)
 
+    def _actuate(
+        self, state_in: newton.State, control: newton.Control | None, dt: float
+    ) -> newton.State | BodyState:
+        """State with what actuators and gravity compensation add to the wrenches on bodies."""
+        if self._actuation is None:
+            return state_in
+        ctrl = self._actuator_control(control)
+        body_f = self._actuation.launch(self._launch, state_in, ctrl, dt)
+        return BodyState(state_in.body_q, state_in.body_qd, body_f)
+
     def _gather_bodies(
-        self, state_in: newton.State, control: data.ControlInput
+        self, state_in: newton.State | BodyState, control: data.ControlInput
     ) -> tuple[BodyState, BodyState]:
         """States of the bodies that welds make of links, before and after the step."""
         solved = self._solved
@@ -679,6 +691,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         model = self._solved
         if self._large is not None:
             self._large.forget(self._launch, model.body_world, selected)
+        if self._actuation is not None:
+            self._actuation.reset(self._launch, selected)
         bodies: newton.State | BodyState = state
         if isinstance(model, SolvedModel) and self._flags.welds:
             bodies = model.given
@@ -757,6 +771,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             yield "links.left_qd", self._solved.links.left_qd
         if self._large is not None:
             yield "colors.color", self._large.colors.color
+        if self._actuation is not None:
+            yield from self._actuation.remembered()
 
     def notify_model_changed(self, flags: ModelFlags | int) -> None:
         """Look again at what the model calls for.
@@ -944,7 +960,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
     def _export_weld_force(
         self,
         body_parent_f: wp.array,
-        state_in: newton.State,
+        state_in: newton.State | BodyState,
         control: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,
@@ -1048,20 +1064,6 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
     def _launch_links(self, kernel: wp.Kernel, arguments: list) -> None:
         """Launches a kernel with one thread a link, that is a body of the model."""
         self._launch(kernel, self.model.body_count, arguments)
-
-
-class _AllJoints:
-    """A model whose joints all belong to one articulation, which is what ``eval_ik`` evaluates."""
-
-    def __init__(self, model: newton.Model) -> None:
-        self._model = model
-        self.articulation_start = wp.array([0], dtype=wp.int32, device=model.device)
-        self.articulation_end = wp.array([model.joint_count], dtype=wp.int32, device=model.device)
-        self.articulation_count = 1
-        self.max_joints_per_articulation = model.joint_count
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._model, name)
 
 
 def _requested(*arrays: wp.array | None) -> list[wp.array]:

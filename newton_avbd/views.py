@@ -105,3 +105,17 @@ def contact_input(contacts: newton.Contacts, buffer: int, surfaces: wp.array | N
         source.match_index = contacts.rigid_contact_match_index
         source.match_generation = contacts.rigid_contact_match_generation
     return source
+
+
+class AllJoints:
+    """A model whose joints all belong to one articulation, which is what ``eval_ik`` evaluates."""
+
+    def __init__(self, model: newton.Model) -> None:
+        self._model = model
+        self.articulation_start = wp.array([0], dtype=wp.int32, device=model.device)
+        self.articulation_end = wp.array([model.joint_count], dtype=wp.int32, device=model.device)
+        self.articulation_count = 1
+        self.max_joints_per_articulation = model.joint_count
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)

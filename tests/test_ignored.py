@@ -90,9 +90,8 @@ ARM = """
 
 
 def add_actuators(builder: newton.ModelBuilder) -> None:
-    """A motor, which waits for its input, and two that pull to where their input says."""
-    spring = 'biastype="affine" gainprm="3" biasprm="0 -3 0"'
-    builder.add_mjcf(ARM.format(spring=spring), ctrl_direct=True)
+    """Two motors, one of which acts by the user's code only."""
+    builder.add_mjcf(ARM.format(spring='dyntype="user"'), ctrl_direct=True)
 
 
 @pytest.mark.parametrize(
@@ -107,7 +106,7 @@ def add_actuators(builder: newton.ModelBuilder) -> None:
         (add_attachment, r"1 particle, 1 particle attachment \('body cube'\)"),
         (add_muscle, r"1 muscle \('from body arm'\)"),
         (add_tendon, r"4 tendons \('cable0', 'cable1', 'cable2', ...\)"),
-        (add_actuators, r"2 MuJoCo actuators \('servo', 'spring'\).*ctrl_direct=False"),
+        (add_actuators, r"MuJoCo actuator 2 \('spring'\): its dynamics.*SolverMuJoCo"),
         (add_adhesion, r"adhesion \(ka\) of 1 shape \('gum'\).*SolverSemiImplicit"),
     ],
 )
@@ -133,8 +132,8 @@ def test_a_rigid_scene_is_nothing_to_warn_of() -> None:
         SolverAVBD(model, strict=True)
 
 
-def test_an_actuator_that_is_a_drive_or_does_nothing_is_not_mentioned() -> None:
-    """A position actuator is its joint's drive; a motor does nothing until it has an input."""
+def test_actuators_that_act_are_not_mentioned() -> None:
+    """A position actuator is its joint's drive, a motor acts by itself."""
     builder = newton.ModelBuilder()
     builder.add_mjcf(ARM.format(spring=""))
     model = builder.finalize(device="cpu")
@@ -142,9 +141,6 @@ def test_an_actuator_that_is_a_drive_or_does_nothing_is_not_mentioned() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         SolverAVBD(model, strict=True)
-    model.mujoco.ctrl.assign([2.0, 0.0, 0.0])
-    with pytest.warns(UserWarning, match=r"1 MuJoCo actuator \('motor'\)"):
-        SolverAVBD(model)
 
 
 def test_particles_of_another_solver_are_not_mentioned() -> None:

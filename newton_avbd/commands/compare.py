@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from newton_avbd.io import Request, Simulation, UserError, open_scene, require
+from newton_avbd.io.controls import CONTROLS
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.measure import Probe, deepest_penetration, distances
 from newton_avbd.study.overlaps import describe_overlaps
@@ -97,6 +98,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="vbd",
         help="solver to compare with (default: %(default)s)",
     )
+    parser.add_argument(
+        "--ctrl",
+        choices=CONTROLS,
+        help="drive the actuators of an MJCF file, with the same controls for both",
+    )
     parser.add_argument("--png", type=Path, metavar="FILE", help="plot over time")
     parser.add_argument("--json", action="store_true", help="print all numbers instead of a table")
 
@@ -107,7 +113,10 @@ def main(args: argparse.Namespace) -> int:
     if args.png:
         require("matplotlib")
     pair = tuple(
-        open_scene(args.scene, Request(solver, args.iterations, args.dt, None, args.arguments))
+        open_scene(
+            args.scene,
+            Request(solver, args.iterations, args.dt, None, args.arguments, args.ctrl),
+        )
         for solver in (args.solver, args.against)
     )
     comparison = _compare(pair, (args.solver, args.against), args.frames)

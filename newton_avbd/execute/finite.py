@@ -36,6 +36,8 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
             total += control.joint_f[dof]
             if wp.static(effects.drives):
                 total += joints.target_ke[dof] + joints.target_kd[dof] + control.target_qd[dof]
+            if wp.static(effects.pushed_axes):
+                total += control.pushes[dof].force + control.pushes[dof].drive
             if wp.static(effects.springs):
                 total += joints.stiffness[dof] + joints.damping[dof]
             if wp.static(effects.armature):

@@ -250,7 +250,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     angular_misfit = joint_functions.angular_misfit
     angular_lock = joint_functions.angular_lock
     axes = axis_rows.make_axis(effects)
-    linear_force, stops = axes.linear_force, axes.stops
+    linear_force, limited_drive, stops = axes.linear_force, axes.limited_drive, axes.stops
 
     @wp.func(inline=effects.inline)
     def coordinate_of(
@@ -435,11 +435,11 @@ def make_loops(effects: Effects) -> LoopFunctions:
             force += pull
             stiffness += k
         if wp.static(effects.effort_limits):
-            away = axis_rows.away_from(control.target_q, joints, joint, dof, q, turn_away)
-            pull, k = axis_rows.drive(joints, control, index, away, moved, h)
-            effort = axis_rows.most_effort(joints, index)
-            force += wp.clamp(pull, -effort, effort)
-            if wp.abs(pull) < effort:
+            pull, k, least, most = limited_drive(
+                joints, control, joint, dof, q, moved, turn_away, h
+            )
+            force += wp.clamp(pull, least, most)
+            if pull > least and pull < most:
                 stiffness += k
         if wp.static(effects.joint_friction or effects.stops):
             is_linear = dof < linear_count(joints, joint)

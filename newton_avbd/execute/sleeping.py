@@ -179,8 +179,11 @@ def watch_joints(
     joint = wp.tid()
     is_changed = bool(False)
     for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-        if control.joint_f[dof] != sleep.joint_f[dof]:
-            sleep.joint_f[dof] = control.joint_f[dof]
+        push = control.joint_f[dof]
+        if control.pushes.shape[0] > 0:
+            push += control.pushes[dof].force + control.pushes[dof].drive
+        if push != sleep.joint_f[dof]:
+            sleep.joint_f[dof] = push
             is_changed = True
         if control.target_qd[dof] != sleep.target_qd[dof]:
             sleep.target_qd[dof] = control.target_qd[dof]

@@ -71,6 +71,8 @@ def list_scenes() -> str:
 
 def _open(name: str, request: Request) -> Simulation:
     example = name.removeprefix(EXAMPLE_PREFIX)
+    if request.ctrl is not None and not Path(name).is_file():
+        raise UserError(f"--ctrl drives the actuators of a file; {name} is none")
     if name not in scenes.SCENES and example in examples.names():
         return examples.ExampleSimulation(example, request)
     if request.arguments:

@@ -12,6 +12,7 @@ import numpy as np
 from newton_avbd.study.robot_pose import grounds, lowest_points
 
 from . import solvers
+from .controls import Controls
 from .errors import UserError, missing, require
 from .meshes import REMEDY, find_asset, read_urdf
 from .orphans import find_orphans, rooted_stage
@@ -53,9 +54,33 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
         raise UserError(f"cannot read {path}: not one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise UserError(f"cannot read {path}: no such file")
+    if request.ctrl is not None:
+        return _open_driven(path, request)
     builder, notes = read_asset(path, request.solver, floating=True)
     add_ground(builder)
     return simulate(path.name, path, builder, request, notes)
+
+
+def _open_driven(path: Path, request: Request) -> ModelSimulation:
+    """An MJCF file as it is, without a ground beside its own, driven by controls.
+
+    Raises:
+        UserError: It is no MJCF file, cannot be read or has no actuators.
+    """
+    if path.suffix.lower() != ".xml":
+        raise UserError(f"--ctrl drives the actuators of MJCF files (.xml), not {path}")
+    builder = _prepared(request.solver)
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    try:
+        builder.add_mjcf(str(path), ctrl_direct=True)
+    except Exception as error:
+        # The importer fails in as many ways as files can be wrong.
+        raise UserError(f"cannot read {path}: {_reason(error)}") from error
+    _collide_by_hulls(builder)
+    simulation = simulate(path.name, path, builder, request, ())
+    assert request.ctrl is not None
+    simulation.controls = Controls(request.ctrl, simulation.model, path)
+    return simulation
 
 
 def simulate(

@@ -33,6 +33,7 @@ FRAMES = {
     "cable_cross_slide_table": 540,
     "cable_initial_rest_pose": 120,
     "controller_joint_impedance_heterogeneous": 120,
+    "ik_cube_stacking": 2000,
     "kamino_basic_fourbar": 120,
     "kamino_basic_heterogeneous": 120,
     "kamino_earworm_flowers": 120,
@@ -106,10 +107,12 @@ class ExampleSimulation:
         self.dt: float = self._example.sim_dt
         self.frame_dt: float = self._example.frame_dt
         self._complaint: str | None = None
+        # Beside this graph an example may have others, which do not simulate, as of its planner.
+        has_own = isinstance(vars(self._example).get("graph"), wp.Graph)
         for attribute, value in vars(self._example).items():
             if isinstance(value, newton.CollisionPipeline):
                 self.timer.watch_pipeline(value)
-            elif isinstance(value, wp.Graph):
+            elif isinstance(value, wp.Graph) and (attribute == "graph" or not has_own):
                 # Stepped eagerly, so that solver and collision detection can be timed apart.
                 eager = _Eager() if hasattr(self._example, "simulate") else None
                 setattr(self._example, attribute, eager)

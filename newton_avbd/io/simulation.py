@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import newton
 
 from . import solvers
+from .controls import Controls
 from .timing import StepTimer
 
 
@@ -60,6 +61,8 @@ class Request:
         dt: Solver step [s]; None for the scene's own.
         viewer: Makes the viewer; None for one that shows nothing.
         arguments: Command-line arguments for a Newton example.
+        ctrl: What drives the actuators of an MJCF file, one of
+            :data:`newton_avbd.io.controls.CONTROLS`; None for nothing.
     """
 
     solver: str = "avbd"
@@ -67,6 +70,7 @@ class Request:
     dt: float | None = None
     viewer: Callable[[], Any] | None = None
     arguments: tuple[str, ...] = ()
+    ctrl: str | None = None
 
 
 class ModelSimulation:
@@ -113,14 +117,19 @@ class ModelSimulation:
         if self._viewer is not None:
             self._viewer.set_model(self.model)
         self._time = 0.0
+        self.controls: Controls | None = None
+        """What drives the actuators; None for nothing."""
 
     @property
     def state(self) -> newton.State:
         return self._state
 
     def advance(self) -> None:
-        for _ in range(self._substeps):
+        for substep in range(self._substeps):
             self._state.clear_forces()
+            if self.controls is not None:
+                ctrl = self.controls.at(self._time + substep * self.dt)
+                self._control.mujoco.ctrl.assign(ctrl)
             if self._viewer is not None:
                 self._viewer.apply_forces(self._state)
             if self._collide:

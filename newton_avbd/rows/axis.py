@@ -6,6 +6,7 @@ All of it is a generalized force F(q) of the coordinate at the end of the step, 
 coefficient is too stiff:
 
     drive      ke (target_q - q) + kd (target_qd - dq/h), as the axis' mode says, within +-effort
+    actuators  force - stiffness q - damping dq/h, in parts within +-effort or their force ranges
     passive    -stiffness (q - rest_q) - damping dq/h
     armature   -armature (dq/h - qd)/h, with qd at the start of the step
     friction   +-friction against dq, anything between where dq = 0
@@ -78,6 +79,22 @@ def drive(
         kd = joints.target_kd[dof]
         speed = control.target_qd[dof]
     return ke * away + kd * (speed - moved / h), ke + kd / h
+
+
+@wp.func
+def pushed(control: wp.ref[ControlInput], dof: int, q: wp.float64, moved: float, h: float):
+    """Generalized force of actuators that nothing limits [N or N m] and its curvature."""
+    push = control.pushes[dof]
+    force = push.force - push.stiffness * wp.float32(q) - push.damping * moved / h
+    return force, push.stiffness + push.damping / h
+
+
+@wp.func
+def pushed_within(control: wp.ref[ControlInput], dof: int, q: wp.float64, moved: float, h: float):
+    """As :func:`pushed`, of those that share the limit of the drive."""
+    push = control.pushes[dof]
+    force = push.drive - push.drive_stiffness * wp.float32(q) - push.drive_damping * moved / h
+    return force, push.drive_stiffness + push.drive_damping / h
 
 
 @wp.func
@@ -203,7 +220,7 @@ def law_force(law: AxisLaw):
     """Generalized force of drive and friction on their pieces, and its curvature."""
     force = float(law.piece[2]) * law.friction
     if law.piece[1] != 0:
-        return force + float(law.piece[1]) * law.effort, 0.0
+        return force + wp.where(law.piece[1] < 0, law.least, law.most), 0.0
     return force + law.drive, law.drive_stiffness
 
 
@@ -212,6 +229,7 @@ class AxisFunctions:
     """Device functions of what acts along axes, compiled for what a scene has."""
 
     linear_force: wp.Function
+    limited_drive: wp.Function
     stops: wp.Function
     law_of: wp.Function
     next_piece: wp.Function
@@ -242,6 +260,10 @@ def make_axis(effects: Effects) -> AxisFunctions:
             pull, k = drive(joints, control, index, away, moved, h)
             force += pull
             stiffness += k
+        if wp.static(effects.pushed_axes):
+            pull, k = pushed(control, index, q, moved, h)
+            force += pull
+            stiffness += k
         if wp.static(effects.springs):
             rest = away_from(joints.rest_q, joints, joint, dof, q, rest_away)
             pull, k = passive(joints, index, rest, moved, h)
@@ -256,6 +278,34 @@ def make_axis(effects: Effects) -> AxisFunctions:
             force += pull
             stiffness += k
         return force, stiffness
+
+    @wp.func
+    def limited_drive(
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        joint: int,
+        dof: int,
+        q: wp.float64,
+        moved: float,
+        turn_away: wp.vec3,
+        h: float,
+    ):
+        """Generalized force of what has a limit [N or N m], its curvature, and the limit's ends."""
+        index = joints.dof_start[joint] + dof
+        pull = 0.0
+        stiffness = 0.0
+        if wp.static(effects.drives):
+            away = away_from(control.target_q, joints, joint, dof, q, turn_away)
+            pull, stiffness = drive(joints, control, index, away, moved, h)
+        most = most_effort(joints, index)
+        least = -most
+        if wp.static(effects.pushed_axes):
+            more, k = pushed_within(control, index, q, moved, h)
+            pull += more
+            stiffness += k
+            least = wp.max(least, control.pushes[index].least)
+            most = wp.min(most, control.pushes[index].most)
+        return pull, stiffness, least, most
 
     @wp.func
     def stops(
@@ -326,12 +376,14 @@ def make_axis(effects: Effects) -> AxisFunctions:
             if law.friction > 0.0:
                 slip = known[2]
         if wp.static(effects.effort_limits):
-            away = away_from(control.target_q, joints, joint, dof, q, turn_away)
-            pull, stiffness = drive(joints, control, index, away, moved, h)
+            pull, stiffness, least, most = limited_drive(
+                joints, control, joint, dof, q, moved, turn_away, h
+            )
             law.drive = pull
             law.drive_stiffness = stiffness
-            law.effort = most_effort(joints, index)
-            if wp.isfinite(law.effort):
+            law.least = least
+            law.most = most
+            if wp.isfinite(least) or wp.isfinite(most):
                 limit = known[1]
         law.piece = wp.vec3i(side, limit, slip)
         return law
@@ -368,10 +420,12 @@ def make_axis(effects: Effects) -> AxisFunctions:
         if wp.static(effects.effort_limits):
             force = law.drive - law.drive_stiffness * step
             if limit == 0:
-                if wp.abs(force) >= law.effort:
-                    limit = wp.where(force < 0.0, -1, 1)
-            elif float(limit) * force < law.effort:
+                if force >= law.most:
+                    limit = 1
+                elif force <= law.least:
+                    limit = -1
+            elif (limit > 0 and force < law.most) or (limit < 0 and force > law.least):
                 limit = 0
         return wp.vec3i(side, limit, slip)
 
-    return AxisFunctions(linear_force, stops, law_of, next_piece)
+    return AxisFunctions(linear_force, limited_drive, stops, law_of, next_piece)

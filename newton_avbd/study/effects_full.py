@@ -8,6 +8,7 @@ from typing import Any
 import newton
 import numpy as np
 import warp as wp
+from newton.solvers import mujoco
 
 from newton_avbd import SolverAVBD
 
@@ -32,6 +33,7 @@ HINGE: dict[str, float] = {
 def add_everything(builder: newton.ModelBuilder) -> None:
     """Add a ground, boxes, one of them put, and a mechanism with all types of joints and loops."""
     SolverAVBD.register_custom_attributes(builder)
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     cfg = newton.ModelBuilder.ShapeConfig(restitution=0.3, mu_torsional=0.01, mu_rolling=0.001)
     builder.add_ground_plane(cfg=cfg)
     for x in (3.0, 3.5):
@@ -41,7 +43,10 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.add_shape_box(put, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
     links = [
         builder.add_link(
-            xform=_at(0.5 * i, 0.0, 2.0), mass=1.0, inertia=wp.mat33(np.diag((0.02, 0.03, 0.04)))
+            xform=_at(0.5 * i, 0.0, 2.0),
+            mass=1.0,
+            inertia=wp.mat33(np.diag((0.02, 0.03, 0.04))),
+            custom_attributes={"mujoco:gravcomp": 0.1},
         )
         for i in range(10)
     ]
@@ -73,6 +78,10 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.set_joint_mimic(second, first)
     builder.add_articulation([builder.add_joint_revolute(**ends(-1, links[8]))])
     builder.add_articulation([builder.add_joint_rod(**ends(-1, links[9]))])
+    target = mujoco.ActuatorTarget
+    mujoco.add_actuator_motor(builder, target.joint(first))
+    mujoco.add_actuator_motor(builder, target.joint(joints[3]), gear=(1.0, 0.0, 0.0))
+    mujoco.add_tendon_fixed(builder, [(first, 1.0), (second, -1.0)], stiffness=1.0)
     # these close loops: within a tree, and from a body that so hangs from its child
     builder.add_joint_ball(**ends(-1, links[6]), child_xform=_at(-3.0, 0.0, 0.0))
     builder.add_joint_revolute(**ends(links[7], links[8]))

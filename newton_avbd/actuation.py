@@ -1,0 +1,342 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arrays of MuJoCo's actuators and of gravity compensation, and what is launched for them."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import newton
+import numpy as np
+import warp as wp
+
+from . import data
+from .actuators import Actuators, fixed_tendons, is_limited, reflected_armature
+from .execute import actuation as kernels
+from .execute.launch import Launcher
+from .rows import actuator as rules
+from .rows.joint import KINDS
+from .views import AllJoints
+
+_LIMITS = ("lower", "upper")
+_SAME = (
+    *("dynprm", "gainprm", "biasprm", "gear", "ctrlrange", "forcerange", "actrange"),
+    *("actearly", "damping", "dampingpoly"),
+)
+"""Attributes of actuators that kernels read as they are."""
+
+
+class Actuation:
+    """The arrays by which actuators and gravity compensation act, and what a step launches."""
+
+    def __init__(
+        self,
+        model: newton.Model,
+        joints: Any,
+        wanted: frozenset[str],
+        before: "Actuation | None" = None,
+    ) -> None:
+        """Makes the arrays.
+
+        Args:
+            model: The user's model.
+            joints: The joints as kernels see them.
+            wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits``.
+            before: What there was before the model changed, whose activations go on.
+
+        Raises:
+            ValueError: If a muscle has no length range.
+        """
+        self._model, self._joints = model, joints
+        self._has_limits = "effort_limits" in wanted
+        found = Actuators.of_model(model)
+        axes = found.axes if "actuators" in wanted else {}
+        bodies = found.bodies if "body_actuators" in wanted else {}
+        tendons = fixed_tendons(model) if "tendons" in wanted else {}
+        pulling = {row: tendon for row, tendon in found.tendons.items() if tendon in tendons}
+        self.rows = sorted({*axes, *bodies, *pulling})
+        self.control_count = len(found.labels)
+        with wp.ScopedDevice(model.device):
+            self.law = data.ActuatorModel()
+            if self.rows:
+                self._make_law(found)
+                if before is not None and before.law.activation is not None:
+                    self.law.activation = before.law.activation
+            self._make_axes(axes, tendons)
+            self._make_tendons(tendons, pulling)
+            self._make_bodies(bodies)
+            self._compensation = wp.empty(0, dtype=float)
+            if "gravity_compensation" in wanted:
+                self._compensation = model.mujoco.gravcomp
+            self.pushes_links = bool(bodies) or "gravity_compensation" in wanted
+            self._pushed = wp.zeros(
+                model.body_count if self.pushes_links else 0, dtype=wp.spatial_vector
+            )
+
+    def launch(self, launch: Launcher, state: Any, ctrl: wp.array | None, dt: float) -> wp.array:
+        """What actuators push axes and links with in a step; returns the wrenches on links."""
+        model = self._model
+        if self._is_measured:
+            newton.eval_ik(self._all_joints, state, self._joint_q, self._joint_qd)
+        if self._tendons.tendon is not None:
+            motion = [self._joint_q, self._joint_qd, ctrl, dt]
+            given = [self.law, model.mujoco.dof_ref, *motion, self._tendons]
+            launch(kernels.pull_tendons, self._tendons.tendon.size, given)
+        if self._dofs.size:
+            launch(
+                kernels.push_axes,
+                self._dofs.size,
+                [
+                    self.law,
+                    self._joints,
+                    model.mujoco.dof_ref,
+                    *(self._dofs, self._start, self._rows, self._coordinate),
+                    *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
+                    *(self._tendons, self._tendon_start, self._tendon_items, self.pushes),
+                ],
+            )
+        bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia]
+        if self._bodies.row is not None:
+            poses = [state.body_q, state.body_qd]
+            given = [self.law, *bodies, *poses, ctrl, dt, self._bodies]
+            launch(kernels.push_bodies, self._bodies.row.size, given)
+        if not self.pushes_links:
+            return state.body_f
+        launch(
+            kernels.push_links,
+            model.body_count,
+            [
+                *(model.body_com, model.body_mass, model.body_world, model.gravity),
+                *(self._compensation, state.body_q, state.body_f),
+                *(self._bodies, self._link_start, self._items, self._pushed),
+            ],
+        )
+        return self._pushed
+
+    def reset(self, launch: Launcher, mask: wp.array) -> None:
+        """Sets the activations of the selected worlds to zero."""
+        if self.law.activation is not None:
+            world = self._model.mujoco.actuator_world
+            launch(kernels.reset_activations, world.size, [world, mask, self.law.activation])
+
+    def bind(self, joints: Any) -> None:
+        """Adds the armature of actuators to that of their axes."""
+        if self._armature is not None:
+            joints.armature = self._armature
+
+    def remembered(self) -> Iterator[tuple[str, wp.array]]:
+        """Arrays that a step leaves to the next one, by name."""
+        if self.law.activation is not None:
+            yield "actuators.activation", self.law.activation
+
+    def _make_law(self, found: Actuators) -> None:
+        mujoco: Any = self._model.mujoco
+        law = self.law
+        for name, attribute in (
+            ("dynamics", "dyntype"),
+            ("gain", "gaintype"),
+            ("bias", "biastype"),
+            *((same, same) for same in _SAME),
+        ):
+            setattr(law, name, getattr(mujoco, f"actuator_{attribute}"))
+        limits = np.zeros(self.control_count, dtype=int)
+        for name, bit in (
+            ("ctrl", rules.LIMITS_CONTROL),
+            ("force", rules.LIMITS_FORCE),
+            ("act", rules.LIMITS_ACTIVATION),
+        ):
+            limits += int(bit) * is_limited(mujoco, name)
+        law.limits = wp.array(limits, dtype=wp.int32)
+        law.activation = wp.zeros(limits.size, dtype=float)
+        law.lengthrange = wp.array(self._length_ranges(found), dtype=wp.vec2)
+        velocity_bias, acc0 = self._by_inertia(found.axes)
+        law.velocity_bias = wp.array(velocity_bias, dtype=float)
+        law.acc0 = wp.array(acc0, dtype=float)
+
+    def _make_axes(
+        self, axes: dict[int, int], tendons: dict[int, tuple[list[int], list[float]]]
+    ) -> None:
+        """Lists actuators and tendons by degree of freedom."""
+        model = self._model
+        tied = [dof for of_tendon, _ in tendons.values() for dof in of_tendon]
+        dofs = np.unique(np.array([*axes.values(), *tied], dtype=int))
+        rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
+        owner = np.repeat(np.arange(len(tendons)), [len(of) for of, _ in tendons.values()])
+        items = [[(owner[k], k) for k, dof in enumerate(tied) if dof == known] for known in dofs]
+        self.pushes = wp.zeros(model.joint_dof_count if dofs.size else 0, dtype=data.AxisPush)
+        self._dofs, self._coordinate = _indices(dofs), _indices(self._coordinates(dofs))
+        self._start, self._rows = _lists(rows)
+        self._tendon_start = _indices(np.cumsum([0, *map(len, items)]))
+        flat = np.array([item for of_dof in items for item in of_dof], dtype=np.int32)
+        self._tendon_items = wp.array(flat.reshape(-1, 2), dtype=wp.vec2i)
+        armature = reflected_armature(model, axes)
+        self._armature = None
+        if np.any(armature):
+            self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)
+        self._is_measured = bool(tendons) or (bool(axes) and self._needs_motion(axes, rows))
+        is_measured = int(self._is_measured)
+        self._joint_q = wp.zeros(is_measured * model.joint_coord_count, dtype=float)
+        self._joint_qd = wp.zeros(is_measured * model.joint_dof_count, dtype=float)
+        if self._is_measured:
+            self._all_joints = AllJoints(model)
+
+    def _make_tendons(
+        self, tendons: dict[int, tuple[list[int], list[float]]], pulling: dict[int, int]
+    ) -> None:
+        """Lists what each tendon combines, and the actuators that pull it."""
+        work, model = data.TendonModel(), self._model
+        self._tendons = work
+        if not tendons:
+            return
+        mujoco: Any = model.mujoco
+        dofs = [of_tendon for of_tendon, _ in tendons.values()]
+        coefficients = [values for _, values in tendons.values()]
+        work.tendon = _indices(np.array(list(tendons)))
+        work.joint_start, work.dof = _lists(dofs)
+        work.coordinate = _indices(self._coordinates(work.dof.numpy()))
+        work.coefficient = wp.array(np.concatenate(coefficients), dtype=float)
+        work.row_start, work.rows = _lists(
+            [[row for row, pulled in pulling.items() if pulled == tendon] for tendon in tendons]
+        )
+        for name in ("stiffness", "damping", "springlength"):
+            setattr(work, name, getattr(mujoco, f"tendon_{name}"))
+        ref = mujoco.dof_ref.numpy()
+        rest = [np.dot(c, ref[of]) for of, c in zip(dofs, coefficients, strict=True)]
+        work.rest = wp.array(rest, dtype=float)
+        for name in ("force", "slope", "rate", "size"):
+            setattr(work, name, wp.zeros(len(tendons), dtype=float))
+
+    def _coordinates(self, dofs: np.ndarray) -> np.ndarray:
+        """Joint coordinate of degrees of freedom that have an axis."""
+        model = self._model
+        if dofs.size == 0:
+            return dofs
+        starts = model.joint_qd_start.numpy()
+        joint = np.searchsorted(starts, dofs, side="right") - 1
+        return dofs - starts[joint] + model.joint_q_start.numpy()[joint]
+
+    def _make_bodies(self, bodies: dict[int, tuple[int, int, Any, int, Any]]) -> None:
+        """Lists actuators that push bodies, and by link those that push it."""
+        work = self._bodies = data.BodyActuation()
+        self._link_start = self._items = wp.empty(0, dtype=wp.int32)
+        if not bodies:
+            return
+        axes, link, frame, against, reference = zip(*bodies.values(), strict=True)
+        work.row = wp.array(list(bodies), dtype=wp.int32)
+        work.axes = wp.array(axes, dtype=wp.int32)
+        work.link, work.against = (wp.array(ends, dtype=wp.int32) for ends in (link, against))
+        work.frame = wp.array(np.array(frame, dtype=np.float32), dtype=wp.transform)
+        work.reference = wp.array(np.array(reference, dtype=np.float32), dtype=wp.transform)
+        for name in ("force", "torque", "point"):
+            setattr(work, name, wp.zeros(len(bodies), dtype=wp.vec3))
+        items: list[list[int]] = [[] for _ in range(self._model.body_count)]
+        for i in range(len(bodies)):
+            items[link[i]].append(2 * i)
+            if against[i] >= 0:
+                items[against[i]].append(2 * i + 1)
+        self._link_start, self._items = _lists(items)
+
+    def _needs_motion(self, axes: dict[int, int], rows: list[list[int]]) -> bool:
+        """Whether a force takes length and velocity at the start of the step."""
+        mujoco: Any = self._model.mujoco
+        used = list(axes)
+        gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy()[used] for n in ("gain", "bias"))
+        curved = [getattr(mujoco, f"actuator_{n}type").numpy()[used] > 0 for n in ("gain", "bias")]
+        needs = np.any(gain[:, 1:3] != 0.0, axis=1) & curved[0]
+        needs |= np.any(bias[:, 1:3] > 0.0, axis=1) & curved[1]
+        needs |= mujoco.actuator_gaintype.numpy()[used] == int(rules.MUSCLE_GAIN)
+        needs |= mujoco.actuator_biastype.numpy()[used] == int(rules.MUSCLE_BIAS)
+        needs |= np.any(mujoco.actuator_dampingpoly.numpy()[used] != 0.0, axis=1)
+        limited = (self.law.limits.numpy() & int(rules.LIMITS_FORCE)) > 0
+        several = [of_dof for of_dof in rows if len(of_dof) > 1 and np.any(limited[of_dof])]
+        driven = self._model.joint_target_mode.numpy() > 0
+        shared = any(limited[row] and driven[dof] for row, dof in axes.items())
+        return bool(np.any(needs)) or bool(several) or shared
+
+    def _length_ranges(self, found: Actuators) -> np.ndarray:
+        """Length range of each actuator; of a muscle without one that of its joint's limits.
+
+        Raises:
+            ValueError: If a muscle has neither.
+        """
+        mujoco: Any = self._model.mujoco
+        ranges = mujoco.actuator_lengthrange.numpy().copy()
+        kinds = (mujoco.actuator_gaintype.numpy(), mujoco.actuator_biastype.numpy())
+        is_muscle = (kinds[0] == int(rules.MUSCLE_GAIN)) | (kinds[1] == int(rules.MUSCLE_BIAS))
+        for row in np.flatnonzero(is_muscle & (ranges[:, 0] >= ranges[:, 1])).tolist():
+            if row in found.left:
+                continue
+            dof = found.axes.get(row, -1)
+            limits = [getattr(self._model, f"joint_limit_{end}").numpy() for end in _LIMITS]
+            if dof < 0 or limits[0][dof] <= -newton.MAXVAL or limits[1][dof] >= newton.MAXVAL:
+                raise ValueError(
+                    f"The muscle actuator {row} ('{found.labels[row]}') has no length range, and "
+                    "no limits of its joint that say one. Set mujoco:actuator_lengthrange "
+                    "(lengthrange in MJCF), as MuJoCo's compiler computes it."
+                )
+            gear = mujoco.actuator_gear.numpy()[row][0]
+            ends = [gear * (limit[dof] + mujoco.dof_ref.numpy()[dof]) for limit in limits]
+            ranges[row] = sorted(ends)
+        return ranges
+
+    def _by_inertia(self, axes: dict[int, int]) -> tuple[np.ndarray, np.ndarray]:
+        """What damping ratios and the peak forces of muscles come to in the reference pose.
+
+        MuJoCo takes a ``biasprm[2]`` above zero of a position actuator for a damping ratio, and
+        a muscle's ``force`` below zero for ``scale`` over the acceleration by a unit force.
+        """
+        mujoco: Any = self._model.mujoco
+        gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy() for n in ("gain", "bias"))
+        velocity_bias, acc0 = bias[:, 2].copy(), np.zeros(len(bias))
+        is_servo = (bias[:, 2] > 0.0) & (gain[:, 0] == -bias[:, 1])
+        muscle = (gain[:, 2] < 0.0) & (mujoco.actuator_gaintype.numpy() == int(rules.MUSCLE_GAIN))
+        if not np.any((is_servo | muscle)[list(axes)]):
+            return velocity_bias, acc0
+        inertia = _reference_inertia(self._model)
+        gear = mujoco.actuator_gear.numpy()[:, 0].astype(float)
+        for row, dof in axes.items():
+            own, mobility = inertia.get(dof, (0.0, 0.0))
+            if is_servo[row] and gear[row] != 0.0:
+                mass = own / gear[row] ** 2
+                velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
+            acc0[row] = abs(gear[row]) * mobility
+        return velocity_bias, acc0
+
+
+def _indices(values: np.ndarray) -> wp.array:
+    """An array of indices on the current device."""
+    return wp.array(values.astype(np.int32), dtype=wp.int32)
+
+
+def _lists(items: list[list[int]]) -> tuple[wp.array, wp.array]:
+    """Where each of some lists starts in one array, and that array."""
+    flat = np.array([item for one in items for item in one], dtype=int)
+    return _indices(np.cumsum([0, *map(len, items)])), _indices(flat)
+
+
+def _reference_inertia(model: newton.Model) -> dict[int, tuple[float, float]]:
+    """Inertia of each degree of freedom, and how a unit force on it accelerates all, at q = 0.
+
+    Returns:
+        Diagonal entry of the mass matrix and norm of the column of its inverse, by degree of
+        freedom of an articulation.
+    """
+    state = model.state()
+    joint_q = model.joint_q.numpy()
+    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
+    for joint, kind in enumerate(kinds):
+        if KINDS[newton.JointType(kind)].has_axes:
+            joint_q[starts[joint] : starts[joint + 1]] = 0.0
+    pose = wp.array(joint_q, dtype=float, device=model.device)
+    newton.eval_fk(model, pose, model.joint_qd, state)
+    found = {}
+    if model.articulation_count:
+        matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
+        first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
+        for k in range(model.articulation_count):
+            size = int(first[k + 1] - first[k])
+            matrix = matrices[k, :size, :size]
+            inverse = np.linalg.pinv(matrix)
+            for i in range(size):
+                norm = float(np.linalg.norm(inverse[:, i]))
+                found[int(first[k]) + i] = (float(matrix[i, i]), norm)
+    return found

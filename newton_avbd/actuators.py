@@ -1,0 +1,217 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""MuJoCo's actuators and gravity compensation of a model, from its ``mujoco`` namespace.
+
+Actuators whose control is ``control.mujoco.ctrl`` act here; those that the importers made joint
+drives of are drives. Their arrays are in :mod:`.actuation`, what a step does with them is in
+:mod:`.execute.actuation`, the formulas are in :mod:`.rows.actuator`.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import newton
+import numpy as np
+from newton.solvers import SolverMuJoCo
+
+from .rows import actuator as rules
+from .rows.joint import KINDS
+
+_TRANSMISSION = SolverMuJoCo.TrnType
+_CTRL_DIRECT = int(SolverMuJoCo.CtrlSource.CTRL_DIRECT)
+"""An actuator with an input of its own, not the target of a joint."""
+_BALL, _FREE = int(newton.JointType.BALL), int(newton.JointType.FREE)
+ACTING = ("actuators", "tendons", "body_actuators", "gravity_compensation")
+"""Effects of what acts before a step."""
+_AUTO = 2
+"""A limit that holds where a range is given."""
+_ONE_AXIS = (int(newton.JointType.REVOLUTE), int(newton.JointType.PRISMATIC))
+_IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+_DYNAMICS = (0, 1, 2, 3, 4)
+"""Dynamics of activation that :mod:`.rows.actuator` knows."""
+_LAWS = (0, 1, 2)
+"""Gains and biases that it knows."""
+
+
+def authored(model: newton.Model, name: str) -> np.ndarray | None:
+    """Values of an attribute of the ``mujoco`` namespace, None where the model has none."""
+    array = getattr(getattr(model, "mujoco", None), name, None)
+    return None if array is None else array.numpy()
+
+
+def compensated_links(model: newton.Model) -> np.ndarray:
+    """Links whose weight is compensated, as a whole or in part."""
+    share = authored(model, "gravcomp")
+    return np.zeros(0, dtype=int) if share is None else np.flatnonzero(share)
+
+
+@dataclass
+class Actuators:
+    """What each of a model's actuators pushes, by row of its ``mujoco:actuator`` attributes."""
+
+    labels: list[str] = field(default_factory=list)
+    axes: dict[int, int] = field(default_factory=dict)
+    """Degree of freedom of those that push along a joint axis."""
+    bodies: dict[int, tuple[int, int, Any, int, Any]] = field(default_factory=dict)
+    """Of those that push bodies: whose axes the gear is in, the link with a frame on it, and the
+    link that gets the reaction with a frame on it."""
+    tendons: dict[int, int] = field(default_factory=dict)
+    """Tendon of those that pull one."""
+    left: dict[int, str] = field(default_factory=dict)
+    """Why those do nothing that do nothing."""
+
+    @classmethod
+    def of_model(cls, model: newton.Model) -> "Actuators":
+        """Finds what each actuator acts on; copies model arrays to the host."""
+        found = cls()
+        if not model.custom_frequency_counts.get("mujoco:actuator", 0):
+            return found
+        found.labels = list(model.mujoco.actuator_label)
+        kinds = model.mujoco.actuator_trntype.numpy()
+        for row in np.flatnonzero(model.mujoco.ctrl_source.numpy() == _CTRL_DIRECT).tolist():
+            why = _unknown_law(model, row)
+            if why:
+                found.left[row] = why
+                continue
+            kind, target = _target(model, row, int(kinds[row]))
+            if kind in (_TRANSMISSION.JOINT, _TRANSMISSION.JOINT_IN_PARENT) and target >= 0:
+                found._add_joint(model, row, target, kind == _TRANSMISSION.JOINT_IN_PARENT)
+            elif kind == _TRANSMISSION.SITE and target >= 0:
+                found._add_site(model, row, target)
+            elif kind == _TRANSMISSION.TENDON and target >= 0:
+                if target in fixed_tendons(model):
+                    found.tendons[row] = target
+                else:
+                    found.left[row] = "the tendon that it pulls is left out"
+            elif target < 0:
+                found.left[row] = "its target does not exist"
+            else:
+                found.left[row] = f"its transmission is {_TRANSMISSION(kind).name}"
+        return found
+
+    def limited_axes(self, model: newton.Model) -> list[int]:
+        """Degrees of freedom with an actuator whose force has a range."""
+        if not self.axes:
+            return []
+        limited = is_limited(model.mujoco, "force")
+        return [dof for row, dof in self.axes.items() if limited[row]]
+
+    def _add_joint(self, model: newton.Model, row: int, dof: int, in_parent: bool) -> None:
+        joint = int(np.searchsorted(model.joint_qd_start.numpy(), dof, side="right")) - 1
+        kind = int(model.joint_type.numpy()[joint])
+        if KINDS[newton.JointType(kind)].has_axes:
+            self.axes[row] = dof
+            return
+        child, parent = (
+            int(getattr(model, f"joint_{end}").numpy()[joint]) for end in ("child", "parent")
+        )
+        if kind == _BALL:
+            axes = rules.BALL_JOINT_IN_PARENT if in_parent else rules.BALL_JOINT
+            frames = model.joint_X_c.numpy()[joint], model.joint_X_p.numpy()[joint]
+            self.bodies[row] = (int(axes), child, frames[0], parent, frames[1])
+        elif kind == _FREE:
+            axes = rules.FREE_JOINT_IN_PARENT if in_parent else rules.FREE_JOINT
+            self.bodies[row] = (int(axes), child, _IDENTITY, parent, _IDENTITY)
+        else:
+            self.left[row] = f"its joint is of type {newton.JointType(kind).name}"
+
+    def _add_site(self, model: newton.Model, row: int, site: int) -> None:
+        frames, links = model.shape_transform.numpy(), model.shape_body.numpy()
+        other = int(model.mujoco.actuator_trnid.numpy()[row, 1])
+        if links[site] < 0:
+            self.left[row] = "its site does not move"
+        elif other < 0:
+            axes = int(rules.AT_SITE)
+            self.bodies[row] = (axes, int(links[site]), frames[site], -1, _IDENTITY)
+        else:
+            axes = int(rules.AGAINST_SITE)
+            self.bodies[row] = (
+                *(axes, int(links[site]), frames[site]),
+                *(int(links[other]), frames[other]),
+            )
+
+
+def _unknown_law(model: newton.Model, row: int) -> str:
+    """Why the solver does not know what an actuator does; empty where it does."""
+    mujoco: Any = model.mujoco
+    if mujoco.actuator_dyntype.numpy()[row] not in _DYNAMICS:
+        return "its dynamics (dyntype) are a DC motor's, a PID's or the user's"
+    kinds = [getattr(mujoco, f"actuator_{name}type").numpy()[row] for name in ("gain", "bias")]
+    if not set(kinds) <= set(_LAWS):
+        return "its gain or bias is a DC motor's, SO3, a PID's or the user's"
+    return ""
+
+
+def _target(model: newton.Model, row: int, kind: int) -> tuple[int, int]:
+    """Transmission of an actuator and the index of its target, -1 where there is none.
+
+    Importers of USD may leave the target's label only, as SolverMuJoCo expects it.
+    """
+    mujoco: Any = model.mujoco
+    first, second = mujoco.actuator_trnid.numpy()[row].tolist()
+    label = mujoco.actuator_target_label[row]
+    if kind == _TRANSMISSION.TENDON and (first < 0 or (first == 0 and second > 0)):
+        first = second
+    counts = {
+        _TRANSMISSION.JOINT: model.joint_dof_count,
+        _TRANSMISSION.JOINT_IN_PARENT: model.joint_dof_count,
+        _TRANSMISSION.TENDON: model.custom_frequency_counts.get("mujoco:tendon", 0),
+        _TRANSMISSION.SITE: model.shape_count,
+    }
+    if kind == _TRANSMISSION.SITE and label in model.shape_label:
+        first = model.shape_label.index(label)
+    elif first < 0 and label:
+        named = {
+            _TRANSMISSION.JOINT: getattr(mujoco, "joint_dof_label", ()),
+            _TRANSMISSION.TENDON: getattr(mujoco, "tendon_label", ()),
+            _TRANSMISSION.SITE: model.shape_label,
+        }
+        for known, labels in named.items():
+            if label in labels:
+                return known, list(labels).index(label)
+    return kind, first if first < counts.get(_TRANSMISSION(kind), first + 1) else -1
+
+
+def is_limited(mujoco: Any, name: str) -> np.ndarray:
+    """Which actuators clamp their control, force or activation; MuJoCo's ``autolimits``."""
+    limited = getattr(mujoco, f"actuator_{name}limited").numpy()
+    has_range = getattr(mujoco, f"actuator_has_{name}range").numpy() > 0
+    return (limited == 1) | ((limited == _AUTO) & has_range & bool(mujoco.autolimits.numpy()[0]))
+
+
+def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
+    """What the armature of actuators adds to that of each degree of freedom [kg or kg m^2].
+
+    Args:
+        model: The model.
+        axes: Degree of freedom of each actuator that pushes along one, by its row.
+    """
+    added = np.zeros(model.joint_dof_count, dtype=np.float32)
+    if axes:
+        mujoco: Any = model.mujoco
+        rows = list(axes)
+        gear = mujoco.actuator_gear.numpy()[rows, 0]
+        np.add.at(added, list(axes.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
+    return added
+
+
+def fixed_tendons(model: newton.Model) -> dict[int, tuple[list[int], list[float]]]:
+    """Degrees of freedom and coefficients of each fixed tendon that acts, by its row.
+
+    Of a joint with several axes Newton's importer does not say which one a tendon combines. As in
+    SolverMuJoCo the tendon goes without it then, and a tendon of such joints only does not act.
+    """
+    found: dict[int, tuple[list[int], list[float]]] = {}
+    count = model.custom_frequency_counts.get("mujoco:tendon", 0)
+    if not count:
+        return found
+    mujoco: Any = model.mujoco
+    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy()
+    for row in np.flatnonzero(mujoco.tendon_type.numpy() == 0).tolist():
+        first, size = mujoco.tendon_joint_adr.numpy()[row], mujoco.tendon_joint_num.numpy()[row]
+        joints = mujoco.tendon_joint.numpy()[first : first + size]
+        is_known = np.isin(kinds[joints], _ONE_AXIS) & (joints >= 0)
+        if np.any(is_known):
+            coefficients = mujoco.tendon_coef.numpy()[first : first + size][is_known]
+            found[row] = (starts[joints[is_known]].tolist(), coefficients.tolist())
+    return found

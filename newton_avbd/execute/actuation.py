@@ -1,0 +1,338 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Before a step: what MuJoCo's actuators push axes and bodies with, and gravity compensation."""
+
+import warp as wp
+
+from ..algebra.so3 import rotation_vector
+from ..data import ActuatorModel, AxisPush, BodyActuation, JointModel, TendonModel, vec6
+from ..rows.actuator import (
+    AGAINST_SITE,
+    AT_SITE,
+    BALL_JOINT,
+    BALL_JOINT_IN_PARENT,
+    FREE_JOINT,
+    FREE_JOINT_IN_PARENT,
+    LIMITS_FORCE,
+    at_limit,
+    input_of,
+    law_of,
+    own_damping,
+)
+from ..rows.axis import POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
+from ..rows.joint import NO_LIMIT
+from .launch import KERNEL
+from .resetting import is_selected
+
+
+@wp.func
+def is_driven(joints: wp.ref[JointModel], dof: int) -> bool:
+    """Whether a degree of freedom has a drive of Newton's own."""
+    mode = joints.target_mode[dof]
+    has_mode = mode == POSITION_MODE or mode == VELOCITY_MODE or mode == POSITION_VELOCITY_MODE
+    return has_mode and (joints.target_ke[dof] != 0.0 or joints.target_kd[dof] != 0.0)
+
+
+@wp.kernel(**KERNEL)
+def pull_tendons(
+    # Model:
+    actuators: ActuatorModel,
+    ref: wp.array[float],
+    # In:
+    joint_q: wp.array[float],
+    joint_qd: wp.array[float],
+    ctrl: wp.array[float],
+    h: float,
+    # Out:
+    tendons: TendonModel,
+):
+    """Tension of each fixed tendon at the start of the step, and its slopes; one thread a tendon.
+
+    Length and velocity are sums of coefficients times q + ref and v. The spring has a dead band.
+    """
+    i = wp.tid()
+    tendon = tendons.tendon[i]
+    length = float(0.0)
+    velocity = float(0.0)
+    size = float(0.0)
+    for k in range(tendons.joint_start[i], tendons.joint_start[i + 1]):
+        dof = tendons.dof[k]
+        coefficient = tendons.coefficient[k]
+        length += coefficient * (joint_q[tendons.coordinate[k]] + ref[dof])
+        velocity += coefficient * joint_qd[dof]
+        size += wp.abs(coefficient)
+    band = tendons.springlength[tendon]
+    if band[0] < 0.0 and band[0] == band[1]:
+        band = wp.vec2(tendons.rest[i], tendons.rest[i])
+    beyond = wp.min(length - band[0], 0.0) + wp.max(length - band[1], 0.0)
+    force = -tendons.stiffness[tendon] * beyond - tendons.damping[tendon] * velocity
+    stiffness = wp.where(beyond != 0.0, tendons.stiffness[tendon], 0.0)
+    damping = tendons.damping[tendon]
+    for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
+        row = tendons.rows[k]
+        gear = actuators.gear[row][0]
+        drive = input_of(actuators, row, ctrl, h)
+        law = law_of(actuators, row, drive, gear * length, gear * velocity)
+        law = at_limit(law, gear * length, gear * velocity)
+        push = law.force - law.stiffness * gear * length - law.damping * gear * velocity
+        own = own_damping(actuators, row, velocity)
+        force += gear * push - gear * gear * own * velocity
+        stiffness += gear * gear * law.stiffness
+        damping += gear * gear * (law.damping + own)
+    tendons.force[i] = force
+    tendons.rate[i] = damping
+    tendons.slope[i] = damping + h * stiffness
+    tendons.size[i] = size
+
+
+@wp.kernel(**KERNEL)
+def push_axes(
+    # Model:
+    actuators: ActuatorModel,
+    joints: JointModel,
+    ref: wp.array[float],
+    # In:
+    dofs: wp.array[wp.int32],
+    start: wp.array[wp.int32],
+    rows: wp.array[wp.int32],
+    coordinate: wp.array[wp.int32],
+    joint_q: wp.array[float],
+    joint_qd: wp.array[float],
+    ctrl: wp.array[float],
+    has_limits: bool,
+    h: float,
+    tendons: TendonModel,
+    tendon_start: wp.array[wp.int32],
+    tendon_items: wp.array[wp.vec2i],
+    # Out:
+    pushes: wp.array[AxisPush],
+):
+    """Sums what actuators push a degree of freedom with; one thread for each that has some.
+
+    Length and velocity of a transmission are gear (q + ref) and gear v. A force range shares the
+    mechanism of the drive's effort limit where one actuator has one and nothing else drives the
+    axis; of others it counts as reached or not at the start of the step.
+
+    The tension of a tendon depends on several axes. Each gets its share at the start of the step,
+    and of c c^T times the slope the sums of the rows (Gershgorin): the step is stable, however
+    stiff the tendon.
+    """
+    i = wp.tid()
+    dof = dofs[i]
+    q = 0.0
+    qd = 0.0
+    if joint_q.shape[0] > 0:
+        q = joint_q[coordinate[i]]
+        qd = joint_qd[dof]
+    at = ref[dof]
+    has_effort = has_limits and joints.effort_limit[dof] < NO_LIMIT
+    limited = int(0)
+    for k in range(start[i], start[i + 1]):
+        if has_limits and (actuators.limits[rows[k]] & LIMITS_FORCE) != 0:
+            limited += 1
+    shares = limited == 1 and start[i + 1] == start[i] + 1
+    shares = (shares or (limited == 1 and not has_effort)) and not is_driven(joints, dof)
+    push = AxisPush()
+    push.least = -wp.inf
+    push.most = wp.inf
+    for k in range(start[i], start[i + 1]):
+        row = rows[k]
+        gear = actuators.gear[row][0]
+        length = gear * (q + at)
+        velocity = gear * qd
+        law = law_of(actuators, row, input_of(actuators, row, ctrl, h), length, velocity)
+        is_limited = has_limits and (actuators.limits[row] & LIMITS_FORCE) != 0
+        if is_limited and not shares:
+            law = at_limit(law, length, velocity)
+        stiffness = gear * gear * law.stiffness
+        damping = gear * gear * law.damping
+        force = gear * law.force - stiffness * at
+        if has_effort or (is_limited and shares):
+            push.drive += force
+            push.drive_stiffness += stiffness
+            push.drive_damping += damping
+            if is_limited and shares:
+                push.least = wp.min(gear * law.least, gear * law.most)
+                push.most = wp.max(gear * law.least, gear * law.most)
+        else:
+            push.force += force
+            push.stiffness += stiffness
+            push.damping += damping
+        push.damping += gear * gear * own_damping(actuators, row, qd)
+    for k in range(tendon_start[i], tendon_start[i + 1]):
+        tendon = tendon_items[k][0]
+        coefficient = tendons.coefficient[tendon_items[k][1]]
+        weight = wp.abs(coefficient) * tendons.size[tendon]
+        push.force += coefficient * tendons.force[tendon] + weight * tendons.rate[tendon] * qd
+        push.damping += weight * tendons.slope[tendon]
+    pushes[dof] = push
+
+
+@wp.func
+def velocity_at(qd: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
+    """Velocity of a point of a body [m/s], ``arm`` from its COM."""
+    return wp.spatial_top(qd) + wp.cross(wp.spatial_bottom(qd), arm)
+
+
+@wp.func
+def top_of(gear: vec6) -> wp.vec3:
+    return wp.vec3(gear[0], gear[1], gear[2])
+
+
+@wp.func
+def bottom_of(gear: vec6) -> wp.vec3:
+    return wp.vec3(gear[3], gear[4], gear[5])
+
+
+@wp.func
+def mobility_of(
+    force: wp.vec3, moment: wp.vec3, rotation: wp.quat, inv_mass: float, inv_inertia: wp.mat33
+) -> float:
+    """How fast a unit impulse of an actuator moves its own transmission, on a body [1/kg]."""
+    turned = wp.quat_rotate_inv(rotation, moment)
+    return inv_mass * wp.length_sq(force) + wp.dot(turned, inv_inertia * turned)
+
+
+@wp.kernel(**KERNEL)
+def push_bodies(
+    # Model:
+    actuators: ActuatorModel,
+    com: wp.array[wp.vec3],
+    inv_mass: wp.array[float],
+    inv_inertia: wp.array[wp.mat33],
+    # State in:
+    body_q: wp.array[wp.transform],
+    body_qd: wp.array[wp.spatial_vector],
+    ctrl: wp.array[float],
+    h: float,
+    # Out:
+    work: BodyActuation,
+):
+    """Wrench of each actuator that pushes bodies; one thread an actuator.
+
+    What depends on length and velocity is as large as at the end of a step in which the bodies
+    were free otherwise, so that it never overshoots.
+    """
+    i = wp.tid()
+    row = work.row[i]
+    link = work.link[i]
+    other = work.against[i]
+    kind = work.axes[i]
+    gear = actuators.gear[row]
+    along = top_of(gear)
+    about = bottom_of(gear)
+    pose = body_q[link]
+    rotation = wp.transform_get_rotation(pose)
+    frame = wp.transform_multiply(pose, work.frame[i])
+    point = wp.transform_get_translation(frame)
+    axes = wp.transform_get_rotation(frame)
+    arm = point - wp.transform_point(pose, com[link])
+    base = work.reference[i]
+    if other >= 0:
+        base = wp.transform_multiply(body_q[other], base)
+    base_axes = wp.transform_get_rotation(base)
+    apart = wp.quat_inverse(base_axes) * axes
+    force = wp.vec3(0.0)
+    torque = wp.vec3(0.0)
+    length = 0.0
+    period = 0.0
+    if kind == BALL_JOINT or kind == BALL_JOINT_IN_PARENT:
+        length = wp.dot(rotation_vector(apart), along)
+        period = wp.length(along)
+        torque = wp.quat_rotate(wp.where(kind == BALL_JOINT, axes, base_axes), along)
+    elif kind == FREE_JOINT or kind == FREE_JOINT_IN_PARENT:
+        force = along
+        torque = about
+        if kind == FREE_JOINT:
+            torque = wp.quat_rotate(rotation, about)
+    elif kind == AGAINST_SITE:
+        offset = wp.quat_rotate_inv(base_axes, point - wp.transform_get_translation(base))
+        length = wp.dot(along, offset) + wp.dot(about, rotation_vector(apart))
+        if wp.length_sq(along) == 0.0:
+            period = wp.length(about)
+        force = wp.quat_rotate(base_axes, along)
+        torque = wp.quat_rotate(base_axes, about)
+    else:
+        force = wp.quat_rotate(axes, along)
+        torque = wp.quat_rotate(axes, about)
+
+    moment = torque + wp.cross(arm, force)
+    velocity = wp.dot(force, velocity_at(body_qd[link], arm))
+    velocity += wp.dot(torque, wp.spatial_bottom(body_qd[link]))
+    mobility = mobility_of(force, moment, rotation, inv_mass[link], inv_inertia[link])
+    if other >= 0 and kind != AT_SITE:
+        other_pose = body_q[other]
+        other_arm = point - wp.transform_point(other_pose, com[other])
+        other_moment = torque + wp.cross(other_arm, force)
+        velocity -= wp.dot(force, velocity_at(body_qd[other], other_arm))
+        velocity -= wp.dot(torque, wp.spatial_bottom(body_qd[other]))
+        turned = wp.transform_get_rotation(other_pose)
+        mobility += mobility_of(force, other_moment, turned, inv_mass[other], inv_inertia[other])
+
+    drive = input_of(actuators, row, ctrl, h)
+    law = law_of(actuators, row, drive, length, velocity)
+    if period > 0.0 and law.stiffness > 0.0:
+        # the nearest of the turns that are the same pose
+        turn = 2.0 * wp.pi * period
+        behind = law.force / law.stiffness - length
+        length += turn * wp.round(behind / turn)
+    coasting = length + h * velocity
+    push = law.force - law.stiffness * coasting - law.damping * velocity
+    push /= 1.0 + h * mobility * (law.damping + h * law.stiffness)
+    push = wp.clamp(push, law.least, law.most)
+    work.force[i] = push * force
+    work.torque[i] = push * torque
+    work.point[i] = point
+
+
+@wp.kernel(**KERNEL)
+def push_links(
+    # Model:
+    com: wp.array[wp.vec3],
+    mass: wp.array[float],
+    world: wp.array[wp.int32],
+    gravity: wp.array[wp.vec3],
+    compensation: wp.array[float],
+    # State in:
+    body_q: wp.array[wp.transform],
+    body_f: wp.array[wp.spatial_vector],
+    # In:
+    work: BodyActuation,
+    start: wp.array[wp.int32],
+    items: wp.array[wp.int32],
+    # Out:
+    pushed: wp.array[wp.spatial_vector],
+):
+    """External wrench on each link with what compensates its weight and actuators push it with.
+
+    An item is twice an actuator, plus 1 for its reaction; one thread a link.
+    """
+    link = wp.tid()
+    wrench = body_f[link]
+    if compensation.shape[0] > 0:
+        lift = -compensation[link] * mass[link] * gravity[world[link]]
+        wrench += wp.spatial_vector(lift, wp.vec3(0.0))
+    if start.shape[0] > 0:
+        center = wp.transform_point(body_q[link], com[link])
+        for k in range(start[link], start[link + 1]):
+            i = items[k] / 2
+            sign = wp.where(items[k] % 2 == 0, 1.0, -1.0)
+            force = sign * work.force[i]
+            torque = sign * work.torque[i] + wp.cross(work.point[i] - center, force)
+            wrench += wp.spatial_vector(force, torque)
+    pushed[link] = wrench
+
+
+@wp.kernel(**KERNEL)
+def reset_activations(
+    # Model:
+    world: wp.array[wp.int32],
+    # In:
+    mask: wp.array[wp.bool],
+    # Out:
+    activation: wp.array[float],
+):
+    """Sets the activations of the selected worlds to zero; one thread an actuator."""
+    i = wp.tid()
+    if mask.shape[0] == 0 or is_selected(world[i], mask):
+        activation[i] = 0.0

@@ -1,0 +1,405 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""MuJoCo's actuators, gravity compensation and fixed tendons push as their formulas say."""
+
+import warnings
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from helpers import NO_GRAVITY, G
+from newton.solvers import SolverMuJoCo
+from numpy.typing import NDArray
+
+from newton_avbd import SolverAVBD
+
+DT = 1.0 / 1000.0
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="arm" {body}>
+      <joint name="hinge" type="hinge" axis="0 1 0" {joint}/>
+      <inertial pos="0 0 0" mass="2" diaginertia="0.3 0.5 0.4"/>
+    </body>
+    <body name="other">
+      <joint name="slide" type="slide" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="2" diaginertia="0.3 0.5 0.4"/>
+    </body>
+  </worldbody>
+  {tendon}
+  <actuator>{actuator}</actuator>
+</mujoco>
+"""
+INERTIA = 0.5
+"""Of the arm about its hinge [kg m^2]."""
+
+
+def scene(
+    actuator: str = "", *, worlds: int = 1, gravity: float = 0.0, **parts: str
+) -> newton.Model:
+    """An arm on a hinge through its COM, and a slider beside it."""
+    one = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(one)
+    slots = {"body": "", "joint": "", "tendon": "", "actuator": actuator} | parts
+    one.add_mjcf(ARM.format(**slots), ctrl_direct=True)
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -gravity))
+    builder.replicate(one, worlds)
+    return builder.finalize(device="cpu")
+
+
+def advance(
+    model: newton.Model,
+    solver: SolverAVBD,
+    ctrl: list[float],
+    steps: int,
+    state: newton.State | None = None,
+) -> tuple[NDArray[np.float64], newton.State]:
+    """Coordinates after each step, shape (steps, coordinates), and the last state."""
+    control = model.control()
+    if ctrl:
+        control.mujoco.ctrl.assign(np.array(ctrl, dtype=np.float32))
+    if state is None:
+        state = model.state()
+        newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    path = []
+    for _ in range(steps):
+        state.clear_forces()
+        solver.step(state, state, control, None, DT)
+        path.append(state.joint_q.numpy().astype(float))
+    return np.array(path), state
+
+
+def coordinates(model: newton.Model, ctrl: list[float], steps: int, **settings: object):
+    """As :func:`advance`, with a solver of its own."""
+    return advance(model, SolverAVBD(model, update_joint_state=True, **settings), ctrl, steps)[0]
+
+
+def test_a_motor_with_gear_accelerates_its_hinge() -> None:
+    """q = g u t^2/(2 I); backward Euler adds g u t dt/(2 I). Bound: rounding of 400 steps."""
+    q = coordinates(scene('<motor joint="hinge" gear="3"/>'), [0.1], 400)[-1, 0]
+    assert q == pytest.approx(3.0 * 0.1 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
+
+
+def test_several_actuators_of_an_axis_add() -> None:
+    actuators = '<motor joint="hinge" gear="3"/><motor joint="hinge" gear="-1"/>'
+    two = coordinates(scene(actuators), [0.1, 0.2], 50)
+    one = coordinates(scene('<motor joint="hinge"/>'), [0.1], 50)
+    np.testing.assert_allclose(two, one, atol=1.0e-6)
+
+
+def test_control_is_clamped_to_its_range() -> None:
+    limited = coordinates(scene('<motor joint="hinge" ctrlrange="-1 0.2"/>'), [5.0], 20)
+    np.testing.assert_array_equal(limited, coordinates(scene('<motor joint="hinge"/>'), [0.2], 20))
+
+
+@pytest.mark.parametrize("kp", [50.0, 1.0e7])
+def test_a_position_actuator_pushes_within_its_force_range(kp: float) -> None:
+    """On the way to its target it accelerates by the limit, however stiff it is."""
+    actuator = f'<position joint="hinge" kp="{kp}" kv="{kp / 100.0}" forcerange="-0.2 0.5"/>'
+    q = coordinates(scene(actuator), [1.0], 400)[-1, 0]
+    assert q == pytest.approx(0.5 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-3)
+
+
+@pytest.mark.parametrize(("load", "gives"), [(0.3, 0.0), (0.7, 0.2)])
+def test_a_stiff_servo_holds_what_its_force_range_allows(load: float, gives: float) -> None:
+    """Beyond it gives way to the rest of the load. Bound: load / kp, and rounding."""
+    servo = '<position joint="hinge" kp="1e6" forcerange="-0.5 0.5"/>'
+    q = coordinates(scene(f'{servo}<motor joint="hinge"/>'), [0.0, load], 400)[-1, 0]
+    expected = gives / (2.0 * INERTIA) * 0.4 * (0.4 + DT)
+    assert q == pytest.approx(expected, rel=1.0e-3, abs=1.0e-6)
+
+
+def test_a_force_range_need_not_be_symmetric() -> None:
+    """Of a range from 0.1 up the actuator pushes with 0.1 at least."""
+    actuator = '<position joint="hinge" kp="50" forcerange="0.1 0.5"/>'
+    q = coordinates(scene(actuator), [-1.0], 400)[-1, 0]
+    assert q == pytest.approx(0.1 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
+
+
+def test_the_axis_limits_the_sum_of_its_actuators() -> None:
+    """``actuatorfrcrange`` bounds what a servo and a motor push with together."""
+    model = scene(
+        '<position joint="hinge" kp="50"/><motor joint="hinge"/>',
+        joint='actuatorfrcrange="-0.3 0.3"',
+    )
+    q = coordinates(model, [1.0, 0.5], 400)[-1, 0]
+    assert q == pytest.approx(0.3 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
+
+
+def test_a_servo_with_gear_follows_the_implicit_law() -> None:
+    """(I/h^2 + g^2 (kp + kd/h)) dq = g (kp u - kp g q) + I v/h, in each step."""
+    kp, kv, gear, u = 200.0, 5.0, 2.0, 0.7
+    q = coordinates(
+        scene(f'<position joint="hinge" kp="{kp}" kv="{kv}" gear="{gear}"/>'), [u], 200
+    )[:, 0]
+    at, v = 0.0, 0.0
+    for found in q:
+        push = gear * (kp * u - kp * gear * at) + INERTIA * v / DT
+        moved = push / (INERTIA / DT**2 + gear**2 * (kp + kv / DT))
+        at, v = at + moved, moved / DT
+        assert found == pytest.approx(at, abs=2.0e-6)
+
+
+def activation(kind: str, steps: int, u: float) -> NDArray[np.float64]:
+    """Activations at the start of each step, as MuJoCo integrates them."""
+    a, found = 0.0, []
+    for _ in range(steps):
+        found.append(a)
+        a = {
+            "integrator": a + DT * u,
+            "filter": a + DT * (u - a) / 0.1,
+            "filterexact": u + (a - u) * np.exp(-DT / 0.1),
+        }[kind]
+    return np.array(found)
+
+
+@pytest.mark.parametrize("kind", ["integrator", "filter", "filterexact"])
+@pytest.mark.parametrize("early", [False, True])
+def test_activation_drives_the_force(kind: str, early: bool) -> None:
+    """The force is gain times activation at the start of the step, or at its end."""
+    dynprm = "" if kind == "integrator" else 'dynprm="0.1"'
+    actuator = (
+        f'<general joint="hinge" dyntype="{kind}" {dynprm} gainprm="3" '
+        f'actearly="{str(early).lower()}"/>'
+    )
+    q = coordinates(scene(actuator), [0.5], 300)[-1, 0]
+    force = 3.0 * activation(kind, 301, 0.5)[int(early) :][:300]
+    expected = DT * DT / INERTIA * np.sum(np.cumsum(force))
+    assert q == pytest.approx(expected, rel=2.0e-4)
+
+
+def test_activation_stays_in_its_range_and_is_reset_and_restored() -> None:
+    actuator = (
+        '<general joint="hinge" dyntype="integrator" gainprm="1" actlimited="true" '
+        'actrange="-1 0.01"/>'
+    )
+    model = scene(actuator, worlds=2)
+    solver = SolverAVBD(model, update_joint_state=True)
+    _, state = advance(model, solver, [1.0, 2.0], 100)
+    found = solver.checkpoint()
+    np.testing.assert_allclose(found["actuators.activation"], 0.01, rtol=1.0e-6)
+    other = SolverAVBD(model, update_joint_state=True)
+    other.restore(found)
+    again = model.state()
+    again.assign(state)
+    one, _ = advance(model, solver, [1.0, 2.0], 5, state)
+    two, _ = advance(model, other, [1.0, 2.0], 5, again)
+    np.testing.assert_array_equal(one, two)
+    solver.notify_model_changed(newton.ModelFlags.ALL)
+    kept = solver.checkpoint()["actuators.activation"]
+    np.testing.assert_array_equal(kept, found["actuators.activation"])
+    mask = wp.array([True, False, False], dtype=wp.bool, device="cpu")
+    solver.reset(state, mask)
+    left = solver.checkpoint()["actuators.activation"]
+    np.testing.assert_allclose(left, [0.0, 0.01], rtol=1.0e-6)
+
+
+def muscle_force(length: float) -> float:
+    """Active force [N] of a muscle of 2 N at rest; [-1, 1] is its range [0.75, 1.05]."""
+    unit = 2.0 / 0.3
+    x = 0.75 + (length + 1.0) / unit
+    a, b = 0.75, 1.3
+    if x <= a:
+        return 2.0 * 0.5 * ((x - 0.5) / 0.25) ** 2
+    if x <= 1.0:
+        return 2.0 * (1.0 - 0.5 * ((1.0 - x) / (1.0 - a)) ** 2)
+    return 2.0 * (1.0 - 0.5 * ((x - 1.0) / (b - 1.0)) ** 2)
+
+
+@pytest.mark.parametrize("at", [-0.8, 0.0, 0.6])
+def test_a_muscle_pulls_by_its_force_length_curve(at: float) -> None:
+    """First step from rest at full activation: -F_L(length). Bound: rounding of one step."""
+    model = scene('<muscle joint="hinge" lengthrange="-1 1" force="2"/>')
+    solver = SolverAVBD(model)
+    solver._actuation.law.activation.fill_(1.0)
+    state, control = model.state(), model.control()
+    q = model.joint_q.numpy()
+    q[0] = at
+    newton.eval_fk(model, wp.array(q, device="cpu"), model.joint_qd, state)
+    control.mujoco.ctrl.fill_(1.0)
+    solver.step(state, state, control, None, DT)
+    bias = 0.0 if at < 1.0 / 0.3 * 0.5 else np.nan
+    acceleration = state.body_qd.numpy()[0, 4] / DT
+    assert INERTIA * acceleration + bias == pytest.approx(-muscle_force(at), rel=2.0e-3)
+
+
+def test_a_muscle_without_a_length_range_is_an_error_that_names_it() -> None:
+    model = scene('<muscle name="biceps" joint="hinge"/>')
+    with pytest.raises(ValueError, match=r"biceps.*lengthrange"):
+        SolverAVBD(model)
+
+
+def test_armature_of_an_actuator_is_inertia_by_gear_squared() -> None:
+    q = coordinates(scene('<motor joint="hinge" gear="2" armature="0.1"/>'), [0.1], 400)[-1, 0]
+    assert q == pytest.approx(0.2 / (2.0 * (INERTIA + 0.4)) * 0.4 * (0.4 + DT), rel=1.0e-4)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.4])
+def test_a_compensated_arm_weighs_less(share: float) -> None:
+    """An arm off its hinge stays where it is put; in part compensated it falls by the rest."""
+    model = scene(body=f'gravcomp="{share}"', gravity=G)
+    com = model.body_com.numpy()
+    com[0] = (0.2, 0.0, 0.0)
+    model.body_com.assign(com)
+    solver = SolverAVBD(model, update_joint_state=True)
+    assert solver.effects["gravity_compensation"].on
+    q, _ = advance(model, solver, [], 50)
+    whole = INERTIA + 2.0 * 0.2**2
+    expected = (1.0 - share) * 2.0 * G * 0.2 / (2.0 * whole) * 0.05 * (0.05 + DT)
+    assert abs(q[-1, 0]) == pytest.approx(expected, rel=2.0e-3, abs=1.0e-7)
+
+
+def test_welded_links_are_compensated_each_at_its_own_com() -> None:
+    """Of two welded links the heavy far one floats: the hinge feels the near one only."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -G))
+    SolverMuJoCo.register_custom_attributes(builder)
+    inertia = wp.mat33(np.diag((0.1, 0.1, 0.1)))
+    near = builder.add_link(mass=1.0, inertia=inertia, com=wp.vec3(0.1, 0.0, 0.0))
+    far = builder.add_link(mass=5.0, inertia=inertia, custom_attributes={"mujoco:gravcomp": 1.0})
+    hinge = builder.add_joint_revolute(-1, near, axis=newton.Axis.Y)
+    at = wp.transform(wp.vec3(0.6, 0.0, 0.0), wp.quat_identity())
+    weld = builder.add_joint_fixed(near, far, parent_xform=at)
+    builder.add_articulation([hinge, weld])
+    model = builder.finalize(device="cpu")
+    q = coordinates(model, [], 20)
+    whole = 0.2 + 0.01 + 5.0 * 0.36
+    assert q[-1, 0] == pytest.approx(G * 0.1 / (2.0 * whole) * 0.02 * (0.02 + DT), rel=1.0e-3)
+
+
+TENDON = """<tendon><fixed name="cord" {has}>
+<joint joint="hinge" coef="2"/><joint joint="slide" coef="-1"/></fixed></tendon>"""
+
+
+def test_a_motor_pulls_a_fixed_tendon_by_its_coefficients() -> None:
+    model = scene('<motor tendon="cord" gear="3"/>', tendon=TENDON.format(has=""))
+    q = coordinates(model, [0.1], 400)[-1]
+    reach = 0.4 * (0.4 + DT) / 2.0
+    assert q[0] == pytest.approx(2.0 * 0.3 / INERTIA * reach, rel=1.0e-4)
+    assert q[1] == pytest.approx(-0.3 / 2.0 * reach, rel=1.0e-4)
+
+
+@pytest.mark.parametrize("stiffness", [20.0, 1.0e6])
+def test_a_tendon_s_spring_ties_coordinates(stiffness: float) -> None:
+    """The mode of the spring swings with sqrt(k (4/I + 1/m)); what is stiff stays finite.
+
+    Bound: a tenth of the amplitude after half a second, by the damping of backward Euler.
+    """
+    model = scene(tendon=TENDON.format(has=f'stiffness="{stiffness}"'))
+    rates = model.joint_qd.numpy()
+    rates[0] = 1.0
+    model.joint_qd.assign(rates)
+    q = coordinates(model, [], 500)
+    assert np.all(np.abs(q) < 0.6)
+    if stiffness < 1.0e3:
+        w = np.sqrt(stiffness * (4.0 / INERTIA + 1.0 / 2.0))
+        stretch = 2.0 * q[:, 0] - q[:, 1]
+        t = DT * np.arange(1, 501)
+        np.testing.assert_allclose(stretch, 2.0 / w * np.sin(w * t), atol=0.1 * 2.0 / w)
+
+
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_actuators_act_in_every_driver_and_scheme(parallel: str, scheme: str) -> None:
+    """With a box on the ground beside the arm, so that there is something to color."""
+    if parallel == "bodies" and scheme != "euler":
+        pytest.skip("steps of second order are solved by worlds")
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -G))
+    SolverMuJoCo.register_custom_attributes(builder)
+    parts = {"body": 'gravcomp="1"', "joint": "", "tendon": ""}
+    builder.add_mjcf(
+        ARM.format(actuator='<motor joint="hinge" gear="3" forcerange="-1 0.1"/>', **parts),
+        ctrl_direct=True,
+    )
+    builder.add_ground_plane()
+    box = builder.add_body(xform=wp.transform(wp.vec3(5.0, 0.0, 0.1), wp.quat_identity()))
+    builder.add_shape_box(box, hx=0.1, hy=0.1, hz=0.1)
+    model = builder.finalize(device="cpu")
+    pipeline = newton.CollisionPipeline(model)
+    solver = SolverAVBD(
+        model,
+        parallel=parallel,
+        scheme=scheme,
+        collision_pipeline=pipeline,
+        update_joint_state=True,
+    )
+    assert solver.parallel == parallel
+    q, _ = advance(model, solver, [1.0], 400)
+    assert q[-1, 0] == pytest.approx(0.3 / (2.0 * INERTIA) * 0.4**2, rel=5.0e-3)
+
+
+def test_a_captured_graph_sees_what_is_written_to_ctrl() -> None:
+    model = scene('<motor joint="hinge"/>')
+    solver = SolverAVBD(model)
+    state, control = model.state(), model.control()
+    solver.step(state, state, control, None, DT)
+    with wp.ScopedCapture(device="cpu") as capture:
+        solver.step(state, state, control, None, DT)
+    control.mujoco.ctrl.fill_(0.5)
+    wp.capture_launch(capture.graph)
+    assert state.body_qd.numpy()[0, 4] == pytest.approx(0.5 / INERTIA * DT, rel=1.0e-4)
+
+
+def test_a_sleeping_arm_wakes_when_its_control_changes() -> None:
+    model = scene('<motor joint="hinge"/>', body='gravcomp="1"', gravity=G)
+    solver = SolverAVBD(model, sleeping=True, update_joint_state=True)
+    _, state = advance(model, solver, [0.0], 700)
+    assert solver.status.sleeping_bodies > 0
+    q, _ = advance(model, solver, [0.5], 50, state)
+    assert q[-1, 0] > 1.0e-3
+
+
+def test_a_site_pushes_where_it_is() -> None:
+    """A thruster off the COM of a free body: F/m of its COM, and the torque of its arm."""
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(
+        """<mujoco><worldbody><body><freejoint/>
+        <inertial pos="0.1 0 0" mass="2" diaginertia="0.3 0.5 0.4"/>
+        <site name="jet" pos="0.1 0.2 0" euler="90 0 0"/></body></worldbody>
+        <actuator><motor site="jet" gear="0 0 1 0 0 0"/></actuator></mujoco>""",
+        ctrl_direct=True,
+    )
+    model = builder.finalize(device="cpu")
+    solver = SolverAVBD(model)
+    assert solver.effects["body_actuators"].on
+    state, control = model.state(), model.control()
+    control.mujoco.ctrl.fill_(3.0)
+    solver.step(state, state, control, None, DT)
+    velocity = state.body_qd.numpy()[0] / DT
+    # the site's z is the body's -y
+    np.testing.assert_allclose(velocity[:3], [0.0, -1.5, 0.0], atol=1.0e-4)
+    np.testing.assert_allclose(velocity[3:], 0.0, atol=1.0e-4)
+
+
+def test_bad_control_is_named() -> None:
+    model = scene('<motor joint="hinge"/>')
+    solver = SolverAVBD(model)
+    state, control = model.state(), model.control()
+    control.mujoco.ctrl = wp.zeros(3, dtype=float, device="cpu")
+    with pytest.raises(ValueError, match=r"control\.mujoco\.ctrl must be 1 numbers"):
+        solver.step(state, state, control, None, DT)
+    control = model.control()
+    control.mujoco.ctrl.fill_(np.nan)
+    before = state.body_q.numpy()
+    solver.step(state, state, control, None, DT)
+    np.testing.assert_array_equal(state.body_q.numpy(), before)
+    assert solver.status.held_steps.sum() == 1
+    model.mujoco.actuator_gear.assign(np.full((1, 6), np.inf, dtype=np.float32))
+    with pytest.raises(ValueError, match=r"mujoco\.actuator_gear\[0\].*is not finite"):
+        SolverAVBD(model)
+
+
+def test_what_is_left_out_does_not_push() -> None:
+    model = scene('<motor joint="hinge"/>', body='gravcomp="1"', gravity=0.0)
+    left = {"actuators": False, "gravity_compensation": False}
+    q = coordinates(model, [1.0], 5, effects=left)
+    np.testing.assert_array_equal(q, 0.0)
+
+
+def test_actuators_that_act_are_nothing_to_warn_of() -> None:
+    model = scene('<motor joint="hinge"/><position joint="slide" kp="3"/>')
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SolverAVBD(model, strict=True)
