@@ -10,7 +10,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from .attributes import break_limits
+from .attributes import authored_fluid, break_limits
 from .rows.joint import KINDS
 
 _CTRL_DIRECT = int(newton.solvers.SolverMuJoCo.CtrlSource.CTRL_DIRECT)
@@ -47,7 +47,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
     Raises:
         NotImplementedError: If a joint is of a type that the solver does not know.
         ValueError: If a pose, velocity, mass, inertia, center of mass, joint frame, axis, limit,
-            gain, material coefficient or gravity is not finite, a mass, gain or coefficient is
+            gain, material coefficient, gravity or wind is not finite, a mass, gain or coefficient is
             negative, an inertia not symmetric or not positive, an axis or the quaternion of a frame
             not of unit length.
     """
@@ -60,6 +60,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
         _check_lengths(model, "shape_transform", model.shape_label)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
+    _check_fluid(model)
 
 
 def report_ignored(
@@ -288,6 +289,16 @@ def _check_bodies(model: newton.Model) -> None:
                 f"model.body_inv_{name}[{body}] ('{_label(model.body_label, body)}') is not the "
                 f"inverse of body_{name}[{body}]; change both."
             )
+
+
+def _check_fluid(model: newton.Model) -> None:
+    if (authored := authored_fluid(model)) is None:
+        return
+    for name, least in (("density", 0.0), ("viscosity", 0.0), ("wind", -np.inf)):
+        values = getattr(authored, name).numpy()
+        if not np.all(np.isfinite(values) & (values >= least)):
+            need = "finite" if least < 0.0 else "finite, and 0 or more"
+            raise ValueError(f"model.mujoco.{name} must be {need}: {values.tolist()}.")
 
 
 def _check_inertia(model: newton.Model) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import newton
 import numpy as np
 
-from .attributes import break_limits
+from .attributes import authored_fluid, break_limits
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology, moving
@@ -131,6 +131,9 @@ CAUSES: dict[str, Cause] = {
     "breaking": Cause(
         "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
     ),
+    "fluid": Cause(
+        "body", "that moves in a fluid (mujoco:density, mujoco:viscosity)", "rows/fluid.py"
+    ),
 }
 """What calls for each effect, where its code is, and whether a user can leave it out."""
 
@@ -227,6 +230,8 @@ class Effects:
     """The contact buffer in use has surface velocities."""
     contact_materials: bool = False
     """The contact buffer in use has materials of its own for each contact."""
+    fluid: bool = False
+    """A fluid, and a body that moves in it."""
     on_gpu: bool = False
     """Not of the scene: what the kernels are compiled for."""
 
@@ -300,6 +305,7 @@ class Effects:
             "armature": axes.joints(axes.positive("joint_armature")),
             "joint_friction": axes.joints(axes.positive("joint_friction")),
             "breaking": _breakable(model),
+            "fluid": bodies_in_fluid(model),
         }
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(
@@ -658,6 +664,16 @@ def _put_bodies(model: newton.Model) -> np.ndarray:
     is_put = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
     is_put |= model.body_inv_mass.numpy() == 0.0
     return np.intersect1d(np.flatnonzero(is_put), model.shape_body.numpy()[_colliding(model)])
+
+
+def bodies_in_fluid(model: newton.Model) -> np.ndarray:
+    """Bodies that move in a world with a fluid of some density or viscosity."""
+    found = authored_fluid(model)
+    if model.body_count == 0 or found is None:
+        return np.zeros(0, dtype=int)
+    is_felt = (found.density.numpy() > 0.0) | (found.viscosity.numpy() > 0.0)
+    world = np.maximum(model.body_world.numpy(), 0)
+    return np.flatnonzero(is_felt[world] & moving(model))
 
 
 def _breakable(model: newton.Model) -> np.ndarray:

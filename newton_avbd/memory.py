@@ -16,6 +16,7 @@ _OWNERS: dict[str, str] = {
     "loops": "loops",
     "work.put": "put_bodies",
     "work.put_from": "put_bodies",
+    "work.drag": "fluid",
     "work.wrench": "bdf2",
     "work.lead": "bdf2",
     "work.coasting": "bdf2",

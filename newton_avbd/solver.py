@@ -287,7 +287,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
-        needs_solve = self._flags.joints or self._flags.bdf2 or self._flags.sleeping
+        flags = self._flags
+        needs_solve = flags.joints or flags.bdf2 or flags.sleeping or flags.fluid
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)

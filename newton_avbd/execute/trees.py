@@ -867,6 +867,10 @@ def make_trees(
         h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2)) + tree.h_ll[body]
         h_al = tree.h_al[body]
         h_aa = work.inertia[body] * inv_h2 + tree.h_aa[body]
+        if wp.static(effects.fluid):
+            h_ll += work.drag[body].ll / h
+            h_al += work.drag[body].al / h
+            h_aa += work.drag[body].aa / h
         if wp.static(effects.contact or effects.loops):
             if tree.is_touched[body]:
                 h_ll = tree.own_ll[body] + tree.h_ll[body]
