@@ -131,9 +131,7 @@ CAUSES: dict[str, Cause] = {
     "breaking": Cause(
         "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
     ),
-    "fluid": Cause(
-        "body", "that moves in a fluid (mujoco:density, mujoco:viscosity)", "rows/fluid.py"
-    ),
+    "fluid": Cause("body", "in a fluid (mujoco:density, mujoco:viscosity)", "rows/fluid.py"),
 }
 """What calls for each effect, where its code is, and whether a user can leave it out."""
 

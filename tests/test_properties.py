@@ -75,6 +75,8 @@ HONOURED = (
     "body_f",
     "gravity of each world",
     "gyroscopic torque",
+    "mujoco:density, wind",
+    "mujoco:viscosity",
     "observable: body_qdd",
     "observable: body_parent_f",
     "observable: contact_f",

@@ -213,7 +213,12 @@ def resistance(drag: Drag, motion: wp.spatial_vector) -> wp.spatial_vector:
 
 @wp.func
 def response_in_fluid(
-    body: int, wrench: wp.spatial_vector, step: float, model: wp.ref[BodyModel], drag: Drag, work: wp.ref[BodyWork]
+    body: int,
+    wrench: wp.spatial_vector,
+    step: float,
+    model: wp.ref[BodyModel],
+    drag: Drag,
+    work: wp.ref[BodyWork],
 ) -> wp.spatial_vector:
     """Increment that a wrench gives a body against its inertia and the drag [m, rad]."""
     inv_h2 = 1.0 / (step * step)

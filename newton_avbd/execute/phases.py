@@ -416,9 +416,7 @@ def make_phases(effects: Effects) -> Phases:
                         join_islands(islands, worlds, work, parent, child)
             if wp.static(effects.pairs and not effects.ramp):
                 if sweeps > 0:
-                    has_islands = keep_momentum(
-                        world, scale.step, model, worlds, work, islands
-                    )
+                    has_islands = keep_momentum(world, scale.step, model, worlds, work, islands)
         return has_islands
 
     @wp.func(inline=effects.inline)
