@@ -292,6 +292,10 @@ class SolverArrays:
                 buffers.add_put_work(self._work)
         elif not self._flags.put_bodies and self._work.put is not None:
             self._work.put_from.zero_()
+        if self._flags.dahl and self._history.dahl_sigma is None:
+            self._forget_launches()
+            with wp.ScopedDevice(self.device):
+                buffers.add_dahl_history(self._history, self._solved)
         if self._flags.fluid and self._work.drag is None:
             self._forget_launches()
             with wp.ScopedDevice(self.device):

@@ -50,3 +50,10 @@ def authored_fluid(model: newton.Model) -> Any | None:
     """
     authored = getattr(model, "mujoco", None)
     return authored if getattr(authored, "density", None) is not None else None
+
+
+def dahl_friction(model: newton.Model) -> dict[str, wp.array]:
+    """Arrays of the Dahl friction of rods, in ``model.vbd``; empty where a scene has none."""
+    authored = getattr(model, "vbd", None)
+    found = {name: getattr(authored, name, None) for name in ("dahl_eps_max", "dahl_tau")}
+    return {} if any(values is None for values in found.values()) else found

@@ -205,6 +205,14 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.friction_force = wp.zeros(dofs, dtype=float)
 
 
+def add_dahl_history(history: Any, model: newton.Model) -> None:
+    """What is remembered of Dahl friction, by joint."""
+    is_rod = model.joint_type.numpy() == int(newton.JointType.ROD)
+    unknown = np.where(is_rod[:, None], np.inf, np.zeros(3))
+    history.dahl_sigma = wp.zeros(model.joint_count, dtype=wp.vec3)
+    history.dahl_kappa = wp.array(unknown, dtype=wp.vec3)
+
+
 def _held(model: newton.Model, joints: np.ndarray) -> np.ndarray:
     """The body that moves of each joint; of two the child."""
     child, parent = model.joint_child.numpy()[joints], model.joint_parent.numpy()[joints]

@@ -10,7 +10,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from .attributes import authored_fluid, break_limits
+from .attributes import authored_fluid, break_limits, dahl_friction
 from .rows.joint import KINDS
 
 _CTRL_DIRECT = int(newton.solvers.SolverMuJoCo.CtrlSource.CTRL_DIRECT)
@@ -47,9 +47,9 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
     Raises:
         NotImplementedError: If a joint is of a type that the solver does not know.
         ValueError: If a pose, velocity, mass, inertia, center of mass, joint frame, axis, limit,
-            gain, material coefficient, gravity or wind is not finite, a mass, gain or coefficient is
-            negative, an inertia not symmetric or not positive, an axis or the quaternion of a frame
-            not of unit length.
+            gain, material coefficient, gravity or wind is not finite, a mass, gain or coefficient
+            is negative, an inertia not symmetric or not positive, an axis or the quaternion of a
+            frame not of unit length.
     """
     _check_joints(model, ramp)
     _check_bodies(model)
@@ -244,6 +244,8 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
         _check_numbers(model, name, labels, minimum=0.0)
     for name in ("joint_effort_limit", "joint_velocity_limit"):
         _check_most(name, getattr(model, name), labels)
+    for name, values in dahl_friction(model).items():
+        _check_most(f"vbd.{name}", values, model.joint_label)
     for name, limit in break_limits(model).items():
         _check_most(f"avbd.{name}", limit, model.joint_label)
 

@@ -219,6 +219,10 @@ class JointModel:
     """Force at which a joint breaks [N]; empty where none does."""
     break_torque: wp.array[float]
     """Torque at which a joint breaks [N m]."""
+    dahl_eps_max: wp.array[float]
+    """Dahl friction of rods: most torque by stiffness [rad]; empty where none has any."""
+    dahl_tau: wp.array[float]
+    """Angle over which it tends to that [rad]."""
 
 
 @wp.struct
@@ -943,6 +947,10 @@ class History:
     """Second order: each degree of freedom [m or rad]."""
     rate: wp.array[AxisMotion]
     """Second order: its velocity [m/s or rad/s], with the lag."""
+    dahl_sigma: wp.array[wp.vec3]
+    """Dahl friction: torque of each rod about its bends and its twist [N m], by joint."""
+    dahl_kappa: wp.array[wp.vec3]
+    """Those angles at the end of the last step [rad], infinite where there was none."""
 
 
 @wp.struct

@@ -11,7 +11,7 @@ from typing import Any
 import newton
 import numpy as np
 
-from .attributes import authored_fluid, break_limits
+from .attributes import authored_fluid, break_limits, dahl_friction
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology, moving
@@ -131,6 +131,9 @@ CAUSES: dict[str, Cause] = {
     "breaking": Cause(
         "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
     ),
+    "dahl": Cause(
+        "joint", "of type ROD with Dahl friction (vbd:dahl_eps_max, dahl_tau)", "rows/dahl.py"
+    ),
     "fluid": Cause("body", "in a fluid (mujoco:density, mujoco:viscosity)", "rows/fluid.py"),
 }
 """What calls for each effect, where its code is, and whether a user can leave it out."""
@@ -228,6 +231,8 @@ class Effects:
     """The contact buffer in use has surface velocities."""
     contact_materials: bool = False
     """The contact buffer in use has materials of its own for each contact."""
+    dahl: bool = False
+    """A rod with Dahl friction."""
     fluid: bool = False
     """A fluid, and a body that moves in it."""
     on_gpu: bool = False
@@ -303,6 +308,7 @@ class Effects:
             "armature": axes.joints(axes.positive("joint_armature")),
             "joint_friction": axes.joints(axes.positive("joint_friction")),
             "breaking": _breakable(model),
+            "dahl": _dahl_rods(model),
             "fluid": bodies_in_fluid(model),
         }
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
@@ -672,6 +678,15 @@ def bodies_in_fluid(model: newton.Model) -> np.ndarray:
     is_felt = (found.density.numpy() > 0.0) | (found.viscosity.numpy() > 0.0)
     world = np.maximum(model.body_world.numpy(), 0)
     return np.flatnonzero(is_felt[world] & moving(model))
+
+
+def _dahl_rods(model: newton.Model) -> np.ndarray:
+    """Rods with Dahl friction."""
+    authored = dahl_friction(model)
+    if model.joint_count == 0 or not authored:
+        return np.zeros(0, dtype=int)
+    is_rod = model.joint_type.numpy() == int(newton.JointType.ROD)
+    return np.flatnonzero(is_rod & np.all([v.numpy() > 0.0 for v in authored.values()], axis=0))
 
 
 def _breakable(model: newton.Model) -> np.ndarray:

@@ -66,6 +66,8 @@ _OWNERS: dict[str, str] = {
     "history.friction_force": "joints",
     "history.loop_force": "loops",
     "history.loop_torque": "loops",
+    "history.dahl_sigma": "dahl",
+    "history.dahl_kappa": "dahl",
     "history.broken": "breaking",
     "is_whole": "breaking",
     "unbreakable": "breaking",

@@ -42,6 +42,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
+from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, ROD, counted, wrapped
 from .bodies import has_rows
 from .slopes import begin_axis
@@ -994,6 +995,13 @@ def make_trees(
                         wp.float32(q - tree.start_coordinate[k]),
                         h,
                     )
+                    if wp.static(effects.dahl):
+                        moved = wp.float32(q - tree.start_coordinate[k])
+                        held, slope, _most = dahl_response(
+                            joint, dof, wp.float32(q), moved, joints, history
+                        )
+                        pull += held
+                        stiffness += slope
                     response[dof] = pull
                     stiff[dof] = stiffness
                 rod_torque = sign * joint_rows.rod_torque(q_p, q_c, response)

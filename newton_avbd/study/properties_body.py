@@ -176,8 +176,8 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
 @BODIES.declare(
     "mujoco:viscosity",
-    "A cube of 1 kg and 1 m spins at 1 rad/s in a fluid of 0.1 Pa s: exp(-pi viscosity t / I) of it "
-    "is left after 0.5 s.",
+    "A cube of 1 kg and 1 m spins at 1 rad/s in a fluid of 0.1 Pa s: exp(-pi viscosity t / I) of "
+    "it is left after 0.5 s.",
     expected=math.exp(-0.05 * math.pi / SQUARE),
     bound=0.005,
     unit="rad/s",
