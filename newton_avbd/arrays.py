@@ -197,15 +197,15 @@ class SolverArrays:
                     wp.array(links, dtype=wp.int32),
                     wp.empty(links.size, dtype=data.FluidBox),
                 )
-        if not self._boxes:
-            return
         authored, fluid = authored_fluid(self.model), self._bodies.fluid
+        if not self._boxes or authored is None:
+            return
         fluid.density, fluid.viscosity = authored.density, authored.viscosity
         fluid.wind = authored.wind
         fluid.box_start, link_of, fluid.boxes = self._boxes
-        links = model.links if isinstance(model, SolvedModel) else data.LinkModel()
+        welded = model.links if isinstance(model, SolvedModel) else data.LinkModel()
         mass, inertia = self.model.body_mass, self.model.body_inertia
-        self._launch(find_boxes, link_of.shape[0], [links, mass, inertia, link_of, fluid.boxes])
+        self._launch(find_boxes, link_of.shape[0], [welded, mass, inertia, link_of, fluid.boxes])
 
     def _bind_mimics(self) -> None:
         """Chains of mimic joints and sparse ones have coefficients that the model's array lacks."""

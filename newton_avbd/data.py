@@ -145,7 +145,7 @@ class Drag:
     """Of torques by velocities [N s]."""
     aa: wp.mat33
     """Of torques by angular velocities [N m s]."""
-    push: wp.spatial_vector
+    push: wp.spatial_vectorf
     """[N, N m]."""
 
 

@@ -30,7 +30,8 @@ def token_masses(
     """Token masses and moments of massless bodies that joints move, and which bodies may move.
 
     A body without mass is immovable where no joint holds it as a child, or only rods do: it is
-    where the user puts it. One that joints hold is a massless link, and moves with what hangs on it.
+    where the user puts it. One that joints hold is a massless link, and moves with what hangs on
+    it.
 
     Args:
         model: The user's model.

@@ -33,7 +33,7 @@ def cable(tip_is_held: bool, segments: int = SEGMENTS) -> tuple[newton.ModelBuil
         segment_count=segments,
         radius=0.01,
     )
-    bodies, joints = builder.add_rod(
+    bodies, _ = builder.add_rod(
         rod=rod,
         stretch_stiffness=1.0e6,
         stretch_damping=0.0,

@@ -9,7 +9,7 @@ import newton
 import numpy as np
 import pytest
 import warp as wp
-from helpers import G, NO_GRAVITY, Simulation, in_float32
+from helpers import NO_GRAVITY, G, Simulation, in_float32
 from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD

@@ -68,6 +68,7 @@ HONOURED = (
     "D6: locked axes",
     "DISTANCE",
     "ROD",
+    "vbd:dahl_eps_max, dahl_tau",
     "joint_f: slider, reaction",
     "joint_f: hinge",
     "joint_f: ball",

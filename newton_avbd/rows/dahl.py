@@ -92,9 +92,7 @@ def keep_dahl(
     for dof in range(3):
         q = coordinate[first + dof]
         moved = wp.float32(q - start_coordinate[first + dof])
-        torque, _slope, _most = dahl_response(
-            joint, dof, wp.float32(q), moved, joints, history
-        )
+        torque, _slope, _most = dahl_response(joint, dof, wp.float32(q), moved, joints, history)
         sigma[dof] = -torque
         kappa[dof] = wp.float32(q)
     history.dahl_sigma[joint] = sigma
