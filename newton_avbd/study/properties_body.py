@@ -157,15 +157,15 @@ SQUARE = 1.0 / 6.0
 
 @BODIES.declare(
     "mujoco:density, wind",
-    "A cube of 1 kg and 1 m falls in a fluid of 10 kg/m^3 that blows aside at 1 m/s: it ends at "
-    "the root of 2 m g / density.",
-    expected=math.sqrt(0.2 * G),
+    "A box of 1 kg and 1, 0.8, 0.6 m falls flat in a fluid of 10 kg/m^3 that blows aside at 1 m/s: "
+    "it ends at the root of 2 m g / (density A).",
+    expected=math.sqrt(0.25 * G),
     bound=0.001,
     unit="m/s",
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     add_fluid(builder, 10.0 if authored else 0.0, 0.0)
-    add_mass(builder, SQUARE, SQUARE, SQUARE)
+    add_mass(builder, 1.0 / 12.0, 1.36 / 12.0, 1.64 / 12.0)
 
     def measure(trial: Trial) -> float:
         trial.run(4.0)
