@@ -14,10 +14,18 @@ import warp as wp
 from . import buffers, data, views
 from .actuation import Actuation
 from .actuators import ACTING
-from .attributes import BREAK_LIMITS, break_limits
+from .attributes import BREAK_LIMITS, authored_fluid, break_limits
 from .checks import check_array
-from .effects import Callers, Effects, free_joints, linking_joints, pushing_joints
+from .effects import (
+    Callers,
+    Effects,
+    bodies_in_fluid,
+    free_joints,
+    linking_joints,
+    pushing_joints,
+)
 from .execute.beginning import UNKNOWN
+from .execute.fluid import find_boxes
 from .execute.launch import Launcher
 from .execute.scan import scratch_size
 from .execute.sleeping import AWAKE, STILL
@@ -89,6 +97,7 @@ class SolverArrays:
         self._buffer_count = 0
         self._moving_surfaces = False
         self._mimics: wp.array | None = None
+        self._boxes: tuple[wp.array, ...] = ()
         self._capacity = 0
         self._allocate_bodies()
         self._bind_model()
@@ -174,11 +183,35 @@ class SolverArrays:
         self._bodies = views.body_model(model, self._free_joint, self._free_dof)
         self._joints = views.joint_model(model)
         self._shapes = views.shape_model(model)
+        self._bind_fluid()
         if model.joint_count:
             self._bind_mimics()
             self._bind_break_limits()
         if self._actuation is not None:
             self._actuation.bind(self._joints)
+
+    def _bind_fluid(self) -> None:
+        """The fluid that bodies are in, and their boxes; again after masses have changed."""
+        model = self._solved
+        if not self.device.is_capturing and bodies_in_fluid(model).size and not self._boxes:
+            start, links = np.arange(model.body_count + 1), np.arange(model.body_count)
+            if isinstance(model, SolvedModel):
+                start, links = model.links.member_start.numpy(), model.links.members.numpy()
+            with wp.ScopedDevice(self.device):
+                self._boxes = (
+                    wp.array(start, dtype=wp.int32),
+                    wp.array(links, dtype=wp.int32),
+                    wp.empty(links.size, dtype=data.FluidBox),
+                )
+        authored, fluid = authored_fluid(self.model), self._bodies.fluid
+        if not self._boxes or authored is None:
+            return
+        fluid.density, fluid.viscosity = authored.density, authored.viscosity
+        fluid.wind = authored.wind
+        fluid.box_start, link_of, fluid.boxes = self._boxes
+        welded = model.links if isinstance(model, SolvedModel) else data.LinkModel()
+        mass, inertia = self.model.body_mass, self.model.body_inertia
+        self._launch(find_boxes, link_of.shape[0], [welded, mass, inertia, link_of, fluid.boxes])
 
     def _bind_mimics(self) -> None:
         """Chains of mimic joints and sparse ones have coefficients that the model's array lacks."""
@@ -266,6 +299,14 @@ class SolverArrays:
                 buffers.add_put_work(self._work)
         elif not self._flags.put_bodies and self._work.put is not None:
             self._work.put_from.zero_()
+        if self._flags.dahl and self._history.dahl_sigma is None:
+            self._forget_launches()
+            with wp.ScopedDevice(self.device):
+                buffers.add_dahl_history(self._history, self._solved)
+        if self._flags.fluid and self._work.drag is None:
+            self._forget_launches()
+            with wp.ScopedDevice(self.device):
+                buffers.add_fluid_work(self._work)
         if self._capacity:
             self._allocate_contact_effects()
         if not self._flags.armature and self._history.axis_velocity is not None:

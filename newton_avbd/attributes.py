@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a scene may author about its joints beside Newton's own properties, in ``model.avbd``."""
 
+from typing import Any
+
 import newton
 import numpy as np
 import warp as wp
@@ -39,3 +41,19 @@ def break_limits(model: newton.Model) -> dict[str, wp.array]:
     if not any(np.any(~np.isposinf(limit.numpy())) for limit in found.values()):
         return {}
     return found
+
+
+def authored_fluid(model: newton.Model) -> Any | None:
+    """Arrays ``density``, ``viscosity`` and ``wind`` of the worlds' fluid, in ``model.mujoco``.
+
+    None where the scene has not been declared to have them.
+    """
+    authored = getattr(model, "mujoco", None)
+    return authored if getattr(authored, "density", None) is not None else None
+
+
+def dahl_friction(model: newton.Model) -> dict[str, wp.array]:
+    """Arrays of the Dahl friction of rods, in ``model.vbd``; empty where a scene has none."""
+    authored = getattr(model, "vbd", None)
+    found = {name: getattr(authored, name, None) for name in ("dahl_eps_max", "dahl_tau")}
+    return {} if any(values is None for values in found.values()) else found

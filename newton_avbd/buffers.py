@@ -82,6 +82,11 @@ def add_put_work(work: Any) -> None:
     work.put_from = wp.zeros(slots, dtype=wp.transform)
 
 
+def add_fluid_work(work: Any) -> None:
+    """What a fluid does to bodies in a step, by body slot."""
+    work.drag = wp.zeros(work.com.shape[0], dtype=data.Drag)
+
+
 def island_work(slots: int) -> Any:
     """Islands, by body slot."""
     islands = data.IslandWork()
@@ -198,6 +203,14 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.held_at = wp.zeros(dofs, dtype=wp.float64)
     history.limit_force = wp.zeros(dofs, dtype=float)
     history.friction_force = wp.zeros(dofs, dtype=float)
+
+
+def add_dahl_history(history: Any, model: newton.Model) -> None:
+    """What is remembered of Dahl friction, by joint."""
+    is_rod = model.joint_type.numpy() == int(newton.JointType.ROD)
+    unknown = np.where(is_rod[:, None], np.inf, np.zeros(3))
+    history.dahl_sigma = wp.zeros(model.joint_count, dtype=wp.vec3)
+    history.dahl_kappa = wp.array(unknown, dtype=wp.vec3)
 
 
 def _held(model: newton.Model, joints: np.ndarray) -> np.ndarray:

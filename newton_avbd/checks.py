@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 
 from .actuators import Actuators, fixed_tendons
-from .attributes import break_limits
+from .attributes import authored_fluid, break_limits, dahl_friction
 from .rows.joint import KINDS
 
 _MOST_NAMES = 3
@@ -53,9 +53,9 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
     Raises:
         NotImplementedError: If a joint is of a type that the solver does not know.
         ValueError: If a pose, velocity, mass, inertia, center of mass, joint frame, axis, limit,
-            gain, material coefficient or gravity is not finite, a mass, gain or coefficient is
-            negative, an inertia not symmetric or not positive, an axis or the quaternion of a frame
-            not of unit length.
+            gain, material coefficient, gravity or wind is not finite, a mass, gain or coefficient
+            is negative, an inertia not symmetric or not positive, an axis or the quaternion of a
+            frame not of unit length.
     """
     _check_joints(model, ramp)
     _check_bodies(model)
@@ -71,6 +71,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             _check_numbers(model, f"mujoco.{name}", labels)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
+    _check_fluid(model)
 
 
 def report_ignored(
@@ -261,6 +262,8 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
         _check_numbers(model, name, labels, minimum=0.0)
     for name in ("joint_effort_limit", "joint_velocity_limit"):
         _check_most(name, getattr(model, name), labels)
+    for name, values in dahl_friction(model).items():
+        _check_most(f"vbd.{name}", values, model.joint_label)
     for name, limit in break_limits(model).items():
         _check_most(f"avbd.{name}", limit, model.joint_label)
 
@@ -306,6 +309,16 @@ def _check_bodies(model: newton.Model) -> None:
                 f"model.body_inv_{name}[{body}] ('{_label(model.body_label, body)}') is not the "
                 f"inverse of body_{name}[{body}]; change both."
             )
+
+
+def _check_fluid(model: newton.Model) -> None:
+    if (authored := authored_fluid(model)) is None:
+        return
+    for name, least in (("density", 0.0), ("viscosity", 0.0), ("wind", -np.inf)):
+        values = getattr(authored, name).numpy()
+        if not np.all(np.isfinite(values) & (values >= least)):
+            need = "finite" if least < 0.0 else "finite, and 0 or more"
+            raise ValueError(f"model.mujoco.{name} must be {need}: {values.tolist()}.")
 
 
 def _check_inertia(model: newton.Model) -> None:

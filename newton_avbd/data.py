@@ -109,6 +109,47 @@ class ContactRecord:
 
 
 @wp.struct
+class FluidBox:
+    """The box of a link that feels a fluid (:mod:`.rows.fluid`)."""
+
+    edges: wp.vec3
+    """Edges along its axes [m]."""
+    axes: wp.mat33
+    """Principal axes of the link, as columns, in the frame of the body."""
+    arm: wp.vec3
+    """From the COM of the body to that of the link [m], body frame."""
+
+
+@wp.struct
+class FluidModel:
+    """A fluid that all bodies are in, and what of them it meets."""
+
+    density: wp.array[float]
+    """By world [kg/m^3], read live."""
+    viscosity: wp.array[float]
+    """By world [Pa s]."""
+    wind: wp.array[wp.vec3]
+    """Velocity of the fluid by world [m/s]."""
+    box_start: wp.array[wp.int32]
+    """By body: first of its boxes."""
+    boxes: wp.array[FluidBox]
+
+
+@wp.struct
+class Drag:
+    """Drag on a body in one step, linear in the velocity at its end: push - D v, world axes."""
+
+    ll: wp.mat33
+    """D, of forces by velocities [N s/m]."""
+    al: wp.mat33
+    """Of torques by velocities [N s]."""
+    aa: wp.mat33
+    """Of torques by angular velocities [N m s]."""
+    push: wp.spatial_vectorf
+    """[N, N m]."""
+
+
+@wp.struct
 class BodyModel:
     """The model's bodies, read live."""
 
@@ -125,6 +166,7 @@ class BodyModel:
     free_dof: wp.array[wp.int32]
     """First degree of freedom of that joint, -1 without one."""
     joint_enabled: wp.array[wp.bool]
+    fluid: FluidModel
 
 
 @wp.struct
@@ -177,6 +219,10 @@ class JointModel:
     """Force at which a joint breaks [N]; empty where none does."""
     break_torque: wp.array[float]
     """Torque at which a joint breaks [N m]."""
+    dahl_eps_max: wp.array[float]
+    """Dahl friction of rods: most torque by stiffness [rad]; empty where none has any."""
+    dahl_tau: wp.array[float]
+    """Angle over which it tends to that [rad]."""
 
 
 @wp.struct
@@ -451,6 +497,8 @@ class BodyWork:
     """Second order: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
     coasting: wp.array[wp.spatial_vector]
     """Second order: increment of a body that nothing accelerates."""
+    drag: wp.array[Drag]
+    """In a fluid: its drag on the body."""
 
 
 @wp.struct
@@ -1015,6 +1063,10 @@ class History:
     """Second order: each degree of freedom [m or rad]."""
     rate: wp.array[AxisMotion]
     """Second order: its velocity [m/s or rad/s], with the lag."""
+    dahl_sigma: wp.array[wp.vec3]
+    """Dahl friction: torque of each rod about its bends and its twist [N m], by joint."""
+    dahl_kappa: wp.array[wp.vec3]
+    """Those angles at the end of the last step [rad], infinite where there was none."""
 
 
 @wp.struct

@@ -12,7 +12,7 @@ import newton
 import numpy as np
 
 from .actuators import Actuators, compensated_links, fixed_tendons, reflected_armature
-from .attributes import break_limits
+from .attributes import authored_fluid, break_limits, dahl_friction
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology, moving
@@ -142,6 +142,10 @@ CAUSES: dict[str, Cause] = {
     "breaking": Cause(
         "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
     ),
+    "dahl": Cause(
+        "joint", "of type ROD with Dahl friction (vbd:dahl_eps_max, dahl_tau)", "rows/dahl.py"
+    ),
+    "fluid": Cause("body", "in a fluid (mujoco:density, mujoco:viscosity)", "rows/fluid.py"),
 }
 """What calls for each effect, where its code is, and whether a user can leave it out."""
 
@@ -246,6 +250,10 @@ class Effects:
     """The contact buffer in use has surface velocities."""
     contact_materials: bool = False
     """The contact buffer in use has materials of its own for each contact."""
+    dahl: bool = False
+    """A rod with Dahl friction."""
+    fluid: bool = False
+    """A fluid, and a body that moves in it."""
     on_gpu: bool = False
     """What the kernels are compiled for, not an effect of the scene."""
 
@@ -333,6 +341,8 @@ class Effects:
             "armature": axes.joints(axes.positive("joint_armature") | reflected),
             "joint_friction": axes.joints(axes.positive("joint_friction")),
             "breaking": _breakable(model),
+            "dahl": _dahl_rods(model),
+            "fluid": bodies_in_fluid(model),
         }
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(
@@ -704,6 +714,25 @@ def _put_bodies(model: newton.Model) -> np.ndarray:
     is_put = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
     is_put |= model.body_inv_mass.numpy() == 0.0
     return np.intersect1d(np.flatnonzero(is_put), model.shape_body.numpy()[_colliding(model)])
+
+
+def bodies_in_fluid(model: newton.Model) -> np.ndarray:
+    """Bodies that move in a world with a fluid of some density or viscosity."""
+    found = authored_fluid(model)
+    if model.body_count == 0 or found is None:
+        return np.zeros(0, dtype=int)
+    is_felt = (found.density.numpy() > 0.0) | (found.viscosity.numpy() > 0.0)
+    world = np.maximum(model.body_world.numpy(), 0)
+    return np.flatnonzero(is_felt[world] & moving(model))
+
+
+def _dahl_rods(model: newton.Model) -> np.ndarray:
+    """Rods with Dahl friction."""
+    authored = dahl_friction(model)
+    if model.joint_count == 0 or not authored:
+        return np.zeros(0, dtype=int)
+    is_rod = model.joint_type.numpy() == int(newton.JointType.ROD)
+    return np.flatnonzero(is_rod & np.all([v.numpy() > 0.0 for v in authored.values()], axis=0))
 
 
 def _breakable(model: newton.Model) -> np.ndarray:

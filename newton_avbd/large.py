@@ -284,7 +284,7 @@ class LargeWorlds:
             launch(joining.count_members, bodies, [work, islands, colors])
             self._scan(launch, colors.count, bodies, self._islands.body_start)
             launch(joining.list_members, bodies, [work, islands, self._islands, colors])
-            launch(joining.keep_island, bodies, [model, self._islands, islands, work])
+            launch(joining.keep_island, bodies, [model, h, self._islands, islands, work])
         if effects.breaking:
             load = [h, worlds, work, rows, loops, colors, tree, history]
             launch(kernels.break_trees, bodies, [model, joints, control, *load])
@@ -333,7 +333,7 @@ class LargeWorlds:
             bodies,
             [model, joints, body_q, *end, worlds, history, body_q_out],
         )
-        if effects.gyroscopic and effects.pairs:
+        if effects.gyroscopic and effects.pairs and not effects.fluid:
             launch(
                 joining.keep_island_spin,
                 bodies,

@@ -10,6 +10,7 @@ import numpy as np
 import warp as wp
 
 from . import data
+from .attributes import dahl_friction
 from .execute.launch import Launcher
 from .execute.links import place_joints, weigh_bodies
 from .rows.joint import PUSHED_AT_COM
@@ -112,6 +113,8 @@ class SolvedModel:
         authored = getattr(model, "avbd", None)
         if authored is not None:
             self.avbd = _Kept(authored, kept)
+        if dahl_friction(model):
+            self.vbd = _Kept(model.vbd, kept)
         if model.shape_count:
             shape_link = model.shape_body.numpy()
             self.shape_body = _new(body[shape_link])
@@ -225,7 +228,7 @@ class _Kept:
 
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._authored, name)
-        return _taken(value, self._kept) if name.startswith("joint_") else value
+        return _taken(value, self._kept) if name.startswith(("joint_", "dahl_")) else value
 
 
 def _new(values: np.ndarray) -> wp.array:

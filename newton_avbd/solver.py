@@ -300,7 +300,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if contacts is None:
             self._forget_contacts()
         start = self._actuate(state_in, control, dt)
-        needs_solve = self._flags.joints or self._flags.bdf2 or self._flags.sleeping
+        flags = self._flags
+        needs_solve = flags.joints or flags.bdf2 or flags.sleeping or flags.fluid
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)
@@ -620,6 +621,32 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             self._without,
             bytes_by_effect(self),
         )
+
+    @property
+    def joint_sigma_prev(self) -> wp.array:
+        """Torque of Dahl friction about the bends and the twist of each rod [N m], by joint.
+
+        As in :class:`newton.solvers.SolverVBD`: at the end of the last step. Zero for other joints.
+        """
+        return self._by_joint(self._history.dahl_sigma)
+
+    @property
+    def joint_kappa_prev(self) -> wp.array:
+        """Bends and twist of each rod at the end of the last step [rad], by joint.
+
+        In scenes with Dahl friction; infinite before the first step, zero for other joints.
+        """
+        return self._by_joint(self._history.dahl_kappa)
+
+    def _by_joint(self, values: wp.array | None) -> wp.array:
+        """Vectors of the joints that the solver knows, by joint of the model."""
+        count = self.model.joint_count
+        if values is not None and values.shape[0] == count:
+            return values
+        every = np.zeros((count, 3), dtype=np.float32)
+        if values is not None:
+            every[self._welds.joint] = values.numpy()
+        return wp.array(every, dtype=wp.vec3, device=self.device)
 
     @property
     def parallel(self) -> Literal["worlds", "bodies"]:

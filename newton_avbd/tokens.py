@@ -29,8 +29,9 @@ def token_masses(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Token masses and moments of massless bodies that joints move, and which bodies may move.
 
-    A body without mass is immovable where no joint holds it as a child: it is where the user puts
-    it. One that joints hold is a massless link, and moves with what hangs on it.
+    A body without mass is immovable where no joint holds it as a child, or only rods do: it is
+    where the user puts it. One that joints hold is a massless link, and moves with what hangs on
+    it.
 
     Args:
         model: The user's model.
@@ -54,8 +55,10 @@ def token_masses(
     is_free = solved.joint_type.numpy() == int(newton.JointType.FREE)
     child, parent = solved.joint_child.numpy(), solved.joint_parent.numpy()
     held, linked = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
-    held[child[~is_free]] = True
-    linked[parent[parent >= 0]] = True
+    # a rod leaves all axes free: what it ends at without mass is where the user holds it
+    is_rigid = ~is_free & (solved.joint_type.numpy() != int(newton.JointType.ROD))
+    held[child[is_rigid]] = True
+    linked[parent[(parent >= 0) & (is_free | is_rigid)]] = True
     floats = np.zeros(count, dtype=bool)
     floats[child[is_free]] = True
     # a lone body, and a mount that no joint holds, are where the user puts them

@@ -8,6 +8,7 @@ import newton
 import warp as wp
 
 from . import data
+from .attributes import dahl_friction
 
 
 def body_model(model: newton.Model, free_joint: wp.array, free_dof: wp.array) -> Any:
@@ -57,6 +58,8 @@ def joint_model(model: newton.Model) -> Any:
         joints.friction = model.joint_friction
         joints.effort_limit = model.joint_effort_limit
         joints.velocity_limit = model.joint_velocity_limit
+        for name, values in dahl_friction(model).items():
+            setattr(joints, name, values)
     return joints
 
 

@@ -40,6 +40,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
 from .bodies import has_rows, target_turn
+from .fluid import feel_fluid
 from .loops import has_loops
 from .slopes import constants, end_axis, lead, next_slope, second_order
 from .trees import is_linked
@@ -287,6 +288,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         rotation = wp.transform_get_rotation(body_q[body])
         turn = wp.spatial_bottom(ahead)
         dtheta = wp.vec3(0.0)
+        end = rotation
         if wp.static(effects.gyroscopic):
             momentum = spin_momentum(model, body, rotation, velocity)
             momentum += step * wp.spatial_bottom(wrench)
@@ -306,11 +308,13 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             work.momentum[body] = momentum
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
-        target = ahead + wp.spatial_vector(dx, dtheta)
+        work.target[body] = ahead + wp.spatial_vector(dx, dtheta)
+        if wp.static(effects.fluid):
+            feel_fluid(body, end, velocity, ahead, step, model, work)
+        target = work.target[body]
         coasting = ahead + step * v
         work.lead[body] = ahead
         work.coasting[body] = coasting
-        work.target[body] = target
         # what pushed it at the end of the last step goes on to
         pushed = last.acceleration
         if wp.static(effects.gyroscopic):
@@ -371,9 +375,10 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             out = second_order(scale, age, wp.static(a), wp.static(b))
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 body = worlds.bodies[i]
-                is_free = bool(True)
+                # the drag of a fluid is a force of the end of the step, as a constraint's is
+                is_free = bool(wp.static(not effects.fluid))
                 if wp.static(effects.contact):
-                    is_free = not has_rows(rows, body)
+                    is_free = is_free and not has_rows(rows, body)
                 if wp.static(effects.joints):
                     is_free = is_free and worlds.block_end[i] == i + 1 and tree.joint[body] < 0
                 if wp.static(effects.loops):

@@ -27,6 +27,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
+from .fluid import feel_fluid, resistance, response_in_fluid
 from .launch import KERNEL, uncollected
 
 BODIES_PER_THREAD = 64
@@ -328,8 +329,10 @@ def make_predict_body(effects: Effects) -> wp.Function:
             # equal principal moments look the same from all sides
             work.inertia[body] = model.inertia[body]
             work.inv_inertia[body] = model.inv_inertia[body]
-        target = wp.spatial_vector(dx, dtheta)
-        work.target[body] = target
+        work.target[body] = wp.spatial_vector(dx, dtheta)
+        if wp.static(effects.fluid):
+            feel_fluid(body, rotation, velocity, wp.spatial_vector(), h, model, work)
+        target = work.target[body]
         if wp.static(effects.ramp):
             work.increment[body] = target
             return
@@ -508,12 +511,20 @@ def push(
     """Adds a wrench at the body's COM to those that it has been predicted with."""
     if work.inv_mass[body] == 0.0:
         return
-    shift = model.inv_mass[body] * force
-    spin = work.inv_inertia[body] * torque
-    work.target[body] = work.target[body] + (h * h) * wp.spatial_vector(shift, spin)
-    work.momentum[body] = work.momentum[body] + h * torque
+    wrench = wp.spatial_vector(force, torque)
+    kick = torque
+    if work.drag.shape[0] > 0:
+        drag = work.drag[body]
+        moved = response_in_fluid(body, wrench, h, model, drag, work)
+        work.target[body] = work.target[body] + moved
+        kick -= wp.spatial_bottom(resistance(drag, moved / h))
+    else:
+        shift = model.inv_mass[body] * force
+        spin = work.inv_inertia[body] * torque
+        work.target[body] = work.target[body] + (h * h) * wp.spatial_vector(shift, spin)
+    work.momentum[body] = work.momentum[body] + h * kick
     if work.wrench.shape[0] > 0:
-        work.wrench[body] = work.wrench[body] + wp.spatial_vector(force, torque)
+        work.wrench[body] = work.wrench[body] + wrench
 
 
 @wp.kernel(**KERNEL)

@@ -24,6 +24,8 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from ..rows.dahl import keep_dahl
+from ..rows.joint import ROD
 from .beginning import UNKNOWN, is_in_tree, make_coasting
 from .bodies import has_rows, pose_sum, report_held
 from .islands import is_alone
@@ -286,6 +288,14 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             if wp.static(effects.kinds.angles):
                 if is_linked(joints, tree, body):
                     count_turns(body, joints, work, tree, history)
+            if wp.static(effects.dahl):
+                joint = tree.joint[body]
+                if joint >= 0:
+                    if joints.type[joint] == ROD:
+                        first = tree.axis_start[body] + 3
+                        keep_dahl(
+                            joint, first, tree.coordinate, tree.start_coordinate, joints, history
+                        )
         if not is_turned:
             rotation = turned(pose, increment)
             if wp.static(effects.gyroscopic):

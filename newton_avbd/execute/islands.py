@@ -13,6 +13,7 @@ import warp as wp
 
 from ..algebra.so3 import world_inertia
 from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, WorldWork
+from .fluid import resistance
 
 
 @wp.func
@@ -102,6 +103,7 @@ def point_inertia(mass: float, r: wp.vec3) -> wp.mat33:
 @wp.func
 def keep_momentum(
     world: int,
+    h: float,
     model: wp.ref[BodyModel],
     worlds: wp.ref[WorldWork],
     work: wp.ref[BodyWork],
@@ -151,11 +153,21 @@ def keep_momentum(
                 island = root
             missing = work.target[body] - work.increment[body]
             momentum = model.mass[body] * wp.spatial_top(missing)
+            spin = work.inertia[body] * wp.spatial_bottom(missing)
             r = work.com[body] - total.com
-            total.momentum += momentum
-            total.angular += wp.cross(r, momentum)
-            total.angular += work.inertia[body] * wp.spatial_bottom(missing)
             total.inertia += work.inertia[body] + point_inertia(model.mass[body], r)
+            if work.drag.shape[0] > 0:
+                drag = work.drag[body]
+                taken = h * resistance(drag, missing)
+                momentum += wp.spatial_top(taken)
+                spin += wp.spatial_bottom(taken)
+                # bounds: the correction may lack what a dense fluid couples, and never goes beyond
+                across = 4.0 * h * wp.trace(drag.ll)
+                about = 2.0 * h * wp.trace(drag.aa) + across * wp.dot(r, r)
+                total.mass += across
+                total.inertia += wp.diag(wp.vec3(about))
+            total.momentum += momentum
+            total.angular += wp.cross(r, momentum) + spin
     store_sum(islands, island, total)
     island = int(-1)
     for i in range(first, last):

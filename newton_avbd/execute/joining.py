@@ -104,6 +104,7 @@ def list_members(
 def keep_island(
     # Model:
     model: BodyModel,
+    h: float,
     # Work:
     worlds: WorldWork,
     islands: IslandWork,
@@ -117,7 +118,7 @@ def keep_island(
     islands.sum[root] = total
     if total.bodies > 1:
         sort_part(worlds.bodies, worlds.body_start[root], worlds.body_start[root + 1])
-        keep_momentum(root, model, worlds, work, islands)
+        keep_momentum(root, h, model, worlds, work, islands)
 
 
 @wp.kernel(enable_backward=False)

@@ -31,6 +31,7 @@ from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
+from ..rows.dahl import dahl_response, keep_dahl
 from ..rows.joint import BALL, DISTANCE, ROD, is_string
 from .slopes import begin_axis
 from .trees import (
@@ -288,7 +289,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ):
-        """Remembers turns of a joint in the step that orientations do not tell."""
+        """Remembers turns of a joint in the step that orientations do not tell, and hysteresis."""
+        if wp.static(effects.dahl):
+            joint = loops.joints[i]
+            if joints.type[joint] == ROD:
+                first = joints.dof_start[joint] + 3
+                keep_dahl(joint, first, loops.coordinate, loops.start_coordinate, joints, history)
         if wp.length_sq(turn_of(i, joints, work, loops)) > 0.0:
             for dof in range(
                 joints.dof_start[loops.joints[i]], joints.dof_start[loops.joints[i] + 1]
@@ -424,6 +430,14 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if wp.static(effects.rods):
             if joints.type[joint] == ROD:
                 pull, k_rod = axis_rows.rod_response(joints, index, wp.float32(q), moved, h)
+                if wp.static(effects.dahl):
+                    if dof > 2:
+                        # its block stays the same all step long: the steepest slope
+                        held, _slope, steepest = dahl_response(
+                            joint, dof - 3, wp.float32(q), moved, joints, history
+                        )
+                        pull += held
+                        k_rod += steepest
                 return pull, k_rod, friction, stop
         if wp.static(effects.coordinates):
             start_velocity = float(0.0)

@@ -20,6 +20,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.joint import counted, has_axes
+from .fluid import resistance
 from .launch import KERNEL, uncollected
 from .loops import make_loops
 from .trees import is_linked
@@ -121,6 +122,8 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                 (model.mass[body] * inv_h2) * wp.spatial_top(lacking),
                 inv_h2 * (work.inertia[body] * wp.spatial_bottom(lacking)),
             )
+            if wp.static(effects.fluid):
+                wrench += resistance(work.drag[body], lacking / step)
             if work.inv_mass[body] == 0.0:
                 wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             if wp.static(effects.contact):

@@ -416,7 +416,7 @@ def make_phases(effects: Effects) -> Phases:
                         join_islands(islands, worlds, work, parent, child)
             if wp.static(effects.pairs and not effects.ramp):
                 if sweeps > 0:
-                    has_islands = keep_momentum(world, model, worlds, work, islands)
+                    has_islands = keep_momentum(world, scale.step, model, worlds, work, islands)
         return has_islands
 
     @wp.func(inline=effects.inline)
@@ -638,7 +638,7 @@ def make_phases(effects: Effects) -> Phases:
                     i, body_q, model, joints, worlds, work, rows, tree, loops, islands, history
                 )
             body_q_out[body] = pose
-        if wp.static(effects.gyroscopic and effects.pairs):
+        if wp.static(effects.gyroscopic and effects.pairs and not effects.fluid):
             if has_islands:
                 keep_spin(world, scale.step, body_q_out, model, worlds, work, islands, body_qd_out)
         if wp.static(effects.bdf2):

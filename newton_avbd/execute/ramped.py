@@ -15,6 +15,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
+from .fluid import resistance
 
 
 class RampedFunctions(NamedTuple):
@@ -40,6 +41,13 @@ def make_ramped(effects: Effects) -> RampedFunctions:
         h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2))
         h_al = wp.mat33(0.0)
         h_aa = work.inertia[body] * inv_h2
+        if wp.static(effects.fluid):
+            slowed = resistance(work.drag[body], away / h)
+            f += wp.spatial_top(slowed)
+            tau += wp.spatial_bottom(slowed)
+            h_ll += work.drag[body].ll / h
+            h_al += work.drag[body].al / h
+            h_aa += work.drag[body].aa / h
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
             span = work.com[body] - work.com[row.b]

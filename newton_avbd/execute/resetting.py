@@ -14,6 +14,8 @@ from ..data import (
     TreeWork,
     WorldWork,
 )
+from ..rows.dahl import forget_dahl
+from ..rows.joint import ROD
 from .bodies import forget_pose
 from .islands import disturb
 from .launch import KERNEL
@@ -66,6 +68,9 @@ def forget_axes(
     if joint >= 0:
         if history.broken.shape[0] > 0:
             history.broken[joint] = False
+        if history.dahl_sigma.shape[0] > 0:
+            if joints.type[joint] == ROD:
+                forget_dahl(joint, history)
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             history.held_at[dof] = wp.float64(0.0)
             history.joint_angle[dof] = rest_angle[dof]

@@ -42,6 +42,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
+from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, ROD, counted, wrapped
 from .bodies import has_rows
 from .slopes import begin_axis
@@ -867,6 +868,10 @@ def make_trees(
         h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2)) + tree.h_ll[body]
         h_al = tree.h_al[body]
         h_aa = work.inertia[body] * inv_h2 + tree.h_aa[body]
+        if wp.static(effects.fluid):
+            h_ll += work.drag[body].ll / h
+            h_al += work.drag[body].al / h
+            h_aa += work.drag[body].aa / h
         if wp.static(effects.contact or effects.loops):
             if tree.is_touched[body]:
                 h_ll = tree.own_ll[body] + tree.h_ll[body]
@@ -990,6 +995,13 @@ def make_trees(
                         wp.float32(q - tree.start_coordinate[k]),
                         h,
                     )
+                    if wp.static(effects.dahl):
+                        moved = wp.float32(q - tree.start_coordinate[k])
+                        held, slope, _most = dahl_response(
+                            joint, dof, wp.float32(q), moved, joints, history
+                        )
+                        pull += held
+                        stiffness += slope
                     response[dof] = pull
                     stiff[dof] = stiffness
                 rod_torque = sign * joint_rows.rod_torque(q_p, q_c, response)

@@ -34,6 +34,7 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     """Add a ground, boxes, one of them put, and a mechanism with all types of joints and loops."""
     SolverAVBD.register_custom_attributes(builder)
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    builder.custom_attributes["mujoco:density"].values = {0: 1.2}
     cfg = newton.ModelBuilder.ShapeConfig(restitution=0.3, mu_torsional=0.01, mu_rolling=0.001)
     builder.add_ground_plane(cfg=cfg)
     for x in (3.0, 3.5):

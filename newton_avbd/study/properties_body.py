@@ -143,6 +143,58 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     return measure
 
 
+def add_fluid(builder: newton.ModelBuilder, density: float, viscosity: float) -> None:
+    """Fill the world with a fluid [kg/m^3, Pa s] that blows at 1 m/s along x."""
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    values = {"density": density, "viscosity": viscosity, "wind": wp.vec3(1.0, 0.0, 0.0)}
+    for name, value in values.items():
+        builder.custom_attributes[f"mujoco:{name}"].values = {0: value}
+
+
+SQUARE = 1.0 / 6.0
+"""Moment of inertia of a cube of 1 kg with edges of 1 m [kg m^2]."""
+
+
+@BODIES.declare(
+    "mujoco:density, wind",
+    "A box of 1 kg and 1, 0.8, 0.6 m falls flat in a fluid of 10 kg/m^3 that blows aside at 1 m/s: "
+    "it ends at the root of 2 m g / (density A).",
+    expected=math.sqrt(0.25 * G),
+    bound=0.001,
+    unit="m/s",
+)
+def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
+    add_fluid(builder, 10.0 if authored else 0.0, 0.0)
+    add_mass(builder, 1.0 / 12.0, 1.36 / 12.0, 1.64 / 12.0)
+
+    def measure(trial: Trial) -> float:
+        trial.run(4.0)
+        return -trial.velocity()[2]
+
+    return measure
+
+
+@BODIES.declare(
+    "mujoco:viscosity",
+    "A cube of 1 kg and 1 m spins at 1 rad/s in a fluid of 0.1 Pa s: exp(-pi viscosity t / I) of "
+    "it is left after 0.5 s.",
+    expected=math.exp(-0.05 * math.pi / SQUARE),
+    bound=0.005,
+    unit="rad/s",
+)
+def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
+    builder.gravity = (0.0, 0.0, 0.0)
+    add_fluid(builder, 0.0, 0.1 if authored else 0.0)
+    add_mass(builder, SQUARE, SQUARE, SQUARE)
+    builder.joint_qd[-3:] = [0.0, 0.0, 1.0]
+
+    def measure(trial: Trial) -> float:
+        trial.run(0.5)
+        return trial.velocity()[5]
+
+    return measure
+
+
 def observed(trial: Trial, kind: str, seconds: float) -> np.ndarray:
     """An observable after a time, shape [rows, 6]."""
     trial.observe(kind)

@@ -706,6 +706,32 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
 
 @JOINTS.declare(
+    "vbd:dahl_eps_max, dahl_tau",
+    "A rod with 100 N m/rad is bent by 20 N m and let go slowly; its Dahl friction has 0.05 rad, "
+    "and a tau of 0.01 rad, far less than it was bent: 0.05 rad are left.",
+    expected=0.05,
+    bound=0.001,
+    unit="rad",
+)
+def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
+    weightless(builder)
+    newton.solvers.SolverVBD.register_custom_attributes(builder)
+    joint = hang(builder, True, "rod", bend_stiffness=100.0, bend_damping=5.0, inertia=0.1)
+    values = {"dahl_eps_max": 0.05 if authored else 0.0, "dahl_tau": 0.01}
+    for name, value in values.items():
+        builder.custom_attributes[f"vbd:{name}"].values = {joint: value}
+
+    def measure(trial: Trial) -> float:
+        for start, goal in ((0.0, 20.0), (20.0, 0.0)):
+            for time in trial.steps(1.0):
+                torque = start + min(2.0 * time, 1.0) * (goal - start)
+                trial.push(torque=(torque, 0.0, 0.0))
+        return trial.turn(axis=0)
+
+    return measure
+
+
+@JOINTS.declare(
     "joint_f: slider, reaction",
     "1 N between a free base of 1 kg and a slider of 1 kg: the base goes back by F t^2 / 2m.",
     expected=-0.125,
