@@ -36,6 +36,7 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
         xml.etree.ElementTree.ParseError: The file is no XML.
     """
     root = ElementTree.parse(path).getroot()
+    _mend(root, path)
     parents = {child: parent for parent in root.iter() for child in parent}
     absent: dict[str, None] = {}
     for element in [*root.iter("mesh"), *root.iter("texture")]:
@@ -49,6 +50,19 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
         absent[name] = None
         parents[element].remove(element)
     return ElementTree.tostring(root, encoding="unicode"), tuple(absent)
+
+
+def _mend(root: ElementTree.Element, path: Path) -> None:
+    """Write what Newton's importer asks for and files leave out or say to no effect.
+
+    A robot gets a name, and a FIXED joint, which cannot move, mimics nothing.
+    """
+    if root.tag == "robot" and not root.get("name"):
+        root.set("name", path.stem)
+    for joint in root.iter("joint"):
+        if joint.get("type") == "fixed":
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
 
 
 def find_asset(name: str, urdf: Path) -> Path | None:

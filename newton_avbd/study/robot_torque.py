@@ -45,9 +45,7 @@ class Torques:
         self._joint_q, self._joint_qd = model.state().joint_q, model.state().joint_qd
         names = ("target_ke", "target_kd", "effort_limit", "damping", "stiffness")
         names += ("armature", "friction", "limit_lower", "limit_upper", "velocity_limit")
-        self._law = {
-            name: getattr(model, f"joint_{name}").numpy().astype(float) for name in names
-        }
+        self._law = {name: getattr(model, f"joint_{name}").numpy().astype(float) for name in names}
         self._rest = model.joint_rest_q.numpy().astype(float)[self._coordinate]
 
     def momenta(self, state: newton.State) -> Array:

@@ -32,10 +32,10 @@ LAG = 0.02
 the law of the drive says, whichever is more [rad or m]."""
 
 WRONG = 0.05
-"""Largest share of a drive's force that may be not its law's. A drive that stays behind further than
-the reference does pushes as its law says all the same where its effort limit or a contact stops it,
-and contacts differ between solvers: feet stick in one and creep in the other, what falls over falls
-at another time."""
+"""Largest share of a drive's force that may be not its law's. A drive that stays behind further
+than the reference does pushes as its law says all the same where its effort limit or a contact
+stops it, and contacts differ between solvers: feet stick in one and creep in the other, what falls
+over falls at another time."""
 
 STILL = 0.25
 """The same as a fraction of the target's mean distance from the first pose: by the law a drive of
@@ -208,7 +208,8 @@ def judge(report: Report, ours: Record, reference: Record | None) -> list[str]:
     missed = [
         name
         for name in late
-        if late[name] > min(LAG, STILL * ours.stroke[name]) and ours.wrong.get(name, 1.0) > WRONG
+        if late[name] > max(ALIGNED, min(LAG, STILL * ours.stroke[name]))
+        and ours.wrong.get(name, 1.0) > WRONG
     ]
     if missed:
         worst = max(missed, key=lambda name: late[name])
