@@ -34,6 +34,7 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
 
     Raises:
         xml.etree.ElementTree.ParseError: The file is no XML.
+        ValueError: It holds no links.
     """
     root = ElementTree.parse(path).getroot()
     _mend(root, path)
@@ -59,6 +60,8 @@ def _mend(root: ElementTree.Element, path: Path) -> None:
     """
     if root.tag == "robot" and not root.get("name"):
         root.set("name", path.stem)
+    if root.find("link") is None:
+        raise ValueError("it holds no links")
     for joint in root.iter("joint"):
         if joint.get("type") == "fixed":
             for mimic in joint.findall("mimic"):

@@ -21,6 +21,20 @@ AT_LIMIT = 1.0e-3
 LEAST = 1.0e-12
 """Force that stands for none where it is divided by [N or N m]."""
 
+LAW = (
+    "target_ke",
+    "target_kd",
+    "effort_limit",
+    "damping",
+    "stiffness",
+    "armature",
+    "friction",
+    "limit_lower",
+    "limit_upper",
+    "velocity_limit",
+)
+"""What of an axis the law of its drive reads."""
+
 BRAKED = 0.99
 """Share of an axis's velocity limit from which on its brake may push."""
 
@@ -43,9 +57,7 @@ class Torques:
         self._speed = np.zeros(model.joint_dof_count)
         self._coordinate = _coordinates(model)
         self._joint_q, self._joint_qd = model.state().joint_q, model.state().joint_qd
-        names = ("target_ke", "target_kd", "effort_limit", "damping", "stiffness")
-        names += ("armature", "friction", "limit_lower", "limit_upper", "velocity_limit")
-        self._law = {name: getattr(model, f"joint_{name}").numpy().astype(float) for name in names}
+        self._law = {name: getattr(model, f"joint_{name}").numpy().astype(float) for name in LAW}
         self._rest = model.joint_rest_q.numpy().astype(float)[self._coordinate]
 
     def momenta(self, state: newton.State) -> Array:
