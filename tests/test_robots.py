@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 import warp as wp
 
+from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
-from newton_avbd.io import Request, UserError, open_scene, robots
+from newton_avbd.io import Request, UserError, converted, open_scene, robots
+from newton_avbd.io.assets import read_asset
 from newton_avbd.io.robots import find_robot, read_robot
 from newton_avbd.study.robot_page import read_reports, summary, write_page
 from newton_avbd.study.robot_pose import FREQUENCY, lowest_points, stand
 from newton_avbd.study.robot_run import Record
-from newton_avbd.study.robot_trial import Report, judge, try_robot
+from newton_avbd.study.robot_torque import Torques
+from newton_avbd.study.robot_trial import WRONG, Report, judge, try_robot
 from newton_avbd.study.robot_wave import wave
 
 ROUNDING = 1.0e-5
@@ -130,6 +133,93 @@ def test_a_robot_of_newton_passes():
     record = try_robot(report, lambda: read_robot(robot)[0], lambda *_: None, timed=False)
     assert report.failures == []
     assert record is not None and len(record.lag) == 2
+    # Newton's second law gives the force of each drive, with the rounding of float32 velocities.
+    assert 0.0 < max(record.wrong.values()) < WRONG
+
+
+def test_a_drive_that_lags_passes_only_if_it_pushes_as_its_law_says():
+    late = {"lag": {"hinge:0": 0.1}}
+    assert judged(**late, wrong={"hinge:0": 0.01}) == []
+    (failure,) = judged(**late, wrong={"hinge:0": 0.3})
+    assert failure.endswith("by 0.09, with 30 % of its force wrong")
+
+
+def test_a_force_that_is_not_the_law_s_is_told():
+    # A pendulum of 2 kg at 0.5 m along x that holds still, about y: the drive bears
+    # -m g r = -9.81 N m.
+    builder = newton.ModelBuilder()
+    pendulum(builder, target_ke=100.0, target_kd=10.0)
+    model = builder.finalize(device="cpu")
+    state, contacts = model.state(), newton.Contacts(1, 0, device="cpu")
+    kind = newton.solvers.SolverBase.ObservableKind.CONTACT_F
+    observables = SolverAVBD(model).observables([kind], contacts=contacts)
+    torques = Torques(model, 0.01)
+    torques.add(torques.momenta(state), state, np.array([-0.0981]), contacts, observables)
+    assert torques.pushed[0] == pytest.approx(9.81, rel=ROUNDING)
+    assert torques.wrong[0] == pytest.approx(0.0, abs=1.0e-4)
+    torques.add(torques.momenta(state), state, np.array([-0.1981]), contacts, observables)
+    assert torques.wrong[0] == pytest.approx(10.0, rel=1.0e-4)
+
+
+def test_a_leader_s_drive_carries_what_follows_it():
+    builder = newton.ModelBuilder()
+    tiny = wp.mat33(np.eye(3) * 1.0e-6)
+    links = [builder.add_link(mass=2.0, inertia=tiny, com=wp.vec3(0.5, 0.0, 0.0)) for _ in "ab"]
+    joints = [builder.add_joint_revolute(-1, link, axis=wp.vec3(0.0, 1.0, 0.0)) for link in links]
+    builder.add_articulation(joints)
+    builder.set_joint_mimic(joints[1], joints[0], coeffs=(0.0, -2.0))
+    pose = stand(builder)
+    # Both move 2 kg at 0.5 m; the follower twice as fast, so that it counts four times.
+    inertia = 5.0 * 2.0 * 0.5**2
+    assert pose.driven == [0]
+    ke = inertia * (2.0 * math.pi * FREQUENCY) ** 2
+    assert builder.joint_target_ke[0] == pytest.approx(ke, rel=ROUNDING)
+
+
+def test_fixed_joints_that_mimic_and_robots_without_a_name_are_read(tmp_path: Path):
+    file = tmp_path / "robot.urdf"
+    inertia = " ".join(f"i{axes}='{axes[0] == axes[1]:d}'" for axes in "xx yy zz xy xz yz".split())
+    inertial = f"<inertial><mass value='1'/><inertia {inertia}/></inertial>"
+    links = "".join(f"<link name='{name}'>{inertial}</link>" for name in "abc")
+    axis = "<axis xyz='0 1 0'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
+    file.write_text(
+        f"<robot>{links}"
+        f"<joint name='ab' type='revolute'><parent link='a'/><child link='b'/>{axis}</joint>"
+        "<joint name='bc' type='fixed'><parent link='b'/><child link='c'/>"
+        "<mimic joint='ab'/></joint></robot>"
+    )
+    builder, _ = read_asset(file, "avbd", floating=False)
+    assert builder.joint_count == 3
+    file.write_text("<robot name='r'/>")
+    with pytest.raises(UserError, match="it holds no links"):
+        read_asset(file, "avbd", floating=False)
+
+
+def test_a_choice_of_mujoco_s_pgs_solver_is_read_over(tmp_path: Path):
+    file = tmp_path / "robot.xml"
+    file.write_text(
+        "<mujoco><option solver='PGS' timestep='0.004'/><worldbody><body><joint type='hinge'/>"
+        "<geom size='0.1'/></body></worldbody></mujoco>"
+    )
+    builder, _ = read_asset(file, "avbd", floating=False)
+    assert builder.body_count == 1
+
+
+def test_missing_converters_are_named_with_what_installs_them(monkeypatch, capsys):
+    monkeypatch.setitem(converted.CONVERTERS, ".urdf", "no_such_converter")
+    assert main(["robots", "--usd"]) == 2
+    assert "pip install no-such-converter mujoco-usd-converter" in capsys.readouterr().err
+
+
+def test_a_robot_moves_as_usd_as_it_does_as_mjcf(tmp_path: Path):
+    for module in converted.CONVERTERS.values():
+        pytest.importorskip(module)
+    robot = find_robot("nv_ant")
+    plain = read_robot(robot)[0]
+    usd = read_robot(converted.as_usd(robot, tmp_path))[0]
+    assert usd.body_count == plain.body_count
+    # The converter writes masses as float32.
+    np.testing.assert_allclose(usd.body_mass, plain.body_mass, rtol=1.0e-5)
 
 
 def test_a_robot_that_cannot_be_read_stays_in_the_page_with_its_reason(tmp_path: Path):

@@ -11,10 +11,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import newton
 
 from newton_avbd.io import UserError, require
+from newton_avbd.io.converted import as_usd, can_convert, require_converters
 from newton_avbd.io.robots import SOURCES, Robot, find_robot, not_installed, read_robot, robots
 from newton_avbd.study.bench import describe_machine
 from newton_avbd.study.robot_page import line, picture, read_reports, summary, write_page
@@ -39,6 +41,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="write robots.md there, with a picture of each robot; what is there of others stays",
     )
+    parser.add_argument(
+        "--untimed",
+        action="store_true",
+        help="check and draw only, time nothing; the page keeps the times of an earlier run",
+    )
+    parser.add_argument(
+        "--usd",
+        action="store_true",
+        help="turn URDF and MJCF files into USD files first, and try these; the page is "
+        "robots_usd.md, without pictures",
+    )
     parser.epilog = "packages:\n" + "\n".join(
         f"  {source.package:<20} {source.install}" for source in SOURCES
     )
@@ -56,26 +69,36 @@ def main(args: argparse.Namespace) -> int:
         print(_listing())
         return 0
     chosen = _chosen(args.names)
+    stem = "robots"
+    if args.usd:
+        require_converters()
+        chosen = [robot for robot in chosen if can_convert(robot)]
+        stem = "robots_usd"
     if args.output:
         require("pyglet", "PIL")
         _make_folder(args.output)
-    known = read_reports(args.output) if args.output else {}
+    known = read_reports(args.output, stem) if args.output else {}
     reports: list[Report] = []
-    for number, robot in enumerate(chosen, 1):
-        report = Report(robot.name, robot.package)
-        shown = partial(_show, f"{robot.name} ({number} of {len(chosen)})")
-        with _silence():
-            record = try_robot(report, partial(_load, robot), shown)
-            if args.output and record is not None:
-                _draw(robot, record, args.output / picture(robot.name))
-        _show_nothing()
-        print(line(report), flush=True)
-        reports.append(report)
-        known[robot.name] = report
-        if args.output:
-            # After each robot, so that a run that is interrupted loses none.
-            order = [known[other.name] for other in robots() if other.name in known]
-            _write(args.output, order)
+    with TemporaryDirectory() as folder:
+        for number, robot in enumerate(chosen, 1):
+            report = Report(robot.name, robot.package)
+            shown = partial(_show, f"{robot.name} ({number} of {len(chosen)})")
+            load = partial(_load_usd, robot, Path(folder)) if args.usd else partial(_load, robot)
+            with _silence():
+                record = try_robot(report, load, shown, timed=not args.untimed)
+                if args.output and record is not None and not args.usd:
+                    _draw(robot, record, args.output / picture(robot.name))
+            if args.untimed and robot.name in known:
+                report.times = known[robot.name].times
+                report.notes = known[robot.name].notes | report.notes
+            _show_nothing()
+            print(line(report), flush=True)
+            reports.append(report)
+            known[robot.name] = report
+            if args.output:
+                # After each robot, so that a run that is interrupted loses none.
+                order = [known[other.name] for other in robots() if other.name in known]
+                _write(args.output, order, stem)
     print(f"\n{summary(reports)}")
     return int(any(report.failures for report in reports))
 
@@ -97,6 +120,10 @@ def _load(robot: Robot) -> newton.ModelBuilder:
     return read_robot(robot)[0]
 
 
+def _load_usd(robot: Robot, folder: Path) -> newton.ModelBuilder:
+    return read_robot(as_usd(robot, folder))[0]
+
+
 def _listing() -> str:
     lines = []
     for source in SOURCES:
@@ -114,13 +141,13 @@ def _make_folder(output: Path) -> None:
         raise UserError(f"cannot write to {output}: {error}") from error
 
 
-def _write(output: Path, reports: list[Report]) -> None:
+def _write(output: Path, reports: list[Report], stem: str) -> None:
     from newton_avbd.study.bench import pinned
 
     with pinned() as core:
         machine = describe_machine(core)
     try:
-        write_page(output, reports, machine)
+        write_page(output, reports, machine, stem)
     except OSError as error:
         raise UserError(f"cannot write to {output}: {error}") from error
 

@@ -4,7 +4,9 @@
 """Simulating USD, URDF and MJCF files."""
 
 import re
+from functools import partial
 from pathlib import Path
+from xml.etree import ElementTree
 
 import newton
 import numpy as np
@@ -142,7 +144,11 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         return _read_urdf(path, solver, floating)
     builder = _prepared(solver)
     if suffix == ".xml":
-        builder.add_mjcf(str(path))
+        source = _without_pgs(path)
+        if source is None:
+            builder.add_mjcf(str(path))
+        else:
+            builder.add_mjcf(source, path_resolver=partial(_beside, path.parent))
         _collide_by_hulls(builder)
         return builder, ()
     builder.add_usd(str(path))
@@ -152,6 +158,23 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         builder = _prepared(solver)
         builder.add_usd(stage)
     return builder, ()
+
+
+def _without_pgs(path: Path) -> str | None:
+    """Text of an MJCF file without its choice of MuJoCo's PGS solver; None for no such choice.
+
+    Newton's importer refuses the name, which says nothing about the scene.
+    """
+    root = ElementTree.parse(path).getroot()
+    options = [item for item in root.iter("option") if item.get("solver", "").lower() == "pgs"]
+    for option in options:
+        del option.attrib["solver"]
+    return ElementTree.tostring(root, encoding="unicode") if options else None
+
+
+def _beside(folder: Path, base: str | None, name: str) -> str:
+    """Path of a file that an MJCF text names, relative to the folder of its file."""
+    return str((Path(base) if base else folder) / name)
 
 
 def _prepared(solver: str) -> newton.ModelBuilder:

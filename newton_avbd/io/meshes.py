@@ -34,8 +34,10 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
 
     Raises:
         xml.etree.ElementTree.ParseError: The file is no XML.
+        ValueError: It holds no links.
     """
     root = ElementTree.parse(path).getroot()
+    _mend(root, path)
     parents = {child: parent for parent in root.iter() for child in parent}
     absent: dict[str, None] = {}
     for element in [*root.iter("mesh"), *root.iter("texture")]:
@@ -49,6 +51,21 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
         absent[name] = None
         parents[element].remove(element)
     return ElementTree.tostring(root, encoding="unicode"), tuple(absent)
+
+
+def _mend(root: ElementTree.Element, path: Path) -> None:
+    """Write what Newton's importer asks for and files leave out or say to no effect.
+
+    A robot gets a name, and a FIXED joint, which cannot move, mimics nothing.
+    """
+    if root.tag == "robot" and not root.get("name"):
+        root.set("name", path.stem)
+    if root.find("link") is None:
+        raise ValueError("it holds no links")
+    for joint in root.iter("joint"):
+        if joint.get("type") == "fixed":
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
 
 
 def find_asset(name: str, urdf: Path) -> Path | None:

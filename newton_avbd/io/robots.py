@@ -108,6 +108,7 @@ SOURCES = (
 
 _BOLTED = frozenset(
     {
+        "alex_description",
         "allegro_hand_description",
         "asr_twodof_description",
         "baxter_description",
@@ -121,7 +122,8 @@ _BOLTED = frozenset(
         "z1_description",
     }
 )
-"""Folders of example-robot-data whose robots are mounted: arms, hands and test benches."""
+"""Folders of example-robot-data whose robots are mounted: arms, hands, torsos without legs
+and test benches."""
 
 _BOLTED_FILES = frozenset({"cartpole.urdf", "talos_left_arm.urdf"})
 

@@ -34,6 +34,7 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     """Add a ground, boxes, one of them put, and a mechanism with all types of joints and loops."""
     SolverAVBD.register_custom_attributes(builder)
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    newton.solvers.SolverVBD.register_custom_attributes(builder)
     builder.custom_attributes["mujoco:density"].values = {0: 1.2}
     cfg = newton.ModelBuilder.ShapeConfig(restitution=0.3, mu_torsional=0.01, mu_rolling=0.001)
     builder.add_ground_plane(cfg=cfg)
@@ -78,7 +79,9 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.add_articulation(joints)
     builder.set_joint_mimic(second, first)
     builder.add_articulation([builder.add_joint_revolute(**ends(-1, links[8]))])
-    builder.add_articulation([builder.add_joint_rod(**ends(-1, links[9]))])
+    cable = {"vbd:dahl_eps_max": 0.1, "vbd:dahl_tau": 1.0}
+    rod = builder.add_joint_rod(**ends(-1, links[9]), custom_attributes=cable)
+    builder.add_articulation([rod])
     target = mujoco.ActuatorTarget
     mujoco.add_actuator_motor(builder, target.joint(first))
     mujoco.add_actuator_motor(builder, target.joint(joints[3]), gear=(1.0, 0.0, 0.0))

@@ -26,14 +26,24 @@ critically damped spring of 4 Hz that carries the inertia beyond the joint. Then
 slow sines within their limits for 1.5 s, at 240 steps a second.
 
 A robot passes if all numbers stay finite; every joint, welds included, stays closed to 0.1 mm and
-1 mrad; limits are kept to 1 mrad; each drive follows its target as closely as with SolverMuJoCo, or
-as the law of the drive has it, to 20 mrad; contact forces and momentum balance the weight to 1 %;
-and nothing hangs in mid-air.
+1 mrad; limits are kept to 1 mrad; contact forces and momentum balance the weight to 1 %; nothing
+hangs in mid-air; and the drives move right. A drive moves right if it follows its target as closely
+as with SolverMuJoCo, or as its law has it, to 20 mrad. It also does if it pushes as its law says,
+to 5 %: what the links beyond it gain in momentum, less gravity and contact forces, is the force of
+the law. (Two simulators need not make the same motion of a robot: a foot sticks in one and creeps
+in the other, and what falls over falls at another time.)
 
 Times are of one step while the robot holds its first pose, without collision detection, in
 microseconds: replayed from a graph for SolverAVBD, SolverXPBD and SolverVBD, bare calls for
 `mj_step`, plain calls from Python for SolverMuJoCo, on one core. MuJoCo is given the same robot;
 where it refuses massless links, with welded links merged. A star marks a solver that blew up.
+"""
+
+
+_USD = """# Robots as USD
+
+The robots of [robots.md](robots.md) that come as URDF or MJCF files, turned into USD by Newton's
+converters, `urdf-usd-converter` and `mujoco-usd-converter`, and tried likewise.
 """
 
 
@@ -71,22 +81,25 @@ def summary(reports: list[Report]) -> str:
     return text + (f" It takes longer on {', '.join(above)}." if above else "")
 
 
-def read_reports(folder: Path) -> dict[str, Report]:
+def read_reports(folder: Path, stem: str = "robots") -> dict[str, Report]:
     """Reports of earlier runs in ``folder``, by name."""
-    file = folder / "robots.json"
+    file = folder / f"{stem}.json"
     if not file.exists():
         return {}
     entries = json.loads(file.read_text())
     return {entry["name"]: Report(**{**entry, "links": tuple(entry["links"])}) for entry in entries}
 
 
-def write_page(folder: Path, reports: list[Report], machine: dict[str, str]) -> Path:
+def write_page(
+    folder: Path, reports: list[Report], machine: dict[str, str], stem: str = "robots"
+) -> Path:
     """Write the page and the numbers.
 
     Args:
         folder: Where to; pictures lie below it.
         reports: All robots, in the order of the page.
         machine: What the numbers were measured on and with.
+        stem: Name of the page and of the file of numbers; ``robots_usd`` for robots as USD.
 
     Returns:
         The page.
@@ -95,8 +108,11 @@ def write_page(folder: Path, reports: list[Report], machine: dict[str, str]) -> 
         OSError: It cannot be written.
     """
     entries = [asdict(report) for report in reports]
-    (folder / "robots.json").write_text(json.dumps(entries, indent=1, allow_nan=True) + "\n")
-    parts = [_INTRODUCTION, f"{summary(reports)}\n"]
+    (folder / f"{stem}.json").write_text(json.dumps(entries, indent=1, allow_nan=True) + "\n")
+    is_usd = stem != "robots"
+    parts = [_USD if is_usd else "", _INTRODUCTION, f"{summary(reports)}\n"]
+    if is_usd:
+        parts[1] = parts[1].partition("\n")[2].replace("docs`", "docs --usd`")
     for package in dict.fromkeys(report.package for report in reports):
         rows = [_row(folder, report) for report in reports if report.package == package]
         titles = [PEERS[solver].title if solver in PEERS else "`mj_step`" for solver in SOLVERS]
@@ -114,8 +130,8 @@ def write_page(folder: Path, reports: list[Report], machine: dict[str, str]) -> 
         parts.append(f"## {package}\n\n| {' | '.join(head)} |\n|{' --- |' * len(head)}")
         parts[-1] += "".join(f"\n| {' | '.join(row)} |" for row in rows) + "\n"
     parts.append("\n".join(f"- {name}: {value}" for name, value in machine.items()) + "\n")
-    page = folder / "robots.md"
-    page.write_text("\n".join(parts))
+    page = folder / f"{stem}.md"
+    page.write_text("\n".join(parts).lstrip("\n"))
     return page
 
 

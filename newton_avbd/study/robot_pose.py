@@ -64,6 +64,7 @@ def stand(builder: newton.ModelBuilder) -> Pose:
     _meet_ground(builder, pose.floating)
     model = builder.finalize(device="cpu")
     inertias = _inertias(model, pose.floating)
+    _add_followers(builder, inertias)
     for joint in range(builder.joint_count):
         if builder.joint_mimic_joint[joint] >= 0 or _is_base(builder, joint):
             continue
@@ -72,6 +73,8 @@ def stand(builder: newton.ModelBuilder) -> Pose:
         if builder.joint_articulation[joint] < 0:
             continue
         for dof in dofs_of(builder, joint):
+            if builder.joint_target_ke[dof] <= 0.0 and inertias[dof] <= 0.0:
+                continue  # it moves nothing: no drive is right for it
             pose.driven.append(dof)
             builder.joint_target_mode[dof] = int(newton.JointTargetMode.POSITION)
             if builder.joint_target_ke[dof] <= 0.0:
@@ -246,6 +249,19 @@ def _inertias(model: newton.Model, floating: bool) -> Array:
                 moved = max(moved, about[~beyond].sum())
             found[dof] += moved
     return found
+
+
+def _add_followers(builder: newton.ModelBuilder, inertias: Array) -> None:
+    """Add to what a leader's drive moves what moves with it in the joints that mimic it."""
+    leaders = builder.joint_mimic_joint
+    for joint, leader in enumerate(leaders):
+        factor, at = 1.0, joint
+        while leader >= 0:
+            factor, at = factor * builder.joint_mimic_coeffs[at][1], leader
+            leader = leaders[at]
+        if at != joint:
+            for own, led in zip(dofs_of(builder, joint), dofs_of(builder, at), strict=True):
+                inertias[led] += factor**2 * inertias[own]
 
 
 def _subtree(root: int, parents: Array, children: Array) -> Iterator[int]:

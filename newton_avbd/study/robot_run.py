@@ -16,6 +16,7 @@ from newton_avbd.study.measure import Array, Bodies
 from newton_avbd.study.measure_joints import Joints
 from newton_avbd.study.peers import PEERS
 from newton_avbd.study.robot_pose import Pose, can_fall
+from newton_avbd.study.robot_torque import Torques
 from newton_avbd.study.robot_wave import wave
 
 DT = 1.0 / 240.0
@@ -55,11 +56,14 @@ class Record:
         law: What the law of the drive alone gives for the same: its damping, and the joint's, over
             its stiffness, times the mean speed of the target [rad or m].
         stroke: Mean distance of each target from the first pose [rad or m].
+        wrong: Share of what each drive pushes over the motion that is not its law's, by
+            :class:`newton_avbd.study.robot_torque.Torques`; empty where that is not told.
         weight: Total weight of what can fall [N].
         support: Mean vertical contact force with the world at the end of the hold [N]; NaN where
             the solver does not say.
         demand: The vertical force that Newton's second law calls for, over the same time [N].
         speed: Largest speed of a body at the end of the hold [m/s].
+        fastest: Largest speed of a body at any time of the hold [m/s].
         model: The model.
         state: Its last state.
     """
@@ -72,10 +76,12 @@ class Record:
     lag: dict[str, float] = field(default_factory=dict)
     law: dict[str, float] = field(default_factory=dict)
     stroke: dict[str, float] = field(default_factory=dict)
+    wrong: dict[str, float] = field(default_factory=dict)
     weight: float = 0.0
     support: float = math.nan
     demand: float = math.nan
     speed: float = math.nan
+    fastest: float = 0.0
     model: newton.Model | None = None
     state: newton.State | None = None
 
@@ -113,6 +119,7 @@ def run_robot(
     record.weight = float(bodies.mass[falling] @ -bodies.gravity[falling, 2])
     q = model.joint_q.numpy()
     joint_q, joint_qd = model.joint_q, model.joint_qd
+    torques = None if observables is None else Torques(model, DT)
     lags: list[Array] = []
     pushed, momentum = 0.0, 0.0
     begin = time.monotonic()
@@ -121,6 +128,7 @@ def run_robot(
             control.joint_target_q.assign(targets[step - HOLD].astype(np.float32))
         if step == HOLD - WEIGHED:
             momentum = vertical_momentum(bodies, falling, state)
+        before = None if torques is None or step < HOLD else torques.momenta(state)
         if pipeline is not None:
             pipeline.collide(state, contacts)
         if observables is None:
@@ -128,13 +136,15 @@ def run_robot(
         else:
             solver.step(state, following, control, contacts, DT, observables=observables)
         state, following = following, state
+        if torques is not None and before is not None:
+            torques.add(before, state, targets[step - HOLD], contacts, observables)
         if observables is not None and HOLD - WEIGHED <= step < HOLD:
             pushed += support(model, falling, contacts, observables)
         if step == HOLD - 1:
             gained = vertical_momentum(bodies, falling, state) - momentum
             record.demand = record.weight + gained / (WEIGHED * DT)
             record.support = math.nan if observables is None else pushed / WEIGHED
-            record.speed = float(np.max(np.linalg.norm(state.body_qd.numpy()[:, :3], axis=1)))
+            record.speed = largest_speed(state)
         if step % EVERY == 0 or step == HOLD + MOVE - 1:
             shown(step, HOLD + MOVE)
             body_q = state.body_q.numpy().astype(float)
@@ -142,7 +152,9 @@ def run_robot(
                 record.finite = False
                 break
             watch(record, joints, body_q, chosen)
-            if step >= HOLD:
+            if step < HOLD:
+                record.fastest = max(record.fastest, largest_speed(state))
+            else:
                 newton.eval_ik(model, state, joint_q, joint_qd)
                 q = joint_q.numpy()
                 lags.append(np.abs(q - targets[step - HOLD]))
@@ -156,8 +168,15 @@ def run_robot(
         record.lag = by_name(pose.builder, pose.driven, np.mean(lags, axis=0))
         record.stroke = by_name(pose.builder, pose.driven, stroke)
         record.law = by_name(pose.builder, pose.driven, speed, delays(pose.builder))
+        if torques is not None and torques.told:
+            record.wrong = torques.shares(pose.builder, pose.driven)
     record.model, record.state = model, state
     return record
+
+
+def largest_speed(state: newton.State) -> float:
+    """Largest speed of a body [m/s]."""
+    return float(np.max(np.linalg.norm(state.body_qd.numpy()[:, :3], axis=1)))
 
 
 def watched_joints(model: newton.Model) -> list[str]:
