@@ -55,7 +55,7 @@ def main(args: argparse.Namespace) -> int:
     if args.list:
         print(_listing())
         return 0
-    chosen = _chosen(args.names)
+    chosen = chosen_robots(args.names)
     if args.output:
         require("pyglet", "PIL")
         _make_folder(args.output)
@@ -63,12 +63,12 @@ def main(args: argparse.Namespace) -> int:
     reports: list[Report] = []
     for number, robot in enumerate(chosen, 1):
         report = Report(robot.name, robot.package)
-        shown = partial(_show, f"{robot.name} ({number} of {len(chosen)})")
-        with _silence():
+        shown = partial(show, f"{robot.name} ({number} of {len(chosen)})")
+        with silence():
             record = try_robot(report, partial(_load, robot), shown)
             if args.output and record is not None:
                 _draw(robot, record, args.output / picture(robot.name))
-        _show_nothing()
+        show_nothing()
         print(line(report), flush=True)
         reports.append(report)
         known[robot.name] = report
@@ -80,7 +80,7 @@ def main(args: argparse.Namespace) -> int:
     return int(any(report.failures for report in reports))
 
 
-def _chosen(names: list[str]) -> list[Robot]:
+def chosen_robots(names: list[str]) -> list[Robot]:
     """Robots that are called so, or are of the packages called so; all where none is named."""
     if not names:
         return list(robots())
@@ -139,19 +139,19 @@ def _draw(robot: Robot, record: Record, path: Path) -> None:
     viewer.close()
 
 
-def _show(label: str, what: str, done: int, total: int) -> None:
+def show(label: str, what: str, done: int, total: int) -> None:
     """Show on standard error how far a robot is, if that is a terminal."""
     if sys.stderr.isatty():
         print(f"\r\033[K{label}: {what} {done}/{total}", end="", file=sys.stderr, flush=True)
 
 
-def _show_nothing() -> None:
+def show_nothing() -> None:
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def _silence() -> Iterator[None]:
+def silence() -> Iterator[None]:
     """Keep solvers' warnings off the terminal, which kernels print past Python."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
