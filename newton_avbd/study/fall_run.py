@@ -24,8 +24,8 @@ GAIN = 0.01
 """Most energy that a fall may gain, as a share of what was there at the start."""
 
 FAST = 3.0
-"""How many times faster than a free fall a center of mass may get: where one end of a rod stops,
-the other goes at up to twice its speed, and a second link adds to it."""
+"""How many times faster than that a center of mass may get: where one end of a rod stops, the other
+goes at up to twice its speed, and a second link adds to it."""
 
 CLOSED = 1.0e-4
 """Largest distance of the anchors of a joint [m]."""
@@ -86,7 +86,8 @@ class Fall:
         jump: Most energy gained in a single step, likewise.
         step: Number of that step.
         speed: Speed of the fastest center of mass [m/s].
-        free: That of a free fall to the ground, from the speed and the height of the start [m/s].
+        free: That of a free fall to the ground, from the speed and the height of the start, and,
+            where joints spin, what all of them give together by their lever arms [m/s].
         separation: Largest distance of the anchors of a joint [m].
         limit: Largest violation of a limit [rad or m].
         bounded: Steps in which SolverAVBD had to bound the energy.
@@ -170,6 +171,7 @@ def _run(
     speed = probe.speed(state)
     heights = probe.heights(state)
     free = np.sqrt(speed**2 + 2.0 * probe.weight * heights)
+    free = np.maximum(free, np.array([start.spin for start in batch]) * probe.lever(state))
     gain, jump = np.zeros(len(batch)), np.zeros(len(batch))
     when = np.zeros(len(batch), int)
     apart, passed = np.zeros(len(batch)), np.zeros(len(batch))
@@ -245,6 +247,24 @@ class _Probe:
             where=self.weight > 0.0,
         )
         return self._largest(self._world, centers[:, 2] - ground[self._world])
+
+    def lever(self, state: newton.State) -> Array:
+        """Sum of the lengths from joint to joint on the longest way through a tree [m]."""
+        q = _read(state)[0]
+        joints = self._joints
+        anchor = measure.transform(q[joints.child], joints.child_frame[:, :3])
+        way = np.zeros(len(q))
+        at: dict[int, Array] = {}
+        centers = measure.transform(q, self._bodies.com)
+        for joint, (parent, child) in enumerate(zip(joints.parent, joints.child, strict=True)):
+            # parents come before children
+            known = 0.0
+            if parent in at:
+                known = way[parent] + float(np.linalg.norm(anchor[joint] - at[parent]))
+            way[child], at[child] = known, anchor[joint]
+        for body, point in at.items():
+            way[body] += float(np.linalg.norm(centers[body] - point))
+        return 2.0 * self._largest(self._world, way)
 
     def separation(self, state: newton.State) -> Array:
         """Largest distance of the anchors of a joint [m]."""

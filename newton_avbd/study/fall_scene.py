@@ -3,7 +3,7 @@
 
 """Robots that fall, spin or are thrown: where they start, and the worlds that they start in."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import newton
 import numpy as np
@@ -55,9 +55,14 @@ class Start:
     wall: float
 
     @property
+    def spin(self) -> float:
+        """Speed up to which joints turn [rad/s]; 0 for a robot with weight."""
+        return float(self.kind.removeprefix("spin")) if self.kind.startswith("spin") else 0.0
+
+    @property
     def gravity(self) -> tuple[float, float, float]:
         """Gravity [m/s^2]."""
-        return (0.0, 0.0, 0.0 if self.kind.startswith("spin") else -9.81)
+        return (0.0, 0.0, 0.0 if self.spin else -9.81)
 
 
 def bare(builder: newton.ModelBuilder) -> newton.ModelBuilder:
@@ -109,16 +114,15 @@ def starts(builder: newton.ModelBuilder, kinds: tuple[str, ...], seeds: range) -
         rate = rng.uniform(-1.0, 1.0, builder.joint_dof_count)
         for kind in kinds:
             qd = np.zeros(builder.joint_dof_count)
-            if kind.startswith("spin"):
-                if is_loop:
-                    continue
-                qd = float(kind.removeprefix("spin")) * rate * _spins(builder)
+            start = Start(kind, seed, q.tolist(), qd.tolist(), ground, wall)
+            if (start.spin and is_loop) or (kind == "thrown" and not throw.any()):
+                continue
+            if start.spin:
+                qd = start.spin * rate * _spins(builder)
                 _follow(builder, qd, builder.joint_qd_start, offset=False)
             elif kind == "thrown":
-                if not throw.any():
-                    continue
                 qd = THROW * throw
-            found.append(Start(kind, seed, q.tolist(), qd.tolist(), ground, wall))
+            found.append(replace(start, joint_qd=qd.tolist()))
     return found
 
 
@@ -127,9 +131,10 @@ def make_model(builder: newton.ModelBuilder, chosen: list[Start]) -> newton.Mode
     # MuJoCo in C has one gravity, that of the model.
     worlds = newton.ModelBuilder(gravity=chosen[0].gravity)
     for start in chosen:
-        worlds.begin_world(gravity=start.gravity)
+        worlds.begin_world()
+        builder.gravity = start.gravity  # which the world takes over
         worlds.add_builder(builder)
-        if not start.kind.startswith("spin"):
+        if not start.spin:
             worlds.add_shape_plane((0.0, 0.0, 1.0, -start.ground), width=0.0, length=0.0)
         if start.kind == "thrown":
             worlds.add_shape_plane((-1.0, 0.0, 0.0, start.wall), width=0.0, length=0.0)
