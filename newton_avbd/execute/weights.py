@@ -121,7 +121,7 @@ def make_weigh(effects: Effects) -> wp.Function:
             if dof < linear:
                 axis.linear = linear_axis(joints, joint, dof, q_p)
             else:
-                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c)
+                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c, wp.vec3(0.0))
                 axis.linear = wp.cross(arm, axis.angular)
             axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
             axis.torque = h_al * axis.linear + h_aa * axis.angular
