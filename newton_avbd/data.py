@@ -369,6 +369,12 @@ class WorldWork:
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
     dropped: wp.array[wp.int32]
     """Contacts that made no sense, of all steps, shape (1,)."""
+    bounded: wp.array[wp.int32]
+    """How often the energy of an island was bounded, of all steps."""
+    excess: wp.array[float]
+    """Energy that this took [J], of all steps."""
+    unbounded: wp.array[wp.int32]
+    """How often an island had too much, but was pushed by what the user moves, of all steps."""
     repaired: wp.array[wp.int32]
     """Poses whose quaternion was not of unit length, of all steps."""
     island: wp.array[wp.int32]
@@ -401,6 +407,36 @@ class IslandSum:
 
 
 @wp.struct
+class Balance:
+    """What is summed over an island whose sweeps did not settle, to bound its energy."""
+
+    before: float
+    """Kinetic energy before the step, and work done in it [J]."""
+    after: float
+    """Kinetic energy after it [J]."""
+    mass: float
+    """Mass [kg]."""
+    com: wp.vec3
+    """Mass times COM [kg m], from where the COM of the root was."""
+    momentum: wp.vec3
+    """Momentum [N s], in the end the velocity of the COM [m/s]."""
+    angular: wp.vec3
+    """Angular momentum about the COM [N m s], in the end the angular velocity [rad/s]."""
+    inertia: wp.mat33
+    """Inertia about the COM [kg m^2]."""
+    is_anchored: wp.bool
+    """Whether a joint links the island to something that the solver does not move."""
+    is_touched: wp.bool
+    """Whether the island pushes something that the solver does not move."""
+    is_pushed: wp.bool
+    """Whether something that the user moves pushes it."""
+    share: float
+    """Share of its velocities relative to the rigid motion that it keeps."""
+    kept: float
+    """Share of the rigid motion that it keeps."""
+
+
+@wp.struct
 class IslandWork:
     """Per body slot: which bodies push each other, as a forest whose roots are their first body."""
 
@@ -409,6 +445,8 @@ class IslandWork:
     """1 at the root of an island that pushes something the solver does not move."""
     sum: wp.array[IslandSum]
     """At the root of an island."""
+    balance: wp.array[Balance]
+    """At the root of an island that did not settle."""
 
 
 @wp.struct
