@@ -418,10 +418,19 @@ class Balance:
     """Mass [kg]."""
     com: wp.vec3
     """Mass times COM [kg m], from where the COM of the root was."""
+    start_com: wp.vec3
+    """The same before the step."""
     momentum: wp.vec3
-    """Momentum [N s], in the end the velocity of the COM [m/s]."""
+    """Momentum after the step [N s], in the end the velocity of the COM [m/s]."""
     angular: wp.vec3
-    """Angular momentum about the COM [N m s], in the end the angular velocity [rad/s]."""
+    """Angular momentum about the COM after the step [N m s], in the end the angular velocity
+    [rad/s]."""
+    free_momentum: wp.vec3
+    """Momentum after the step if nothing fixed pushes [N s], in the end the velocity of the COM
+    that is to be [m/s]."""
+    free_angular: wp.vec3
+    """Likewise angular momentum, about where the COM of the root was [N m s], in the end the
+    angular velocity [rad/s]."""
     inertia: wp.mat33
     """Inertia about the COM [kg m^2]."""
     is_anchored: wp.bool
@@ -430,10 +439,10 @@ class Balance:
     """Whether the island pushes something that the solver does not move."""
     is_pushed: wp.bool
     """Whether something that the user moves pushes it."""
+    is_bounded: wp.bool
+    """Whether it had too much."""
     share: float
     """Share of its velocities relative to the rigid motion that it keeps."""
-    kept: float
-    """Share of the rigid motion that it keeps."""
 
 
 @wp.struct

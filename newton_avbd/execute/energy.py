@@ -78,26 +78,54 @@ def touch_fixed(slot: int, is_joint: bool, work: wp.ref[BodyWork], sum: Balance)
 
 
 @wp.func
+def rigid_spin(inertia: wp.mat33, angular: wp.vec3) -> wp.vec3:
+    """Angular velocity of what has this inertia and this angular momentum [rad/s]."""
+    # scaled: the determinant of a small inertia would underflow
+    size = wp.trace(inertia)
+    return wp.inverse(inertia / size) * (angular / size)
+
+
+@wp.func
 def settle(sum: Balance) -> Balance:
-    """Decides which share of its motion an island keeps, once all is summed."""
+    """Decides which motion is left of an island, once all is summed.
+
+    What fixed things do to its momentum is taken from the velocities, where these are finite.
+    """
     out = sum
     out.share = 1.0
-    out.kept = 1.0
-    excess = sum.after - sum.before
-    if sum.is_pushed or excess <= EXCESS * sum.after:
+    if sum.is_pushed or sum.after - sum.before <= EXCESS * sum.after:
         return out
     most = wp.max(sum.before, 0.0)
+    is_finite = wp.isfinite(sum.after)
     rigid = float(0.0)
-    if not sum.is_anchored:
-        # scaled: the determinant of a small island's inertia would underflow
-        size = wp.trace(sum.inertia)
-        out.angular = wp.inverse(sum.inertia / size) * (sum.angular / size)
+    if sum.is_anchored:
+        out.momentum = wp.vec3(0.0)
+        out.angular = wp.vec3(0.0)
+        out.free_momentum = wp.vec3(0.0)
+        out.free_angular = wp.vec3(0.0)
+    else:
+        angular = sum.free_angular - wp.cross(sum.start_com / sum.mass, sum.free_momentum)
+        momentum = sum.free_momentum
+        if sum.is_touched and is_finite:
+            angular = sum.angular
+            momentum = sum.momentum
         out.momentum = sum.momentum / sum.mass
-        rigid = 0.5 * (wp.dot(sum.momentum, out.momentum) + wp.dot(sum.angular, out.angular))
-    inner = wp.max(sum.after - rigid, 1.0e-30)
-    out.share = wp.min(wp.sqrt(wp.max(most - rigid, 0.0) / inner), 1.0)
-    if sum.is_touched and rigid > most:
-        out.kept = wp.sqrt(most / rigid)
+        out.angular = rigid_spin(sum.inertia, sum.angular)
+        out.free_momentum = momentum / sum.mass
+        out.free_angular = rigid_spin(sum.inertia, angular)
+        rigid = 0.5 * wp.dot(momentum, out.free_momentum)
+        rigid += 0.5 * wp.dot(angular, out.free_angular)
+        if sum.is_touched and rigid > most:
+            kept = wp.sqrt(most / rigid)
+            out.free_momentum *= kept
+            out.free_angular *= kept
+    out.share = 0.0
+    if is_finite:
+        old = 0.5 * sum.mass * wp.dot(out.momentum, out.momentum)
+        old += 0.5 * wp.dot(out.angular, sum.inertia * out.angular)
+        inner = wp.max(sum.after - old, 1.0e-30)
+        out.share = wp.min(wp.sqrt(wp.max(most - rigid, 0.0) / inner), 1.0)
+    out.is_bounded = True
     return out
 
 
@@ -238,6 +266,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
 
     @wp.func
     def add_body(
+        root: int,
         body: int,
         h: float,
         static_slot: int,
@@ -264,7 +293,6 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         w = wp.spatial_bottom(velocity)
         out.before += kinetic_energy(body, body_q[body], velocity, model)
         out.after += kinetic_energy(body, body_q_out[body], body_qd_out[body], model)
-        out.mass += mass
         # what acts on the body from outside, by where it would go and how fast it would turn
         force = wp.vec3(0.0)
         torque = wp.vec3(0.0)
@@ -281,6 +309,14 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 torque = inertia * wp.spatial_bottom(free) / (h * h)
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
+        out.mass += mass
+        place = work.com[body] - work.com[root]
+        momentum = mass * wp.spatial_top(velocity) + h * force
+        out.start_com += mass * place
+        out.free_momentum += momentum
+        out.free_angular += wp.cross(place, momentum) + inertia * w + h * torque
+        # places count from the root, which keeps their digits
+        out.com += mass * place_from(root, body, work)
         if wp.static(effects.contact):
             for i in range(rows.owned_start[body], rows.owned_end[body]):
                 row = rows.rows[i]
@@ -388,6 +424,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             if work.inv_mass[body] > 0.0:
                 root = island_of(islands, body)
                 sum = add_body(
+                    root,
                     body,
                     h,
                     static_slot,
@@ -405,8 +442,6 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     body_qd_out,
                     islands.balance[root],
                 )
-                # places count from the root, which keeps their digits
-                sum.com += model.mass[body] * place_from(root, body, work)
                 islands.balance[root] = sum
         for i in range(first, end):
             body = bodies[i]
@@ -429,30 +464,32 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 sum = settle(islands.balance[body])
                 islands.balance[body] = sum
                 world = worlds.of_body[body]
-                if sum.share < 1.0:
+                if sum.is_bounded:
                     wp.atomic_add(worlds.bounded, world, 1)
                     wp.atomic_add(worlds.excess, world, sum.after - wp.max(sum.before, 0.0))
-                elif sum.is_pushed and sum.after > sum.before:
+                if sum.is_pushed and sum.after > sum.before:
                     wp.atomic_add(worlds.unbounded, world, 1)
         for i in range(first, end):
             body = bodies[i]
             if work.inv_mass[body] > 0.0:
                 root = islands.parent[body]
                 sum = islands.balance[root]
-                if sum.share < 1.0:
-                    rigid = wp.spatial_vector()
-                    if not sum.is_anchored:
-                        r = place_from(root, body, work) - sum.com / sum.mass
+                if sum.is_bounded:
+                    r = place_from(root, body, work) - sum.com / sum.mass
+                    v = sum.free_momentum + wp.cross(sum.free_angular, r)
+                    velocity = wp.spatial_vector(v, sum.free_angular)
+                    if sum.share > 0.0:
                         v = sum.momentum + wp.cross(sum.angular, r)
-                        rigid = wp.spatial_vector(v, sum.angular)
-                    velocity = body_qd_out[body]
-                    body_qd_out[body] = sum.kept * rigid + sum.share * (velocity - rigid)
+                        inner = body_qd_out[body] - wp.spatial_vector(v, sum.angular)
+                        velocity += sum.share * inner
+                    body_qd_out[body] = velocity
         if wp.static(effects.armature):
             for i in range(first, end):
                 body = bodies[i]
                 if work.inv_mass[body] > 0.0:
-                    share = islands.balance[islands.parent[body]].share
-                    if share < 1.0:
+                    sum = islands.balance[islands.parent[body]]
+                    share = sum.share
+                    if sum.is_bounded:
                         if is_linked(joints, tree, body):
                             scale_rotors(
                                 tree.joint[body], share, joints, work, history, body_qd_out

@@ -615,7 +615,7 @@ def make_phases(effects: Effects) -> Phases:
     def end_poses(
         world: int,
         has_islands: bool,
-        is_unsettled: bool,
+        has_not_settled: bool,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -650,7 +650,7 @@ def make_phases(effects: Effects) -> Phases:
             if has_islands:
                 keep_spin(world, scale.step, body_q_out, model, worlds, work, islands, body_qd_out)
         if wp.static(not effects.ramp):
-            if is_unsettled:
+            if has_not_settled:
                 bound_world(
                     world,
                     scale.h,

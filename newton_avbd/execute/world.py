@@ -158,7 +158,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         update = float(0.0)
         recovery = float(0.0)
         has_islands = bool(False)
-        is_excessive = bool(False)
+        has_not_settled = bool(False)
         rounds = int(wp.static(1 if effects.ramp else 3 if effects.contact else 2))
         for _round in range(rounds):
             if recovery == 0.0:
@@ -251,7 +251,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 )
             history.parity[world] = 1 - history.parity[world]
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
-            is_excessive = is_unsettled(update, scale)
+            has_not_settled = is_unsettled(update, scale)
             end_velocities(
                 world,
                 has_impacts,
@@ -297,7 +297,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         end_poses(
             world,
             has_islands,
-            is_excessive,
+            has_not_settled,
             scale,
             body_q,
             body_qd,
