@@ -114,7 +114,7 @@ def impact_of(scale: WorldScale) -> float:
 
 @wp.func
 def is_unsettled(update: float, scale: WorldScale) -> bool:
-    """Whether the last sweep's update, squared [m^2], leaves joints open, and energy unaccounted."""
+    """Whether the last sweep's update, squared [m^2], is more than joints allow."""
     unsettled = wp.max(scale.tolerance, unsettled_update(scale))
     return update > unsettled * unsettled
 
