@@ -1048,6 +1048,8 @@ class ColorWork:
     has_more: wp.array[wp.int32]
     """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, or where
     impacts go on."""
+    is_excessive: wp.array[wp.int32]
+    """1 where a world did not settle, whose energy may have to be bounded, shape (1,)."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
 
