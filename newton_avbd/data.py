@@ -433,14 +433,23 @@ class Balance:
     angular velocity [rad/s]."""
     inertia: wp.mat33
     """Inertia about the COM [kg m^2]."""
+    start: float
+    """Energy that it would have without what acts between its bodies [J]: kinetic energy before the
+    step, and the work of external forces at the velocities then."""
+    start_inertia: wp.mat33
+    """Inertia about the COM before the step [kg m^2]."""
     is_anchored: wp.bool
     """Whether a joint links the island to something that the solver does not move."""
     is_touched: wp.bool
     """Whether the island pushes something that the solver does not move."""
     is_pushed: wp.bool
     """Whether something that the user moves pushes it."""
+    is_wild: wp.bool
+    """Whether a body has gone farther than anything could."""
     is_bounded: wp.bool
     """Whether it had too much."""
+    is_rigid: wp.bool
+    """Whether its step is taken back, and it moves as a rigid body instead."""
     share: float
     """Share of its velocities relative to the rigid motion that it keeps."""
 

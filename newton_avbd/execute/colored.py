@@ -1095,8 +1095,7 @@ def make_colored(effects: Effects) -> Colored:
         if colors[0].is_finite[world] == 1 and is_unsettled(update * update, scale):
             bound_world(
                 world,
-                scale.h,
-                scale.static_slot,
+                scale,
                 body_q,
                 body_qd,
                 model[0],

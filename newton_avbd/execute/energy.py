@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..algebra.so3 import world_inertia
+from ..algebra.so3 import exp_quat, world_inertia
+from ..blocks.body import origin_shift, renormalised, target_spin
 from ..data import (
     Balance,
     BodyModel,
@@ -29,6 +30,7 @@ from ..data import (
     LoopWork,
     RowWork,
     TreeWork,
+    WorldScale,
     WorldWork,
 )
 from ..effects import Effects
@@ -86,47 +88,80 @@ def rigid_spin(inertia: wp.mat33, angular: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def settle(sum: Balance) -> Balance:
+def settle(sum: Balance, h: float) -> Balance:
     """Decides which motion is left of an island, once all is summed.
 
-    What fixed things do to its momentum is taken from the velocities, where these are finite.
+    What fixed things do to its momentum is taken from the velocities, unless the step has come to
+    nothing: a body has gone farther than anything could, energies are not finite, or the rigid
+    motion alone has too much, because the inertia of where bodies are is not the one that they had.
+    Then the island moves as a rigid body from where it was.
     """
     out = sum
     out.share = 1.0
-    if sum.is_pushed or sum.after - sum.before <= EXCESS * sum.after:
+    is_finite = wp.isfinite(sum.after) and wp.isfinite(sum.before) and not sum.is_wild
+    most = sum.start
+    if is_finite:
+        most = sum.before
+    if sum.is_pushed or (is_finite and sum.after - most <= EXCESS * sum.after):
         return out
-    most = wp.max(sum.before, 0.0)
-    is_finite = wp.isfinite(sum.after)
+    if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most:
+        return out
+    out.is_bounded = True
+    most = wp.max(most, 0.0)
     rigid = float(0.0)
+    old = float(0.0)
     if sum.is_anchored:
         out.momentum = wp.vec3(0.0)
         out.angular = wp.vec3(0.0)
-        out.free_momentum = wp.vec3(0.0)
-        out.free_angular = wp.vec3(0.0)
     else:
-        angular = sum.free_angular - wp.cross(sum.start_com / sum.mass, sum.free_momentum)
-        momentum = sum.free_momentum
-        if sum.is_touched and is_finite:
-            angular = sum.angular
-            momentum = sum.momentum
         out.momentum = sum.momentum / sum.mass
         out.angular = rigid_spin(sum.inertia, sum.angular)
+        old = 0.5 * wp.dot(sum.momentum, out.momentum) + 0.5 * wp.dot(sum.angular, out.angular)
+        rigid = old
+        momentum = sum.free_momentum
+        if sum.is_touched:
+            out.free_momentum = out.momentum
+            out.free_angular = out.angular
+        else:
+            out.free_momentum = momentum / sum.mass
+            out.free_angular = rigid_spin(
+                sum.inertia, sum.free_angular - wp.cross(sum.start_com / sum.mass, momentum)
+            )
+            rigid = 0.5 * wp.dot(momentum, out.free_momentum)
+            rigid += 0.5 * wp.dot(out.free_angular, sum.inertia * out.free_angular)
+    if not is_finite or (rigid > most and not sum.is_touched):
+        out.is_rigid = True
+        out.share = 0.0
+        momentum = sum.free_momentum
+        angular = sum.free_angular - wp.cross(sum.start_com / sum.mass, momentum)
+        size = wp.trace(sum.start_inertia)
         out.free_momentum = momentum / sum.mass
-        out.free_angular = rigid_spin(sum.inertia, angular)
+        inverse = wp.inverse(sum.start_inertia / size) / size
+        out.free_angular = target_spin(sum.start_inertia, inverse, angular, h)
         rigid = 0.5 * wp.dot(momentum, out.free_momentum)
-        rigid += 0.5 * wp.dot(angular, out.free_angular)
-        if sum.is_touched and rigid > most:
-            kept = wp.sqrt(most / rigid)
-            out.free_momentum *= kept
-            out.free_angular *= kept
-    out.share = 0.0
-    if is_finite:
-        old = 0.5 * sum.mass * wp.dot(out.momentum, out.momentum)
-        old += 0.5 * wp.dot(out.angular, sum.inertia * out.angular)
+        rigid += 0.5 * wp.dot(out.free_angular, sum.start_inertia * out.free_angular)
+    else:
         inner = wp.max(sum.after - old, 1.0e-30)
         out.share = wp.min(wp.sqrt(wp.max(most - rigid, 0.0) / inner), 1.0)
-    out.is_bounded = True
+    if sum.is_anchored:
+        out.free_momentum = wp.vec3(0.0)
+        out.free_angular = wp.vec3(0.0)
+    elif sum.is_touched and rigid > most:
+        kept = wp.sqrt(most / rigid)
+        out.free_momentum *= kept
+        out.free_angular *= kept
     return out
+
+
+@wp.func
+def moved_pose(
+    body: int, pose: wp.transform, shift: wp.vec3, turn: wp.quat, model: wp.ref[BodyModel]
+) -> wp.transform:
+    """Pose of a body whose COM has gone by ``shift`` [m], and which has turned."""
+    rotation = renormalised(turn * wp.transform_get_rotation(pose))
+    move = wp.spatial_vector(shift, wp.vec3(0.0))
+    place = wp.transform_get_translation(pose)
+    return wp.transform(place + origin_shift(pose, model.com[body], move, rotation), rotation)
 
 
 @wp.func
@@ -269,6 +304,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         root: int,
         body: int,
         h: float,
+        reach: float,
         static_slot: int,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -307,6 +343,10 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 torque = (work.momentum[body] - inertia * w) / h
             else:
                 torque = inertia * wp.spatial_bottom(free) / (h * h)
+        out.start += kinetic_energy(body, body_q[body], velocity, model)
+        out.start += h * (wp.dot(force, wp.spatial_top(velocity)) + wp.dot(torque, w))
+        if wp.length_sq(wp.spatial_top(increment)) > reach * reach:
+            out.is_wild = True
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
         out.mass += mass
@@ -375,6 +415,20 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         return out
 
     @wp.func
+    def take_back(
+        joint: int,
+        first: int,
+        start_coordinate: wp.array[wp.float64],
+        joints: wp.ref[JointModel],
+        history: wp.ref[History],
+    ):
+        """Puts the coordinates of a joint back to where they were before the step."""
+        if wp.static(effects.coordinates):
+            for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                at = first + dof - joints.dof_start[joint]
+                history.joint_angle[dof] = start_coordinate[at]
+
+    @wp.func
     def scale_rotors(
         joint: int,
         share: float,
@@ -397,8 +451,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         first: int,
         end: int,
         bodies: wp.array[wp.int32],
-        h: float,
-        static_slot: int,
+        scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
@@ -426,8 +479,9 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 sum = add_body(
                     root,
                     body,
-                    h,
-                    static_slot,
+                    scale.h,
+                    scale.reach,
+                    scale.static_slot,
                     body_q,
                     body_qd,
                     model,
@@ -457,11 +511,15 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 sum.angular += wp.cross(r, momentum)
                 sum.angular += inertia * wp.spatial_bottom(body_qd_out[body])
                 sum.inertia += inertia + point_inertia(mass, r)
+                rotation = wp.transform_get_rotation(body_q[body])
+                r = work.com[body] - work.com[root] - sum.start_com / sum.mass
+                inertia = world_inertia(rotation, model.inertia[body])
+                sum.start_inertia += inertia + point_inertia(mass, r)
                 islands.balance[root] = sum
         for i in range(first, end):
             body = bodies[i]
             if work.inv_mass[body] > 0.0 and islands.parent[body] == body:
-                sum = settle(islands.balance[body])
+                sum = settle(islands.balance[body], scale.h)
                 islands.balance[body] = sum
                 world = worlds.of_body[body]
                 if sum.is_bounded:
@@ -474,7 +532,38 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             if work.inv_mass[body] > 0.0:
                 root = islands.parent[body]
                 sum = islands.balance[root]
-                if sum.is_bounded:
+                if sum.is_rigid:
+                    turn = exp_quat(scale.h * sum.free_angular)
+                    r = work.com[body] - work.com[root] - sum.start_com / sum.mass
+                    shift = wp.quat_rotate(turn, r) - r + scale.h * sum.free_momentum
+                    pose = moved_pose(body, body_q[body], shift, turn, model)
+                    body_q_out[body] = pose
+                    v = sum.free_momentum + wp.cross(sum.free_angular, wp.quat_rotate(turn, r))
+                    body_qd_out[body] = wp.spatial_vector(v, sum.free_angular)
+                    if wp.static(effects.joints):
+                        history.left_q[body] = pose
+                        history.lost[body] = wp.vec3(0.0)
+                        if is_linked(joints, tree, body):
+                            take_back(
+                                tree.joint[body],
+                                tree.axis_start[body],
+                                tree.start_coordinate,
+                                joints,
+                                history,
+                            )
+                        if wp.static(effects.loops):
+                            for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                                item = loops.items[k]
+                                joint = loops.joints[item / 2]
+                                if counts_here(body, item, joint, joints, work):
+                                    take_back(
+                                        joint,
+                                        joints.dof_start[joint],
+                                        loops.start_coordinate,
+                                        joints,
+                                        history,
+                                    )
+                elif sum.is_bounded:
                     r = place_from(root, body, work) - sum.com / sum.mass
                     v = sum.free_momentum + wp.cross(sum.free_angular, r)
                     velocity = wp.spatial_vector(v, sum.free_angular)
@@ -526,8 +615,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     @wp.func
     def bound_world(
         world: int,
-        h: float,
-        static_slot: int,
+        scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
@@ -553,13 +641,12 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             for i in range(first, end):
                 body = worlds.bodies[i]
                 if work.inv_mass[body] > 0.0:
-                    join_joints(body, static_slot, joints, worlds, work, tree, loops, islands)
+                    join_joints(body, scale.static_slot, joints, worlds, work, tree, loops, islands)
         bound_energy(
             first,
             end,
             worlds.bodies,
-            h,
-            static_slot,
+            scale,
             body_q,
             body_qd,
             model,

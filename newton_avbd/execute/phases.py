@@ -653,8 +653,7 @@ def make_phases(effects: Effects) -> Phases:
             if has_not_settled:
                 bound_world(
                     world,
-                    scale.h,
-                    scale.static_slot,
+                    scale,
                     body_q,
                     body_qd,
                     model,
