@@ -445,7 +445,7 @@ class Balance:
     is_pushed: wp.bool
     """Whether something that the user moves pushes it."""
     is_wild: wp.bool
-    """Whether a body has gone farther than anything could."""
+    """Whether a body is faster than anything could be."""
     is_bounded: wp.bool
     """Whether it had too much."""
     is_rigid: wp.bool

@@ -9,6 +9,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
 from newton_avbd.study.measure import Probe, deepest_penetration
 from newton_avbd.study.overlaps import describe_overlaps
@@ -104,6 +106,12 @@ def _report(simulation: Simulation, probe: Probe, solver: str, verdict: str | No
     ]
     if probe.overlaps:
         rows.insert(7, ("overlap of links, for good", length(probe.overlap(simulation.state))))
+    status = getattr(simulation.solver, "status", None)
+    for name, text in (("bounded_steps", "energy bounded"), ("unbounded_steps", "not bounded")):
+        count = int(np.sum(getattr(status, name, 0)))
+        if count:
+            lost = float(np.sum(status.bounded_energy)) if name == "bounded_steps" else None
+            rows.append((text, f"{count} times" + (f", {lost:.3g} J" if lost else "")))
     if verdict is not None:
         rows.append(("the example's own test", verdict))
     return table(rows)

@@ -92,7 +92,7 @@ def settle(sum: Balance, h: float) -> Balance:
     """Decides which motion is left of an island, once all is summed.
 
     What fixed things do to its momentum is taken from the velocities, unless the step has come to
-    nothing: a body has gone farther than anything could, energies are not finite, or the rigid
+    nothing: a body is faster than anything could be, energies are not finite, or the rigid
     motion alone has too much, because the inertia of where bodies are is not the one that they had.
     Then the island moves as a rigid body from where it was.
     """
@@ -345,7 +345,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 torque = inertia * wp.spatial_bottom(free) / (h * h)
         out.start += kinetic_energy(body, body_q[body], velocity, model)
         out.start += h * (wp.dot(force, wp.spatial_top(velocity)) + wp.dot(torque, w))
-        if wp.length_sq(wp.spatial_top(increment)) > reach * reach:
+        if h * wp.length(wp.spatial_top(body_qd_out[body])) > reach:
             out.is_wild = True
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
