@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
+from newton_avbd.report import Status
 from newton_avbd.study.measure import Probe, deepest_penetration
 from newton_avbd.study.overlaps import describe_overlaps
 
@@ -106,12 +107,12 @@ def _report(simulation: Simulation, probe: Probe, solver: str, verdict: str | No
     ]
     if probe.overlaps:
         rows.insert(7, ("overlap of links, for good", length(probe.overlap(simulation.state))))
-    status = getattr(simulation.solver, "status", None)
-    for name, text in (("bounded_steps", "energy bounded"), ("unbounded_steps", "not bounded")):
-        count = int(np.sum(getattr(status, name, 0)))
-        if count:
-            lost = float(np.sum(status.bounded_energy)) if name == "bounded_steps" else None
-            rows.append((text, f"{count} times" + (f", {lost:.3g} J" if lost else "")))
+    status = getattr(getattr(simulation, "solver", None), "status", None)
+    if isinstance(status, Status) and status.bounded_steps.any():
+        lost = f"{np.sum(status.bounded_energy):.3g} J"
+        rows.append(("energy bounded", f"{np.sum(status.bounded_steps)} times, {lost}"))
+    if isinstance(status, Status) and status.unbounded_steps.any():
+        rows.append(("energy not bounded", f"{np.sum(status.unbounded_steps)} times"))
     if verdict is not None:
         rows.append(("the example's own test", verdict))
     return table(rows)
