@@ -217,6 +217,7 @@ class _Probe:
         self._world = model.body_world.numpy()
         self._of_joint = self._world[self._joints.child]
         self._has_rotors = bool(self._joints.armature.any())
+        self._rotors = np.zeros(len(self._joints.child))
         self.weight = np.array([-start.gravity[2] for start in batch])
         mass = np.bincount(self._world, self._bodies.mass, self._count)
         self._offset = mass * self.weight * np.array([start.ground for start in batch])
@@ -230,7 +231,9 @@ class _Probe:
         if self._has_rotors:
             rates = self._joints.rates(q, qd, self._bodies.com)
             rotors = 0.5 * np.sum(self._joints.armature * rates**2, axis=1)
-            total += np.bincount(self._of_joint, rotors, self._count)
+            # of rotors whose rates the bodies do not tell, the last that they told
+            self._rotors = np.where(np.isfinite(rotors), rotors, self._rotors)
+            total += np.bincount(self._of_joint, self._rotors, self._count)
         return np.asarray(total)
 
     def speed(self, state: newton.State) -> Array:

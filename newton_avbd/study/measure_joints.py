@@ -20,8 +20,8 @@ _UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType
 _LEAST = 1e-9
 """Energy that stands for none where it is divided by [J]."""
 
-_PARALLEL = 1e-3
-"""Sine of the angle below which two axes count as parallel, for rates of what turns about them."""
+_PARALLEL = 0.2
+"""Sine of the angle below which two axes count as nearly parallel."""
 
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
@@ -166,7 +166,8 @@ class Joints:
     def rates(self, body_q: Array, body_qd: Array, com: Array) -> Array:
         """Rates of the linear and angular coordinates [m/s, rad/s], unused ones 0, shape [n, 6].
 
-        Where two of three angular axes are parallel, they are the smallest that the bodies allow.
+        NaN for a joint of three angular axes of which two are nearly parallel: what they turn
+        against each other is not to be read off the bodies.
 
         Args:
             body_q: Body poses, shape [bodies, 7].
@@ -196,7 +197,10 @@ class Joints:
         axes[self.angular == 1, :, 1:] = 0.0
         axes[self.angular == 0] = 0.0
         axes[self.ball] = np.eye(3)
-        turned = np.einsum("nij,nj->ni", np.linalg.pinv(axes, rcond=_PARALLEL), turning)
+        turned = np.einsum("nij,nj->ni", np.linalg.pinv(axes), turning)
+        turned[(self.angular == 3) & ~self.ball & (np.abs(np.cos(angles[:, 1])) < _PARALLEL)] = (
+            np.nan
+        )
         return np.hstack([np.einsum("nij,nj->ni", self.slide, sliding), turned])
 
     def _passed(self, at: Array) -> Array:
