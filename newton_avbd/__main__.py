@@ -12,7 +12,17 @@ from typing import NoReturn
 
 import warp as wp
 
-from newton_avbd.commands import accuracy, compare, effects, growth, large, robots, run, stability
+from newton_avbd.commands import (
+    accuracy,
+    compare,
+    effects,
+    falls,
+    growth,
+    large,
+    robots,
+    run,
+    stability,
+)
 from newton_avbd.io import UserError
 from newton_avbd.study import bench, properties
 
@@ -60,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
         ("growth", growth, "measure how time and memory grow with a scene"),
         ("large", large, "measure one large world, of any size"),
         ("stability", stability, "run cases that are hard to keep stable"),
+        ("falls", falls, "drop, spin and throw robots, and measure energy that appears"),
         ("properties", properties, "try solvers on what a scene can author"),
     ):
         command = commands.add_parser(

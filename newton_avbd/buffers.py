@@ -59,6 +59,9 @@ def world_work(topology: Topology, bdf2: bool, on_gpu: bool) -> Any:
     worlds.overflow = wp.zeros(1, dtype=wp.int32)
     worlds.dropped = wp.zeros(1, dtype=wp.int32)
     worlds.repaired = wp.zeros(count, dtype=wp.int32)
+    worlds.bounded = wp.zeros(count, dtype=wp.int32)
+    worlds.excess = wp.zeros(count, dtype=float)
+    worlds.unbounded = wp.zeros(count, dtype=wp.int32)
     if bdf2:
         worlds.step = wp.zeros(count, dtype=float)
     return worlds
@@ -93,6 +96,7 @@ def island_work(slots: int) -> Any:
     islands.parent = wp.zeros(slots, dtype=wp.int32)
     islands.fixed = wp.zeros(slots, dtype=wp.int32)
     islands.sum = wp.zeros(slots, dtype=data.IslandSum)
+    islands.balance = wp.zeros(slots, dtype=data.Balance)
     return islands
 
 

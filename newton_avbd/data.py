@@ -532,6 +532,12 @@ class WorldWork:
     """Most contacts by which a step's buffer overflowed, shape (1,)."""
     dropped: wp.array[wp.int32]
     """Contacts that made no sense, of all steps, shape (1,)."""
+    bounded: wp.array[wp.int32]
+    """How often the energy of an island was bounded, of all steps."""
+    excess: wp.array[float]
+    """Energy that this took [J], of all steps."""
+    unbounded: wp.array[wp.int32]
+    """How often an island had too much, but was pushed by what the user moves, of all steps."""
     repaired: wp.array[wp.int32]
     """Poses whose quaternion was not of unit length, of all steps."""
     island: wp.array[wp.int32]
@@ -564,6 +570,54 @@ class IslandSum:
 
 
 @wp.struct
+class Balance:
+    """What is summed over an island whose sweeps did not settle, to bound its energy."""
+
+    before: float
+    """Kinetic energy before the step, and work done in it [J]."""
+    after: float
+    """Kinetic energy after it [J]."""
+    mass: float
+    """Mass [kg]."""
+    com: wp.vec3
+    """Mass times COM [kg m], from where the COM of the root was."""
+    start_com: wp.vec3
+    """The same before the step."""
+    momentum: wp.vec3
+    """Momentum after the step [N s], in the end the velocity of the COM [m/s]."""
+    angular: wp.vec3
+    """Angular momentum about the COM after the step [N m s], in the end the angular velocity
+    [rad/s]."""
+    free_momentum: wp.vec3
+    """Momentum after the step if nothing fixed pushes [N s], in the end the velocity of the COM
+    that is to be [m/s]."""
+    free_angular: wp.vec3
+    """Likewise angular momentum, about where the COM of the root was [N m s], in the end the
+    angular velocity [rad/s]."""
+    inertia: wp.mat33
+    """Inertia about the COM [kg m^2]."""
+    start: float
+    """Energy that it would have without what acts between its bodies [J]: kinetic energy before the
+    step, and the work of external forces at the velocities then."""
+    start_inertia: wp.mat33
+    """Inertia about the COM before the step [kg m^2]."""
+    is_anchored: wp.bool
+    """Whether a joint links the island to something that the solver does not move."""
+    is_touched: wp.bool
+    """Whether the island pushes something that the solver does not move."""
+    is_pushed: wp.bool
+    """Whether something that the user moves pushes it."""
+    is_wild: wp.bool
+    """Whether a body is faster than anything could be."""
+    is_bounded: wp.bool
+    """Whether it had too much."""
+    is_rigid: wp.bool
+    """Whether its step is taken back, and it moves as a rigid body instead."""
+    share: float
+    """Share of its velocities relative to the rigid motion that it keeps."""
+
+
+@wp.struct
 class IslandWork:
     """Per body slot: which bodies push each other, as a forest whose roots are their first body."""
 
@@ -572,6 +626,8 @@ class IslandWork:
     """1 at the root of an island that pushes something the solver does not move."""
     sum: wp.array[IslandSum]
     """At the root of an island."""
+    balance: wp.array[Balance]
+    """At the root of an island that did not settle."""
 
 
 @wp.struct
@@ -1169,6 +1225,8 @@ class ColorWork:
     has_more: wp.array[wp.int32]
     """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, or where
     impacts go on."""
+    is_excessive: wp.array[wp.int32]
+    """1 where a world did not settle, whose energy may have to be bounded, shape (1,)."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
 

@@ -397,9 +397,10 @@ class Effects:
 
     @property
     def coordinates(self) -> bool:
-        """Whether something acts along joint axes that depends on their coordinates."""
+        """Whether coordinates of joints count: something acts along axes that depends on them, or
+        poses alone do not tell them."""
         linear = self.drives or self.springs or self.armature or self.rods or self.limits
-        return linear or self.pushed_axes or self.laws or self.mimics
+        return linear or self.pushed_axes or self.laws or self.mimics or self.kinds.gimbals
 
     @property
     def pushed_axes(self) -> bool:

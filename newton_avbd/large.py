@@ -107,6 +107,7 @@ class LargeWorlds:
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
             colors.has_more = wp.zeros(1, dtype=wp.int32)
             colors.is_apart = wp.zeros(1, dtype=wp.int32)
+            colors.is_excessive = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
             self._turns.rank = wp.zeros(slots, dtype=wp.int32)
             if self._loop_count:
@@ -155,7 +156,7 @@ class LargeWorlds:
             h,
             iterations,
             tolerance,
-            _,
+            by_world,
             work,
             rows,
             tree,
@@ -339,6 +340,16 @@ class LargeWorlds:
                 bodies,
                 [model, h, body_q_out, self._islands, work, islands, body_qd_out],
             )
+
+        def bound_energy() -> None:
+            state = [by_world, work, rows, tree, loops, colors, islands, history]
+            launch(
+                kernels.bound_energy,
+                self._world_count,
+                [model, joints, control, body_q, body_qd, *state, body_q_out, body_qd_out],
+            )
+
+        self._launch_if(colors.is_excessive, bound_energy)
 
     def _launch_if(self, condition: wp.array, launches: Callable[[], None]) -> None:
         """Launches what a number on the device calls for.

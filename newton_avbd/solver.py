@@ -664,6 +664,9 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             repaired_poses=self._worlds.repaired.numpy().copy(),
             sweeps=self._worlds.sweeps.numpy().copy(),
             update=self._worlds.update.numpy().copy(),
+            bounded_steps=self._worlds.bounded.numpy().copy(),
+            bounded_energy=self._worlds.excess.numpy().copy(),
+            unbounded_steps=self._worlds.unbounded.numpy().copy(),
             sleeping_bodies=self._count_sleeping(),
             broken_joints=self._welds.joint[
                 [] if self._history.broken is None else np.flatnonzero(self._history.broken.numpy())

@@ -68,7 +68,7 @@ def main(args: argparse.Namespace) -> int:
     if args.list:
         print(_listing())
         return 0
-    chosen = _chosen(args.names)
+    chosen = chosen_robots(args.names)
     stem = "robots"
     if args.usd:
         require_converters()
@@ -82,16 +82,16 @@ def main(args: argparse.Namespace) -> int:
     with TemporaryDirectory() as folder:
         for number, robot in enumerate(chosen, 1):
             report = Report(robot.name, robot.package)
-            shown = partial(_show, f"{robot.name} ({number} of {len(chosen)})")
+            shown = partial(show, f"{robot.name} ({number} of {len(chosen)})")
             load = partial(_load_usd, robot, Path(folder)) if args.usd else partial(_load, robot)
-            with _silence():
+            with silence():
                 record = try_robot(report, load, shown, timed=not args.untimed)
                 if args.output and record is not None and not args.usd:
                     _draw(robot, record, args.output / picture(robot.name))
             if args.untimed and robot.name in known:
                 report.times = known[robot.name].times
                 report.notes = known[robot.name].notes | report.notes
-            _show_nothing()
+            show_nothing()
             print(line(report), flush=True)
             reports.append(report)
             known[robot.name] = report
@@ -103,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
     return int(any(report.failures for report in reports))
 
 
-def _chosen(names: list[str]) -> list[Robot]:
+def chosen_robots(names: list[str]) -> list[Robot]:
     """Robots that are called so, or are of the packages called so; all where none is named."""
     if not names:
         return list(robots())
@@ -166,19 +166,19 @@ def _draw(robot: Robot, record: Record, path: Path) -> None:
     viewer.close()
 
 
-def _show(label: str, what: str, done: int, total: int) -> None:
+def show(label: str, what: str, done: int, total: int) -> None:
     """Show on standard error how far a robot is, if that is a terminal."""
     if sys.stderr.isatty():
         print(f"\r\033[K{label}: {what} {done}/{total}", end="", file=sys.stderr, flush=True)
 
 
-def _show_nothing() -> None:
+def show_nothing() -> None:
     if sys.stderr.isatty():
         print("\r\033[K", end="", file=sys.stderr, flush=True)
 
 
 @contextmanager
-def _silence() -> Iterator[None]:
+def silence() -> Iterator[None]:
     """Keep solvers' warnings off the terminal, which kernels print past Python."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)

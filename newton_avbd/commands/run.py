@@ -9,7 +9,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
+from newton_avbd.report import Status
 from newton_avbd.study.measure import Probe, deepest_penetration
 from newton_avbd.study.overlaps import describe_overlaps
 
@@ -104,6 +107,12 @@ def _report(simulation: Simulation, probe: Probe, solver: str, verdict: str | No
     ]
     if probe.overlaps:
         rows.insert(7, ("overlap of links, for good", length(probe.overlap(simulation.state))))
+    status = getattr(getattr(simulation, "solver", None), "status", None)
+    if isinstance(status, Status) and status.bounded_steps.any():
+        lost = f"{np.sum(status.bounded_energy):.3g} J"
+        rows.append(("energy bounded", f"{np.sum(status.bounded_steps)} times, {lost}"))
+    if isinstance(status, Status) and status.unbounded_steps.any():
+        rows.append(("energy not bounded", f"{np.sum(status.unbounded_steps)} times"))
     if verdict is not None:
         rows.append(("the example's own test", verdict))
     return table(rows)

@@ -141,6 +141,7 @@ def make_begin(
                 joints,
                 work,
                 tree,
+                history,
                 tree.start_velocity,
             )
         for dof in range(first, end):

@@ -42,6 +42,7 @@ from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
 from .ending import make_end, make_remember
+from .energy import make_energy
 from .finite import make_is_world_finite
 from .gathering import make_assemble, make_gather
 from .impacts import make_impacts
@@ -54,6 +55,7 @@ from .scale import (
     COLD_STEPS,
     LONGER,
     is_struck,
+    is_unsettled,
     last_update,
     make_count_passes,
     make_measure_world,
@@ -99,6 +101,7 @@ class Colored(NamedTuple):
     close_joints: wp.Kernel | None
     give_loops_back: wp.Kernel | None
     end_poses: wp.Kernel
+    bound_energy: wp.Kernel
 
 
 @wp.func
@@ -210,6 +213,7 @@ def make_colored(effects: Effects) -> Colored:
     break_blocks, break_loop = make_break_joints(effects, gather)
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
+    bound_world = make_energy(effects).bound_world
     count_passes = make_count_passes(effects)
 
     def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
@@ -242,6 +246,7 @@ def make_colored(effects: Effects) -> Colored:
         if lane == 0:
             colors.has_more[0] = 0
             colors.is_apart[0] = 0
+            colors.is_excessive[0] = 0
 
     @kernel()
     def begin_step(
@@ -938,6 +943,8 @@ def make_colored(effects: Effects) -> Colored:
         passes = count_passes(sweeps, update, colors.deepest[world], is_open, scale)
         if colors.is_finite[world] == 0:
             passes = 0
+        elif is_unsettled(update, scale):
+            colors.is_excessive[0] = 1
         colors.passes[world] = passes
         if passes > 1:
             colors.is_apart[0] = 1
@@ -1058,6 +1065,53 @@ def make_colored(effects: Effects) -> Colored:
                 history.age[world] = 0
             history.parity[world] = 1 - history.parity[world]
 
+    @kernel()
+    def bound_energy(
+        # Model:
+        model: wp.array[BodyModel],
+        joints: wp.array[JointModel],
+        control: ControlInput,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: wp.array[WorldWork],
+        work: wp.array[BodyWork],
+        rows: wp.array[RowWork],
+        tree: wp.array[TreeWork],
+        loops: wp.array[LoopWork],
+        colors: wp.array[ColorWork],
+        # Work out:
+        islands: wp.array[IslandWork],
+        history: wp.array[History],
+        # State out:
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Bounds the energy of a world that did not settle; one thread a world."""
+        world = wp.tid()
+        scale = colors[0].scale[world]
+        update = worlds[0].update[world]
+        if colors[0].is_finite[world] == 1 and is_unsettled(update * update, scale):
+            bound_world(
+                world,
+                scale,
+                body_q,
+                body_qd,
+                model[0],
+                joints[0],
+                control,
+                worlds[0],
+                work[0],
+                rows[0],
+                tree[0],
+                loops[0],
+                islands[0],
+                history[0],
+                body_q_out,
+                body_qd_out,
+            )
+
     strikes = make_colored_impacts(effects, kernel)
     return Colored(
         measure_lanes,
@@ -1091,4 +1145,5 @@ def make_colored(effects: Effects) -> Colored:
         close_joints,
         give_loops_back,
         end_poses,
+        bound_energy,
     )

@@ -1,146 +1,666 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Energy of impacts that do not settle: they leave trees no more than there was.
+"""Energy of steps that do not settle: an island ends with no more than it had and was given.
 
-Where an impact turns a link by more than a radian beyond where it was going, iterations need not
-settle, and what they leave may be faster than what came. Trees that touch something are slowed down
-then to the energy that what touches had, and what gravity added. What drives do in such a step is
-not told from that.
+The kinetic energy of an island after a step, rotors included, is at most that before it and the
+work of gravity, external forces, ``joint_f``, drives, springs and compliant contacts over the way
+that the step has moved its bodies. What dissipates is not counted. Where sweeps that have not
+settled leave more, velocities are scaled towards the rigid motion of the island, which has its
+linear and angular momentum and the least energy for them. Where that is still too much, and
+contacts with something fixed take up momentum, the rigid motion is scaled, too. A joint to
+something fixed allows no rigid motion: velocities of such an island are scaled towards rest.
+
+What a kinematic body or a moving surface does is not known. Islands that one pushes are left alone.
 """
+
+from typing import NamedTuple
 
 import warp as wp
 
-from ..algebra.so3 import world_inertia
-from ..data import BodyModel, BodyWork, RowWork, TreeWork, WorldScale, WorldWork
+from ..algebra.so3 import exp_quat, world_inertia
+from ..blocks.body import origin_shift, renormalised, target_spin
+from ..data import (
+    Balance,
+    BodyModel,
+    BodyWork,
+    ControlInput,
+    History,
+    IslandWork,
+    JointModel,
+    LoopWork,
+    RowWork,
+    TreeWork,
+    WorldScale,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import axis as axis_rows
 from ..rows import contact as contact_rows
-from .beginning import is_in_tree
-from .scale import impact_of
+from ..rows import joint as joint_rows
+from ..rows.joint import BALL, ROD, make_joint
+from .islands import begin_island, island_of, join_islands, point_inertia
+from .trees import anchor_arm, anchor_rotation, is_linked, parent_slot
 
-THROWN = wp.constant(1.0)
-"""Turn beyond its target from which a link is said to be thrown about [rad]."""
-
-
-@wp.func
-def is_thrown(
-    world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
-) -> bool:
-    """Whether a step throws a link of a world about, and no kinematic body may have done so."""
-    farthest = float(0.0)
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        increment = work.increment[body]
-        if work.inv_mass[body] == 0.0:
-            if wp.dot(increment, increment) > 0.0:
-                return False
-        elif is_in_tree(i, worlds, tree):
-            beyond = wp.spatial_bottom(increment - work.target[body])
-            farthest = wp.max(farthest, wp.length_sq(beyond))
-    return farthest > THROWN * THROWN
-
-
-@wp.func
-def is_tree_hit(
-    world: int,
-    scale: WorldScale,
-    body_qd: wp.array[wp.spatial_vector],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-    tree: wp.ref[TreeWork],
-) -> bool:
-    """Whether a contact of a tree closes as in an impact: what motors throw about is none."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        for k in range(rows.owned_start[body], rows.owned_end[body]):
-            row = rows.rows[k]
-            other = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-            is_of_tree = is_in_tree(i, worlds, tree)
-            if work.inv_mass[row.b] > 0.0:
-                other = scale.step * body_qd[row.b]
-                is_of_tree = is_of_tree or is_in_tree(worlds.rank[row.b], worlds, tree)
-            if is_of_tree:
-                span = work.com[body] - work.com[row.b]
-                u = contact_rows.slip(row, scale.step * body_qd[body], other, span)
-                if wp.dot(row.normal, u) + wp.max(row.gap, 0.0) < -impact_of(scale):
-                    return True
-    return False
-
-
-@wp.func
-def touches(i: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
-    """Whether something touches the block of the i-th body."""
-    first = int(i)
-    end = worlds.block_end[i]
-    while first > 0 and worlds.block_end[first - 1] == end:
-        first -= 1
-    for k in range(first, end):
-        if tree.is_touched[worlds.bodies[k]]:
-            return True
-    return False
+EXCESS = wp.constant(1.0e-6)
+"""Energy beyond what may be, as a share of it, that float32 explains."""
 
 
 @wp.func
 def kinetic_energy(
-    body: int,
-    body_q: wp.array[wp.transform],
-    body_qd: wp.array[wp.spatial_vector],
-    model: wp.ref[BodyModel],
+    body: int, pose: wp.transform, velocity: wp.spatial_vector, model: wp.ref[BodyModel]
 ) -> float:
     """(m v^2 + w I w)/2 of a body [J]."""
-    v = wp.spatial_top(body_qd[body])
-    w = wp.spatial_bottom(body_qd[body])
-    inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
+    v = wp.spatial_top(velocity)
+    w = wp.spatial_bottom(velocity)
+    inertia = world_inertia(wp.transform_get_rotation(pose), model.inertia[body])
     return 0.5 * (model.mass[body] * wp.dot(v, v) + wp.dot(w, inertia * w))
 
 
 @wp.func
-def energy_of(
-    world: int,
-    body_q: wp.array[wp.transform],
-    body_qd: wp.array[wp.spatial_vector],
-    model: wp.ref[BodyModel],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
-) -> float:
-    """Kinetic energy of what moves in a world and touches something [J]."""
-    energy = float(0.0)
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and touches(i, worlds, tree):
-            energy += kinetic_energy(body, body_q, body_qd, model)
-    return energy
+def squared_overlap(gap: float) -> float:
+    """Square of a penetration [m^2], zero where there is none."""
+    depth = wp.min(gap, 0.0)
+    return depth * depth
 
 
 @wp.func
-def slow_down(
-    world: int,
-    before: float,
-    body_q: wp.array[wp.transform],
-    model: wp.ref[BodyModel],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
-    body_qd: wp.array[wp.spatial_vector],
-):
-    """Slows the trees of a world that touch something down to the energy ``before`` [J] of what
-    does, and what gravity added.
+def touch_fixed(slot: int, is_joint: bool, work: wp.ref[BodyWork], sum: Balance) -> Balance:
+    """Notes a joint or a contact with a body that the solver does not move."""
+    out = sum
+    if work.inv_mass[slot] == 0.0:
+        if is_joint:
+            out.is_anchored = True
+        out.is_touched = True
+        moved = wp.length_sq(work.increment[slot])
+        if work.put.shape[0] > 0:
+            moved += wp.length_sq(work.put[slot])
+        if moved > 0.0:
+            out.is_pushed = True
+    return out
 
-    Takes poses and velocities after the step.
+
+@wp.func
+def rigid_spin(inertia: wp.mat33, angular: wp.vec3) -> wp.vec3:
+    """Angular velocity of what has this inertia and this angular momentum [rad/s]."""
+    # scaled: the determinant of a small inertia would underflow
+    size = wp.trace(inertia)
+    return wp.inverse(inertia / size) * (angular / size)
+
+
+@wp.func
+def settle(sum: Balance, h: float) -> Balance:
+    """Decides which motion is left of an island, once all is summed.
+
+    What fixed things do to its momentum is taken from the velocities, unless the step has come to
+    nothing: a body is faster than anything could be, energies are not finite, or the rigid
+    motion alone has too much, because the inertia of where bodies are is not the one that they had.
+    Then the island moves as a rigid body from where it was.
     """
-    excess = energy_of(world, body_q, body_qd, model, worlds, work, tree) - before
-    in_trees = float(0.0)
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and touches(i, worlds, tree):
-            fall = wp.dot(model.gravity[model.world[body]], wp.spatial_top(work.increment[body]))
-            excess -= model.mass[body] * fall
-            if is_in_tree(i, worlds, tree):
-                in_trees += kinetic_energy(body, body_q, body_qd, model)
-    if excess > 0.0:
-        share = wp.sqrt(wp.max(1.0 - excess / in_trees, 0.0))
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
-            is_moving = work.inv_mass[body] > 0.0 and is_in_tree(i, worlds, tree)
-            if is_moving and touches(i, worlds, tree):
-                body_qd[body] = share * body_qd[body]
+    out = sum
+    out.share = 1.0
+    is_finite = wp.isfinite(sum.after) and wp.isfinite(sum.before) and not sum.is_wild
+    most = sum.start
+    if is_finite:
+        most = sum.before
+    if sum.is_pushed or (is_finite and sum.after - most <= EXCESS * sum.after):
+        return out
+    if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most:
+        return out
+    out.is_bounded = True
+    most = wp.max(most, 0.0)
+    rigid = float(0.0)
+    old = float(0.0)
+    if sum.is_anchored:
+        out.momentum = wp.vec3(0.0)
+        out.angular = wp.vec3(0.0)
+    else:
+        out.momentum = sum.momentum / sum.mass
+        out.angular = rigid_spin(sum.inertia, sum.angular)
+        old = 0.5 * wp.dot(sum.momentum, out.momentum) + 0.5 * wp.dot(sum.angular, out.angular)
+        rigid = old
+        momentum = sum.free_momentum
+        if sum.is_touched:
+            out.free_momentum = out.momentum
+            out.free_angular = out.angular
+        else:
+            out.free_momentum = momentum / sum.mass
+            out.free_angular = rigid_spin(
+                sum.inertia, sum.free_angular - wp.cross(sum.start_com / sum.mass, momentum)
+            )
+            rigid = 0.5 * wp.dot(momentum, out.free_momentum)
+            rigid += 0.5 * wp.dot(out.free_angular, sum.inertia * out.free_angular)
+    if not is_finite or (rigid > most and not sum.is_touched):
+        out.is_rigid = True
+        out.share = 0.0
+        momentum = sum.free_momentum
+        angular = sum.free_angular - wp.cross(sum.start_com / sum.mass, momentum)
+        size = wp.trace(sum.start_inertia)
+        out.free_momentum = momentum / sum.mass
+        inverse = wp.inverse(sum.start_inertia / size) / size
+        out.free_angular = target_spin(sum.start_inertia, inverse, angular, h)
+        rigid = 0.5 * wp.dot(momentum, out.free_momentum)
+        rigid += 0.5 * wp.dot(out.free_angular, sum.start_inertia * out.free_angular)
+    else:
+        inner = wp.max(sum.after - old, 1.0e-30)
+        out.share = wp.min(wp.sqrt(wp.max(most - rigid, 0.0) / inner), 1.0)
+    if sum.is_anchored:
+        out.free_momentum = wp.vec3(0.0)
+        out.free_angular = wp.vec3(0.0)
+    elif sum.is_touched and rigid > most:
+        kept = wp.sqrt(most / rigid)
+        out.free_momentum *= kept
+        out.free_angular *= kept
+    return out
+
+
+@wp.func
+def moved_pose(
+    body: int, pose: wp.transform, shift: wp.vec3, turn: wp.quat, model: wp.ref[BodyModel]
+) -> wp.transform:
+    """Pose of a body whose COM has gone by ``shift`` [m], and which has turned."""
+    rotation = renormalised(turn * wp.transform_get_rotation(pose))
+    move = wp.spatial_vector(shift, wp.vec3(0.0))
+    place = wp.transform_get_translation(pose)
+    return wp.transform(place + origin_shift(pose, model.com[body], move, rotation), rotation)
+
+
+@wp.func
+def counts_here(
+    body: int, item: int, joint: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork]
+) -> bool:
+    """Whether a joint outside of trees counts with this body: with its child, if that moves."""
+    is_child = item % 2 == 0
+    return joints.enabled[joint] and (is_child or work.inv_mass[joints.child[joint]] == 0.0)
+
+
+@wp.func
+def place_from(root: int, body: int, work: wp.ref[BodyWork]) -> wp.vec3:
+    """COM of a body after the step, from where that of the root was before it [m]."""
+    return work.com[body] - work.com[root] + wp.spatial_top(work.increment[body])
+
+
+class EnergyFunctions(NamedTuple):
+    """Device functions, compiled for the effects of a scene."""
+
+    begin_balance: wp.Function
+    bound_energy: wp.Function
+    bound_world: wp.Function
+
+
+def make_energy(effects: Effects) -> EnergyFunctions:
+    """Device functions that bound the energy of islands."""
+    joint_functions = make_joint(effects.kinds)
+    linear_count = joint_functions.linear_count
+    angular_count = joint_functions.angular_count
+    linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
+
+    @wp.func
+    def begin_balance(body: int, islands: wp.ref[IslandWork]):
+        """Nothing is summed for a body yet; nor does anything push it where that is not known."""
+        islands.balance[body] = Balance()
+        if wp.static(not effects.pairs):
+            begin_island(islands, body)
+
+    @wp.func
+    def axis_work(
+        joint: int,
+        dof: int,
+        q: wp.float64,
+        moved: float,
+        turn_away: wp.vec3,
+        rest_away: wp.vec3,
+        h: float,
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+    ) -> float:
+        """Work of what acts along an axis that has moved to q, ``joint_f`` aside [J]."""
+        index = joints.dof_start[joint] + dof
+        total = float(0.0)
+        if wp.static(effects.rods):
+            if joints.type[joint] == ROD:
+                return -joints.target_ke[index] * moved * (wp.float32(q) - 0.5 * moved)
+        if wp.static(effects.drives):
+            # the mean force of the spring over the way, and of a damper what a motor gives
+            away = axis_rows.away_from(control.target_q, joints, joint, dof, q, turn_away)
+            away += 0.5 * moved
+            damping, _k = axis_rows.drive(joints, control, index, 0.0, moved, h)
+            whole, _k = axis_rows.drive(joints, control, index, away, moved, h)
+            given = (whole - damping) * moved + wp.max(damping * moved, 0.0)
+            total += wp.min(given, axis_rows.most_effort(joints, index) * wp.abs(moved))
+        if wp.static(effects.springs):
+            away = axis_rows.away_from(joints.rest_q, joints, joint, dof, q, rest_away)
+            total += joints.stiffness[index] * moved * (away + 0.5 * moved)
+        if wp.static(effects.limits and effects.compliance):
+            at = wp.float32(q)
+            lower = at - joints.limit_lower[index]
+            upper = joints.limit_upper[index] - at
+            less = squared_overlap(lower - moved) - squared_overlap(lower)
+            less += squared_overlap(upper + moved) - squared_overlap(upper)
+            total += 0.5 * joints.limit_ke[index] * less
+        return total
+
+    @wp.func
+    def add_joint(
+        joint: int,
+        first: int,
+        coordinate: wp.array[wp.float64],
+        start_coordinate: wp.array[wp.float64],
+        h: float,
+        static_slot: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+        sum: Balance,
+    ) -> Balance:
+        """Adds a joint: its rotors, and the work of what acts along its axes."""
+        child = joints.child[joint]
+        parent = parent_slot(joints, joint, static_slot)
+        out = touch_fixed(child, True, work, touch_fixed(parent, True, work, sum))
+        q_p = anchor_rotation(tree, parent, joints.parent_frame[joint])
+        q_c = anchor_rotation(tree, child, joints.child_frame[joint])
+        arm = anchor_arm(model, tree, child, joints.child_frame[joint], static_slot)
+        moved_c = work.increment[child]
+        moved_p = work.increment[parent]
+        turn = wp.spatial_bottom(moved_c - moved_p)
+        shift = wp.spatial_top(moved_c - moved_p) + wp.cross(turn, arm)
+        shift += wp.cross(wp.spatial_bottom(moved_p), work.com[parent] - work.com[child])
+        turn_away = wp.vec3(0.0)
+        rest_away = wp.vec3(0.0)
+        if wp.static(effects.kinds.balls and effects.drives):
+            if joints.type[joint] == BALL:
+                turn_away = joint_rows.ball_away(control.target_q, joints, joint, q_p, q_c)
+        if wp.static(effects.kinds.balls and effects.springs):
+            if joints.type[joint] == BALL:
+                rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
+        linear = linear_count(joints, joint)
+        for dof in range(linear + angular_count(joints, joint)):
+            index = joints.dof_start[joint] + dof
+            if joints.type[joint] != ROD and control.joint_f[index] != 0.0:
+                if dof < linear:
+                    along = wp.dot(linear_axis(joints, joint, dof, q_p), shift)
+                else:
+                    along = wp.dot(angular_axis(joints, joint, dof - linear, q_p, q_c), turn)
+                out.before += control.joint_f[index] * along
+            if wp.static(effects.coordinates):
+                q = coordinate[first + dof]
+                moved = wp.float32(q - start_coordinate[first + dof])
+                out.before += axis_work(
+                    joint, dof, q, moved, turn_away, rest_away, h, joints, control
+                )
+            if wp.static(effects.armature):
+                inertia = joints.armature[index]
+                start = tree.start_velocity[index]
+                end = history.axis_velocity[index]
+                if inertia > 0.0:
+                    out.before += 0.5 * inertia * start * start
+                    out.after += 0.5 * inertia * end * end
+        return out
+
+    @wp.func
+    def add_body(
+        root: int,
+        body: int,
+        h: float,
+        reach: float,
+        static_slot: int,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+        sum: Balance,
+    ) -> Balance:
+        """Adds a body: its energy, and the work of what acts on it."""
+        out = sum
+        increment = work.increment[body]
+        velocity = body_qd[body]
+        mass = model.mass[body]
+        inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
+        w = wp.spatial_bottom(velocity)
+        out.before += kinetic_energy(body, body_q[body], velocity, model)
+        out.after += kinetic_energy(body, body_q_out[body], body_qd_out[body], model)
+        # what acts on the body from outside, by where it would go and how fast it would turn
+        force = wp.vec3(0.0)
+        torque = wp.vec3(0.0)
+        if wp.static(effects.bdf2):
+            wrench = work.wrench[body]
+            force = wp.spatial_top(wrench) + mass * model.gravity[model.world[body]]
+            torque = wp.spatial_bottom(wrench)
+        else:
+            free = work.target[body] - h * velocity
+            force = (mass / (h * h)) * wp.spatial_top(free)
+            if wp.static(effects.gyroscopic):
+                torque = (work.momentum[body] - inertia * w) / h
+            else:
+                torque = inertia * wp.spatial_bottom(free) / (h * h)
+        out.start += kinetic_energy(body, body_q[body], velocity, model)
+        out.start += h * (wp.dot(force, wp.spatial_top(velocity)) + wp.dot(torque, w))
+        if h * wp.length(wp.spatial_top(body_qd_out[body])) > reach:
+            out.is_wild = True
+        out.before += wp.dot(force, wp.spatial_top(increment))
+        out.before += wp.dot(torque, wp.spatial_bottom(increment))
+        out.mass += mass
+        place = work.com[body] - work.com[root]
+        momentum = mass * wp.spatial_top(velocity) + h * force
+        out.start_com += mass * place
+        out.free_momentum += momentum
+        out.free_angular += wp.cross(place, momentum) + inertia * w + h * torque
+        # places count from the root, which keeps their digits
+        out.com += mass * place_from(root, body, work)
+        if wp.static(effects.contact):
+            for i in range(rows.owned_start[body], rows.owned_end[body]):
+                row = rows.rows[i]
+                if wp.length_sq(row.force) > 0.0:
+                    out = touch_fixed(row.b, False, work, out)
+                    if wp.static(effects.moving_surfaces):
+                        carried = rows.drift[i]
+                        if wp.static(effects.restitution):
+                            if rows.impacts[i].total > 0.0:
+                                carried = rows.impacts[i].drift
+                        if wp.length_sq(carried) > 0.0:
+                            out.is_pushed = True
+                if wp.static(effects.compliance):
+                    span = work.com[body] - work.com[row.b]
+                    u = contact_rows.slip(row, increment, work.increment[row.b], span)
+                    stiffness = row.k_n / wp.max(1.0 - rows.share[i], 1.0e-6)
+                    less = squared_overlap(row.gap)
+                    less -= squared_overlap(row.gap + wp.dot(row.normal, u))
+                    out.before += 0.5 * stiffness * less
+        if wp.static(effects.joints):
+            if is_linked(joints, tree, body):
+                out = add_joint(
+                    tree.joint[body],
+                    tree.axis_start[body],
+                    tree.coordinate,
+                    tree.start_coordinate,
+                    h,
+                    static_slot,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    tree,
+                    history,
+                    out,
+                )
+        if wp.static(effects.loops):
+            for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                joint = loops.joints[loops.items[k] / 2]
+                if counts_here(body, loops.items[k], joint, joints, work):
+                    out = add_joint(
+                        joint,
+                        joints.dof_start[joint],
+                        loops.coordinate,
+                        loops.start_coordinate,
+                        h,
+                        static_slot,
+                        model,
+                        joints,
+                        control,
+                        work,
+                        tree,
+                        history,
+                        out,
+                    )
+        return out
+
+    @wp.func
+    def take_back(
+        joint: int,
+        first: int,
+        start_coordinate: wp.array[wp.float64],
+        joints: wp.ref[JointModel],
+        history: wp.ref[History],
+    ):
+        """Puts the coordinates of a joint back to where they were before the step."""
+        if wp.static(effects.coordinates):
+            for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                at = first + dof - joints.dof_start[joint]
+                history.joint_angle[dof] = start_coordinate[at]
+
+    @wp.func
+    def scale_rotors(
+        joint: int,
+        share: float,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        history: wp.ref[History],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Scales the rates of a joint's coordinates, which armature goes on with."""
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            history.axis_velocity[dof] = share * history.axis_velocity[dof]
+        for end in range(2):
+            body = wp.where(end == 0, joints.child[joint], joints.parent[joint])
+            if body >= 0:
+                if work.inv_mass[body] > 0.0:
+                    history.joined_qd[joint, end] = body_qd_out[body]
+
+    @wp.func
+    def bound_energy(
+        first: int,
+        end: int,
+        bodies: wp.array[wp.int32],
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Slows the islands of a list of bodies down to the energy that they may have.
+
+        Takes poses and velocities after the step. All bodies of an island are in the list, its
+        root first.
+        """
+        for i in range(first, end):
+            body = bodies[i]
+            if work.inv_mass[body] > 0.0:
+                root = island_of(islands, body)
+                sum = add_body(
+                    root,
+                    body,
+                    scale.h,
+                    scale.reach,
+                    scale.static_slot,
+                    body_q,
+                    body_qd,
+                    model,
+                    joints,
+                    control,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    history,
+                    body_q_out,
+                    body_qd_out,
+                    islands.balance[root],
+                )
+                islands.balance[root] = sum
+        for i in range(first, end):
+            body = bodies[i]
+            if work.inv_mass[body] > 0.0:
+                root = islands.parent[body]
+                sum = islands.balance[root]
+                mass = model.mass[body]
+                r = place_from(root, body, work) - sum.com / sum.mass
+                rotation = wp.transform_get_rotation(body_q_out[body])
+                inertia = world_inertia(rotation, model.inertia[body])
+                momentum = mass * wp.spatial_top(body_qd_out[body])
+                sum.momentum += momentum
+                sum.angular += wp.cross(r, momentum)
+                sum.angular += inertia * wp.spatial_bottom(body_qd_out[body])
+                sum.inertia += inertia + point_inertia(mass, r)
+                rotation = wp.transform_get_rotation(body_q[body])
+                r = work.com[body] - work.com[root] - sum.start_com / sum.mass
+                inertia = world_inertia(rotation, model.inertia[body])
+                sum.start_inertia += inertia + point_inertia(mass, r)
+                islands.balance[root] = sum
+        for i in range(first, end):
+            body = bodies[i]
+            if work.inv_mass[body] > 0.0 and islands.parent[body] == body:
+                sum = settle(islands.balance[body], scale.h)
+                islands.balance[body] = sum
+                world = worlds.of_body[body]
+                if sum.is_bounded:
+                    wp.atomic_add(worlds.bounded, world, 1)
+                    wp.atomic_add(worlds.excess, world, sum.after - wp.max(sum.before, 0.0))
+                if sum.is_pushed and sum.after > sum.before:
+                    wp.atomic_add(worlds.unbounded, world, 1)
+        for i in range(first, end):
+            body = bodies[i]
+            if work.inv_mass[body] > 0.0:
+                root = islands.parent[body]
+                sum = islands.balance[root]
+                if sum.is_rigid:
+                    turn = exp_quat(scale.h * sum.free_angular)
+                    r = work.com[body] - work.com[root] - sum.start_com / sum.mass
+                    shift = wp.quat_rotate(turn, r) - r + scale.h * sum.free_momentum
+                    pose = moved_pose(body, body_q[body], shift, turn, model)
+                    body_q_out[body] = pose
+                    v = sum.free_momentum + wp.cross(sum.free_angular, wp.quat_rotate(turn, r))
+                    body_qd_out[body] = wp.spatial_vector(v, sum.free_angular)
+                    if wp.static(effects.joints):
+                        history.left_q[body] = pose
+                        history.lost[body] = wp.vec3(0.0)
+                        if is_linked(joints, tree, body):
+                            take_back(
+                                tree.joint[body],
+                                tree.axis_start[body],
+                                tree.start_coordinate,
+                                joints,
+                                history,
+                            )
+                        if wp.static(effects.loops):
+                            for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                                item = loops.items[k]
+                                joint = loops.joints[item / 2]
+                                if counts_here(body, item, joint, joints, work):
+                                    take_back(
+                                        joint,
+                                        joints.dof_start[joint],
+                                        loops.start_coordinate,
+                                        joints,
+                                        history,
+                                    )
+                elif sum.is_bounded:
+                    r = place_from(root, body, work) - sum.com / sum.mass
+                    v = sum.free_momentum + wp.cross(sum.free_angular, r)
+                    velocity = wp.spatial_vector(v, sum.free_angular)
+                    if sum.share > 0.0:
+                        v = sum.momentum + wp.cross(sum.angular, r)
+                        inner = body_qd_out[body] - wp.spatial_vector(v, sum.angular)
+                        velocity += sum.share * inner
+                    body_qd_out[body] = velocity
+        if wp.static(effects.armature):
+            for i in range(first, end):
+                body = bodies[i]
+                if work.inv_mass[body] > 0.0:
+                    sum = islands.balance[islands.parent[body]]
+                    share = sum.share
+                    if sum.is_bounded:
+                        if is_linked(joints, tree, body):
+                            scale_rotors(
+                                tree.joint[body], share, joints, work, history, body_qd_out
+                            )
+                        if wp.static(effects.loops):
+                            for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                                item = loops.items[k]
+                                joint = loops.joints[item / 2]
+                                if counts_here(body, item, joint, joints, work):
+                                    scale_rotors(joint, share, joints, work, history, body_qd_out)
+
+    @wp.func
+    def join_joints(
+        body: int,
+        static_slot: int,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+    ):
+        """Makes one island of bodies that joints link, where contacts have not called for it."""
+        if wp.static(effects.joints):
+            if is_linked(joints, tree, body):
+                join_islands(islands, worlds, work, body, tree.parent[body])
+        if wp.static(effects.loops):
+            for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                joint = loops.joints[loops.items[k] / 2]
+                if loops.items[k] % 2 == 0 and joints.enabled[joint]:
+                    parent = parent_slot(joints, joint, static_slot)
+                    join_islands(islands, worlds, work, body, parent)
+
+    @wp.func
+    def bound_world(
+        world: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """As :func:`bound_energy`, of all islands of a world."""
+        first = worlds.body_start[world]
+        end = worlds.body_start[world + 1]
+        for i in range(first, end):
+            if work.inv_mass[worlds.bodies[i]] > 0.0:
+                begin_balance(worlds.bodies[i], islands)
+        if wp.static(not effects.pairs):
+            for i in range(first, end):
+                body = worlds.bodies[i]
+                if work.inv_mass[body] > 0.0:
+                    join_joints(body, scale.static_slot, joints, worlds, work, tree, loops, islands)
+        bound_energy(
+            first,
+            end,
+            worlds.bodies,
+            scale,
+            body_q,
+            body_qd,
+            model,
+            joints,
+            control,
+            worlds,
+            work,
+            rows,
+            tree,
+            loops,
+            islands,
+            history,
+            body_q_out,
+            body_qd_out,
+        )
+
+    return EnergyFunctions(begin_balance, bound_energy, bound_world)

@@ -246,6 +246,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     angular_count = joint_functions.angular_count
     axis_of, advance = joint_functions.axis_of, joint_functions.advance
     angles, coordinate = joint_functions.angles, joint_functions.coordinate
+    known_angles = joint_functions.known_angles
     linear_misfit = joint_functions.linear_misfit
     linear_lock = joint_functions.linear_lock
     angular_misfit = joint_functions.angular_misfit
@@ -274,11 +275,12 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 turn = ball_turn(joints.child[joint], parent, q_p, work, tree)
                 return wp.float64(turn[dof])
         about = wp.float64(known)
+        started = known_angles(joints, joint, loops.start_coordinate, joints.dof_start[joint])
         if dof >= linear_count(joints, joint):
             turn = turn_of(i, joints, work, loops)
             if wp.length_sq(turn) > 0.0:
-                about += advance(joints, joint, dof, q_p, q_c, turn)
-        turns = angles(joints, joint, q_p, q_c)
+                about += advance(joints, joint, dof, q_p, q_c, started, turn)
+        turns = angles(joints, joint, q_p, q_c, started, False)
         return coordinate(joints, joint, dof, q_p, turns, offset, about)
 
     @wp.func
@@ -382,7 +384,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
             open_by = wp.max(open_by, wp.abs(beyond))
             span = length - beyond
         else:
-            turns = angles(joints, joint, q_p, q_c)
+            known = known_angles(joints, joint, history.joint_angle, joints.dof_start[joint])
+            turns = angles(joints, joint, q_p, q_c, known, False)
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
                 q = coordinate(joints, joint, dof, q_p, turns, offset, history.joint_angle[index])
@@ -539,6 +542,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if joints.type[joint] == DISTANCE:
             return force, torque, arm_c, arm_p
         linear = linear_count(joints, joint)
+        started = known_angles(joints, joint, loops.start_coordinate, joints.dof_start[joint])
+        turned = angles(joints, joint, q_p, q_c, started, False)
         response = wp.vec3(0.0)
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
@@ -552,7 +557,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 if wp.static(effects.joint_friction):
                     history.friction_force[index] = friction
                 loops.coordinate[index] = q
-            axis = axis_of(joints, joint, dof, q_p, q_c)
+            axis = axis_of(joints, joint, dof, q_p, q_c, turned)
             if dof < linear:
                 force += push * axis
             elif joints.type[joint] == ROD:
@@ -619,6 +624,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 pulled = geometric_stiffness((sign * held) * along, arm)
         elif loops.k_l[i] > 0.0:
             linear = linear_count(joints, joint)
+            started = known_angles(joints, joint, loops.start_coordinate, joints.dof_start[joint])
+            turned = angles(joints, joint, q_p, q_c, started, False)
             stiff = wp.vec3(0.0)
             for dof in range(linear + angular_count(joints, joint)):
                 index = joints.dof_start[joint] + dof
@@ -638,7 +645,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                     history,
                 )
                 is_soft = is_soft or stiffness > 0.0
-                axis = axis_of(joints, joint, dof, q_p, q_c)
+                axis = axis_of(joints, joint, dof, q_p, q_c, turned)
                 if dof < linear:
                     linear_k += stiffness * wp.outer(axis, axis)
                 elif joints.type[joint] == ROD:
@@ -649,7 +656,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 if joints.type[joint] == ROD:
                     bound = joint_rows.rod_stiffness(q_p, q_c, stiff)
                     for dof in range(3):
-                        axis = axis_of(joints, joint, linear + dof, q_p, q_c)
+                        axis = axis_of(joints, joint, linear + dof, q_p, q_c, turned)
                         angular_k += bound[dof] * wp.outer(axis, axis)
         loops.is_soft[i] = is_soft
         if doubled:

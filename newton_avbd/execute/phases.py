@@ -29,6 +29,7 @@ from .breaking import make_break_joints
 from .closures import make_closures
 from .contacts import make_rows
 from .ending import make_end, make_remember
+from .energy import make_energy
 from .gathering import make_assemble, make_gather
 from .impacts import leave_impacts, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
@@ -117,6 +118,7 @@ def make_phases(effects: Effects) -> Phases:
     break_blocks, break_loop = breaking.break_blocks, breaking.break_loop
     end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
     count_passes = make_count_passes(effects)
+    bound_world = absent if effects.ramp else make_energy(effects).bound_world
 
     @wp.func
     def begin_world(
@@ -613,10 +615,13 @@ def make_phases(effects: Effects) -> Phases:
     def end_poses(
         world: int,
         has_islands: bool,
+        has_not_settled: bool,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
@@ -627,7 +632,10 @@ def make_phases(effects: Effects) -> Phases:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
-        """Poses by the increments; islands get back the momentum that turns and recovery took."""
+        """Poses by the increments; islands get back the momentum that turns and recovery took.
+
+        What did not settle has no more energy than it may have.
+        """
         body_start = worlds.body_start[world]
         body_end = worlds.body_start[world + 1]
         for i in range(body_start, body_end):
@@ -641,6 +649,26 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.gyroscopic and effects.pairs and not effects.fluid):
             if has_islands:
                 keep_spin(world, scale.step, body_q_out, model, worlds, work, islands, body_qd_out)
+        if wp.static(not effects.ramp):
+            if has_not_settled:
+                bound_world(
+                    world,
+                    scale,
+                    body_q,
+                    body_qd,
+                    model,
+                    joints,
+                    control,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    islands,
+                    history,
+                    body_q_out,
+                    body_qd_out,
+                )
         if wp.static(effects.bdf2):
             for i in range(body_start, body_end):
                 body = worlds.bodies[i]

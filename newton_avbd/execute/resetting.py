@@ -132,3 +132,6 @@ def reset_bodies(
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0
     worlds.repaired[worlds.of_body[body]] = 0
+    worlds.bounded[worlds.of_body[body]] = 0
+    worlds.excess[worlds.of_body[body]] = 0.0
+    worlds.unbounded[worlds.of_body[body]] = 0

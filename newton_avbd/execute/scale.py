@@ -114,9 +114,9 @@ def impact_of(scale: WorldScale) -> float:
 
 @wp.func
 def is_unsettled(update: float, scale: WorldScale) -> bool:
-    """Whether the last sweep's update, squared [m^2], is such as impacts leave."""
-    struck = wp.max(impact_of(scale), settled_update(scale))
-    return update > struck * struck
+    """Whether the last sweep's update, squared [m^2], is more than joints allow."""
+    unsettled = wp.max(scale.tolerance, unsettled_update(scale))
+    return update > unsettled * unsettled
 
 
 @wp.func
@@ -125,7 +125,8 @@ def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
 
     A first sweep moves whatever is to move, and says nothing about that.
     """
-    return sweeps > 1 and is_unsettled(update, scale) and wp.isfinite(update)
+    struck = wp.max(impact_of(scale), settled_update(scale))
+    return sweeps > 1 and update > struck * struck and wp.isfinite(update)
 
 
 def make_count_passes(effects: Effects) -> wp.Function:
@@ -145,12 +146,11 @@ def make_count_passes(effects: Effects) -> wp.Function:
                 passes = 1
         if wp.static(effects.joints):
             # joints close even where impacts keep the sweeps from settling
-            unsettled = wp.max(scale.tolerance, unsettled_update(scale))
-            is_unsettled = update > unsettled * unsettled
-            if is_unsettled:
+            is_apart = is_unsettled(update, scale)
+            if is_apart:
                 # what that leaves open in trees is put together after it
                 passes = 1
-            if is_open or (is_unsettled and wp.static(effects.loops)):
+            if is_open or (is_apart and wp.static(effects.loops)):
                 passes = wp.static(LOOP_PASSES if effects.closures else JOINT_PASSES)
         return passes
 

@@ -43,7 +43,7 @@ from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.dahl import dahl_response
-from ..rows.joint import BALL, ROD, counted, wrapped
+from ..rows.joint import BALL, NEAR_POLE, ROD, counted, is_near_pole, wrapped
 from .bodies import has_rows
 from .slopes import begin_axis
 
@@ -59,6 +59,9 @@ FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
+POLE_DRAG = 1.0e-4
+"""Inertia that resists how the outer axes of a gimbal turn against each other at its pole, of the
+body's own. It only brakes, as if they were always at rest at the start of a step."""
 COUNTED = wp.constant(1.0)
 """Turn of a joint in a step from which orientations may not tell it [rad]."""
 WIDE = wp.constant(0.8)
@@ -479,7 +482,8 @@ def make_trees(
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     linear_axis = joint_functions.linear_axis
-    angles = joint_functions.angles
+    angles, known_angles = joint_functions.angles, joint_functions.known_angles
+    is_gimbal, gimbal_tilt = joint_functions.is_gimbal, joint_functions.gimbal_tilt
     velocity = joint_functions.velocity
     advance = joint_functions.advance
     linear_misfit = joint_functions.linear_misfit
@@ -644,10 +648,30 @@ def make_trees(
                         if loops.is_exact[loop] and loops.k_l[loop] > 0.0:
                             align_ends(loops.joints[loop], model, joints, work, tree, body_qd)
 
+    @wp.func
+    def tilt_beyond(
+        body: int,
+        coordinates: wp.array[wp.float64],
+        first: int,
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
+    ) -> wp.vec3:
+        """Turn of the body [rad] beyond where the coordinates of its gimbal have it, which stand
+        from ``first`` on."""
+        joint = tree.joint[body]
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
+        q_p = anchor_rotation(tree, tree.parent[body], frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        known = known_angles(joints, joint, coordinates, first)
+        return sign * gimbal_tilt(joints, joint, q_p, q_c, known)
+
     @wp.func(inline=effects.inline)
     def measure_coordinates(
         body: int,
         first: int,
+        turn: wp.vec3,
         known: wp.array[wp.float64],
         coordinates: wp.array[wp.float64],
         static_slot: int,
@@ -659,7 +683,8 @@ def make_trees(
         """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
 
         They and the ``known`` ones stand in their arrays from ``first`` on. An angle is the one
-        nearest to the known one, so that turns are counted.
+        nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds
+        to it, so that revolutions are counted.
         """
         joint = tree.joint[body]
         parent = tree.parent[body]
@@ -684,13 +709,19 @@ def make_trees(
                 q = wp.dot(linear_axis(joints, joint, dof, q_p), offset)
                 coordinates[first + dof] = wp.float64(q)
         if dofs > linear:
-            turn = full_turns(body, parent, work)
             has_turned = wp.length_sq(turn) > 0.0
-            turns = angles(joints, joint, q_p, q_c)
+            started = known_angles(joints, joint, known, first)
+            near = wp.vec3(started)
+            if wp.static(effects.kinds.gimbals):
+                if has_turned and is_gimbal(joints, joint):
+                    for i in range(3):
+                        ahead = advance(joints, joint, linear + i, q_p, q_c, started, sign * turn)
+                        near[i] = started[i] + wp.float32(ahead)
+            turns = angles(joints, joint, q_p, q_c, near, True)
             for dof in range(linear, dofs):
                 about = known[first + dof]
                 if has_turned:
-                    about += advance(joints, joint, dof, q_p, q_c, sign * turn)
+                    about += advance(joints, joint, dof, q_p, q_c, started, sign * turn)
                 coordinates[first + dof] = counted(turns[dof - linear], about)
 
     @wp.func
@@ -701,9 +732,16 @@ def make_trees(
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ):
-        """Remembers turns of the body's joint in the step that orientations do not tell."""
+        """Remembers what orientations do not tell: turns of the body's joint in the step, and the
+        coordinates of a gimbal."""
         joint = tree.joint[body]
         parent = tree.parent[body]
+        if wp.static(effects.kinds.gimbals):
+            if is_gimbal(joints, joint):
+                for dof in range(joints.dof_start[joint + 1] - joints.dof_start[joint]):
+                    known = tree.coordinate[tree.axis_start[body] + dof]
+                    history.joint_angle[joints.dof_start[joint] + dof] = known
+                return
         turn = full_turns(body, parent, work)
         if wp.length_sq(turn) > 0.0:
             sign, frame_p, frame_c = frames_of(joint, body, joints)
@@ -713,7 +751,7 @@ def make_trees(
                 q_p, q_c = in_joint_order(sign, q_p, q_c)
             linear = linear_count(joints, joint)
             for dof in range(linear, linear + angular_count(joints, joint)):
-                about = advance(joints, joint, dof, q_p, q_c, sign * turn)
+                about = advance(joints, joint, dof, q_p, q_c, wp.vec3(0.0), sign * turn)
                 index = joints.dof_start[joint] + dof
                 history.joint_angle[index] = history.joint_angle[index] + about
 
@@ -741,6 +779,7 @@ def make_trees(
         measure_coordinates(
             body,
             start,
+            wp.vec3(0.0),
             history.joint_angle,
             history.joint_angle,
             static_slot,
@@ -749,6 +788,12 @@ def make_trees(
             work,
             tree,
         )
+        if wp.static(effects.kinds.gimbals):
+            if is_gimbal(joints, joint):
+                # what the pose has beyond the angles was there before
+                tilt = tilt_beyond(body, history.joint_angle, start, joints, tree)
+                none = wp.vec3(0.0)
+                tree.misfit[body] = tree.misfit[body] + wp.spatial_vector(none, tilt)
         for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
             index = start + dof
             q = history.joint_angle[index]
@@ -784,6 +829,7 @@ def make_trees(
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
+        history: wp.ref[History],
         joint_qd: wp.array[float],
     ):
         """Velocities of a joint's coordinates by those of its child and its parent, at their
@@ -801,9 +847,10 @@ def make_trees(
         slot = wp.where(parent < 0, static_slot, parent)
         q_p = anchor_rotation(tree, slot, joints.parent_frame[joint])
         q_c = anchor_rotation(tree, child, frame_c)
+        known = known_angles(joints, joint, history.joint_angle, joints.dof_start[joint])
         for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
             joint_qd[joints.dof_start[joint] + dof] = velocity(
-                joints, joint, dof, q_p, q_c, relative
+                joints, joint, dof, q_p, q_c, known, relative
             )
 
     @wp.func(inline=effects.inline)
@@ -815,10 +862,11 @@ def make_trees(
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
     ):
-        """Coordinates of the body's joint after the increments."""
+        """Coordinates of the body's joint after the increments, by those at the start."""
         measure_coordinates(
             body,
             tree.axis_start[body],
+            full_turns(body, tree.parent[body], work),
             tree.start_coordinate,
             tree.coordinate,
             static_slot,
@@ -946,6 +994,14 @@ def make_trees(
             tilt = sign * locked_turn(joints, joint, q_p, q_c, turn)
         else:
             tilt = sign * angular_misfit(joints, joint, q_p, q_c) - wp.spatial_bottom(kept)
+        known = wp.vec3(0.0)
+        if wp.static(effects.kinds.gimbals):
+            known = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
+            if is_gimbal(joints, joint):
+                tilt = wp.vec3(0.0)
+                if is_near_pole(known[1]):
+                    tilt = sign * gimbal_tilt(joints, joint, q_p, q_c, known)
+                    tilt -= wp.spatial_bottom(kept)
         closing = wp.spatial_vector(wp.cross(tilt, arm_c) - left, -tilt)
         span = arm_p - arm_c
         tree.closing[body] = closing
@@ -1035,7 +1091,7 @@ def make_trees(
             if dof < linear:
                 axis.linear = sign * linear_axis(joints, joint, dof, q_p)
             else:
-                axis.angular = sign * angular_axis(joints, joint, dof - linear, q_p, q_c)
+                axis.angular = sign * angular_axis(joints, joint, dof - linear, q_p, q_c, known)
                 axis.linear = wp.cross(arm_c, axis.angular)
             axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
             axis.torque = h_al * axis.linear + h_aa * axis.angular
@@ -1059,6 +1115,16 @@ def make_trees(
             )
             k = tree.axis_start[body] + dof
             index = joints.dof_start[joint] + dof
+            if wp.static(effects.kinds.gimbals):
+                if dof == linear + 2:
+                    # At the pole of a gimbal nothing but this resists the turn of its outer axes
+                    # against each other.
+                    along = wp.dot(axis.angular, first_axis)
+                    lean = wp.max(1.0 - (1.0 - along * along) / NEAR_POLE, 0.0)
+                    drag = wp.static(POLE_DRAG) * lean * inv_h2 / wp.trace(model.inv_inertia[body])
+                    moved = wp.float32(tree.coordinate[k] - tree.start_coordinate[k])
+                    axis.push -= drag * moved
+                    pivot += drag
             pushed = float(0.0)
             if joints.type[joint] != ROD:
                 pushed = control.joint_f[index]
@@ -1219,6 +1285,8 @@ def make_trees(
                 if wp.static(effects.coordinates):
                     at = tree.coordinate[k]
                     tree.coordinate[k] = at + wp.float64(q)
+                    if wp.static(effects.kinds.gimbals):
+                        tree.axes[k].step = q
                     if wp.static(effects.limits and effects.compliance):
                         index = joints.dof_start[joint] + dofs - 1 - i
                         side = axis_rows.limit_side(joints, index, wp.float32(at))
@@ -1256,7 +1324,42 @@ def make_trees(
             if is_linked(joints, tree, body) and (
                 share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
             ):
-                measure_moved(body, work.inv_mass.shape[0] - 1, model, joints, work, tree)
+                static_slot = work.inv_mass.shape[0] - 1
+                if wp.static(effects.kinds.gimbals):
+                    joint = tree.joint[body]
+                    if is_gimbal(joints, joint):
+                        # its pose does not tell all of its coordinates: what its axes turned does
+                        first = tree.axis_start[body]
+                        dofs = linear_count(joints, joint) + angular_count(joints, joint)
+                        for k in range(first, first + dofs):
+                            back = (1.0 - share) * tree.axes[k].step
+                            tree.coordinate[k] = tree.coordinate[k] - wp.float64(back)
+                        measure_coordinates(
+                            body,
+                            first,
+                            wp.vec3(0.0),
+                            tree.coordinate,
+                            tree.coordinate,
+                            static_slot,
+                            model,
+                            joints,
+                            work,
+                            tree,
+                        )
+                        return
+                measure_moved(body, static_slot, model, joints, work, tree)
+
+    @wp.func
+    def gimbal_step(body: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> float:
+        """Square of the largest step of the angles of the body's joint, if it is a gimbal."""
+        largest = float(0.0)
+        if is_linked(joints, tree, body):
+            joint = tree.joint[body]
+            if is_gimbal(joints, joint):
+                first = tree.axis_start[body] + linear_count(joints, joint)
+                for k in range(first, first + 3):
+                    largest = wp.max(largest, tree.axes[k].step * tree.axes[k].step)
+        return largest
 
     @wp.func
     def take_pieces(
@@ -1353,6 +1456,8 @@ def make_trees(
                 turned_most = wp.max(
                     turned_most, wp.length_sq(wp.spatial_bottom(tree.update[body]))
                 )
+                if wp.static(effects.kinds.gimbals):
+                    turned_most = wp.max(turned_most, gimbal_step(body, joints, tree))
         share = float(1.0)
         if turned_most > MOST_TURN * MOST_TURN:
             share = MOST_TURN / wp.sqrt(turned_most)
@@ -1362,6 +1467,8 @@ def make_trees(
                 move(body, share, model, joints, work, tree)
                 turn = wp.spatial_bottom(work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))
+                if wp.static(effects.kinds.gimbals):
+                    largest = wp.max(largest, gimbal_step(body, joints, tree))
                 if wp.static(effects.contact):
                     if has_rows(rows, body):
                         is_newton = False

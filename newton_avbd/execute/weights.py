@@ -61,6 +61,10 @@ def mass_to_stop(row: ContactRow, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
     return 0.0
 
 
+PARALLEL = wp.constant(1.0e-4)
+"""Square of the sine between two axes of a joint below which they count as one."""
+
+
 def make_weigh(effects: Effects) -> wp.Function:
     """Device function that weighs the trees of blocks that something touches."""
     joint_functions = joint_rows.make_joint(effects.kinds)
@@ -116,13 +120,18 @@ def make_weigh(effects: Effects) -> wp.Function:
                 span = arm
                 arm = wp.vec3(0.0)
         linear = linear_count(joints, joint)
+        first_axis = wp.vec3(0.0)
         for dof in range(linear + angular_count(joints, joint)):
             axis = TreeAxis()
             if dof < linear:
                 axis.linear = linear_axis(joints, joint, dof, q_p)
             else:
-                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c)
+                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c, wp.vec3(0.0))
                 axis.linear = wp.cross(arm, axis.angular)
+                if dof == linear:
+                    first_axis = axis.angular
+                elif wp.length_sq(wp.cross(axis.angular, first_axis)) < PARALLEL:
+                    continue  # the last axis of a gimbal at its pole: the first has freed it
             axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
             axis.torque = h_al * axis.linear + h_aa * axis.angular
             pivot = wp.dot(axis.linear, axis.force) + wp.dot(axis.angular, axis.torque)

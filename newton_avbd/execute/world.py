@@ -26,7 +26,6 @@ from ..rows.contact import RECOVERY
 from .bodies import make_predict_body
 from .contacts import make_sort_by_owner
 from .denormals import flush_denormals, restore_denormals
-from .energy import energy_of, is_thrown, is_tree_hit, slow_down
 from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .links import gather_body, gather_joint, scatter_link
@@ -159,7 +158,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         update = float(0.0)
         recovery = float(0.0)
         has_islands = bool(False)
-        energy = float(wp.inf)
+        has_not_settled = bool(False)
         rounds = int(wp.static(1 if effects.ramp else 3 if effects.contact else 2))
         for _round in range(rounds):
             if recovery == 0.0:
@@ -252,10 +251,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 )
             history.parity[world] = 1 - history.parity[world]
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
-            if wp.static(effects.joints and effects.contact):
-                if is_unsettled(update, scale) and is_thrown(world, worlds, work, tree):
-                    if is_tree_hit(world, scale, body_qd, worlds, work, rows, tree):
-                        energy = energy_of(world, body_q, body_qd, model, worlds, work, tree)
+            has_not_settled = is_unsettled(update, scale)
             end_velocities(
                 world,
                 has_impacts,
@@ -301,10 +297,13 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         end_poses(
             world,
             has_islands,
+            has_not_settled,
             scale,
             body_q,
+            body_qd,
             model,
             joints,
+            control,
             worlds,
             work,
             rows,
@@ -315,9 +314,6 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             body_q_out,
             body_qd_out,
         )
-        if wp.static(effects.joints and effects.contact):
-            if energy < wp.inf:
-                slow_down(world, energy, body_q_out, model, worlds, work, tree, body_qd_out)
 
     @wp.func
     def solve_worlds(

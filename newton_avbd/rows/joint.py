@@ -95,6 +95,76 @@ def wrapped(angle: float) -> float:
     return angle - wp.static(2.0 * math.pi) * wp.round(angle * wp.static(0.5 / math.pi))
 
 
+NEAR_POLE = wp.constant(4.0e-2)
+"""Square of the cosine of the middle angle below which a gimbal is near its pole, where its first
+and last axis are nearly parallel: within 0.2 rad of a right angle."""
+POLE = wp.constant(4.0e-4)
+"""Square of the cosine below which the pose of a gimbal that is not solved with a tree is not asked
+how the two turn against each other: 0.02 rad."""
+
+
+LEAST_SPREAD = wp.constant(1.0e-6)
+"""Share by which rates of the outer axes of a gimbal count as error beside the spin that they miss:
+rounding of the axes makes none of more than 350 times the spin."""
+
+
+@wp.func
+def is_near_pole(middle: float) -> bool:
+    """Whether a gimbal of this middle angle [rad] is near its pole."""
+    cosine = wp.cos(middle)
+    return cosine * cosine < NEAR_POLE
+
+
+@wp.func
+def nearest_angles(found: wp.vec3, known: wp.vec3, parallel: float, is_carried: bool) -> wp.vec3:
+    """Angles of a gimbal that the pose allows, those nearest to the known ones [rad].
+
+    A pose has two solutions: (a, b, c) and (a + pi, pi - b, c + pi). At the pole, where the middle
+    angle is a right one, it tells the sum of the outer angles (their difference where the axes are
+    opposite) and nothing else. What they turn against each other is then that of the known angles,
+    and blends into that of the pose on the way out, so that no angle ever jumps.
+
+    Args:
+        found: A solution, with the middle angle within a right one.
+        known: Angles to be near to.
+        parallel: Above zero where the first and the last axis point alike, below where opposite.
+        is_carried: Whether the known angles already have what the axes turned. Then the pose is
+            asked from far enough from the pole on only, for that is what it follows.
+    """
+    half = wp.static(math.pi)
+    other = wp.vec3(found[0] + half, half - found[1], found[2] + half)
+    a = found - known
+    b = other - known
+    for i in range(3):
+        a[i] = wrapped(a[i])
+        b[i] = wrapped(b[i])
+    cosine = wp.cos(found[1])
+    beside = cosine * cosine
+    if beside < NEAR_POLE:
+        side = wp.where(parallel < 0.0, -1.0, 1.0)
+        pole = wp.where(found[1] < 0.0, wp.static(-0.5 * math.pi), wp.static(0.5 * math.pi))
+        ahead = found[1] - pole
+        both = wrapped(a[0] + side * a[2])
+        against = wrapped(a[0] - side * a[2])
+        if wp.length_sq(b) < wp.length_sq(a):
+            ahead = -ahead
+            both = wrapped(b[0] + side * b[2])
+            against = wrapped(b[0] - side * b[2])
+        share = beside / (beside + POLE * (1.0 - beside / NEAR_POLE))
+        if is_carried:
+            share = wp.max(2.0 * beside / NEAR_POLE - 1.0, 0.0)
+        left = (1.0 - share) * against
+        against -= left
+        # the azimuth about the pole is off by half of what is left
+        middle = pole + ahead * wp.cos(0.5 * left)
+        return known + wp.vec3(
+            0.5 * (both + against), wrapped(middle - known[1]), 0.5 * side * (both - against)
+        )
+    if wp.length_sq(b) < wp.length_sq(a):
+        return known + b
+    return known + a
+
+
 @wp.func
 def counted(angle: float, known: wp.float64) -> wp.float64:
     """The angle with as many whole turns as brings it nearest to the ``known`` one [rad].
@@ -184,6 +254,8 @@ class JointKinds:
     """Numbers of free angular axes that occur."""
     euler: bool = False
     """Joints with two or three angular axes that are Euler axes."""
+    gimbals: bool = False
+    """Joints with three of them."""
     balls: bool = False
     """Joints whose angular axes are those of the parent frame: BALL and ROD."""
     rods: bool = False
@@ -208,6 +280,7 @@ class JointKinds:
             linear=tuple(int(n) for n in np.unique(dims[:, 0])),
             angular=tuple(int(n) for n in np.unique(dims[:, 1])),
             euler=bool(np.any(authored & (dims[:, 1] > 1))),
+            gimbals=bool(np.any(authored & (dims[:, 1] == 3))),
             balls=bool(np.any(is_ball)),
             rods=bool(np.any(types == int(JointType.ROD))),
             distances=bool(np.any(types == int(JointType.DISTANCE))),
@@ -230,6 +303,9 @@ class JointFunctions:
     angular_axis: wp.Function
     axis_of: wp.Function
     angles: wp.Function
+    is_gimbal: wp.Function
+    known_angles: wp.Function
+    gimbal_tilt: wp.Function
     coordinate: wp.Function
     velocity: wp.Function
     advance: wp.Function
@@ -255,6 +331,24 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         if wp.static(len(angular) > 1):
             count = joints.dof_dim[joint, 1]
         return count
+
+    @wp.func
+    def is_gimbal(joints: wp.ref[JointModel], joint: int) -> bool:
+        """Whether a joint has three Euler axes."""
+        return angular_count(joints, joint) == 3 and has_axes(joints, joint)
+
+    @wp.func
+    def known_angles(
+        joints: wp.ref[JointModel], joint: int, values: wp.array[wp.float64], first: int
+    ) -> wp.vec3:
+        """Angles of a gimbal [rad] by the coordinates of a joint, from ``first`` on."""
+        if wp.static(kinds.gimbals):
+            if is_gimbal(joints, joint):
+                k = first + linear_count(joints, joint)
+                return wp.vec3(
+                    wp.float32(values[k]), wp.float32(values[k + 1]), wp.float32(values[k + 2])
+                )
+        return wp.vec3(0.0)
 
     @wp.func
     def linear_axis(joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat) -> wp.vec3:
@@ -325,6 +419,39 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         if wp.dot(wp.cross(a0, a1), a2) < 0.0:
             sine = -sine
         return wp.clamp(sine, -1.0, 1.0), middle
+
+    @wp.func(inline=False)
+    def middle_axis(
+        joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat, known: wp.vec3
+    ) -> wp.vec3:
+        """Middle Euler axis; of a gimbal as its ``known`` angles have it [rad], since the pose has
+        two solutions, and at the pole more."""
+        if wp.static(kinds.gimbals):
+            if angular_count(joints, joint) == 3:
+                if is_near_pole(known[1]):
+                    a0, a1, _last = euler_axes(joints, joint)
+                    return wp.quat_rotate(q_p * wp.quat_from_axis_angle(a0, known[0]), a1)
+        _sine, middle = euler_middle(joints, joint, q_p, q_c)
+        if wp.static(kinds.gimbals):
+            if angular_count(joints, joint) == 3 and wp.cos(known[1]) < 0.0:
+                middle = -middle
+        return middle
+
+    @wp.func(inline=False)
+    def gimbal_tilt(
+        joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat, known: wp.vec3
+    ) -> wp.vec3:
+        """Turn of the child [rad], world frame, beyond where the angles of a gimbal have it.
+
+        Near its pole a gimbal locks the turn square to its axes as a hinge does. Elsewhere the
+        angles follow the pose.
+        """
+        if not is_near_pole(known[1]):
+            return wp.vec3(0.0)
+        a0, a1, a2 = euler_axes(joints, joint)
+        turn = wp.quat_from_axis_angle(a0, known[0]) * wp.quat_from_axis_angle(a1, known[1])
+        turn = q_p * turn * wp.quat_from_axis_angle(a2, known[2])
+        return rotation_vector(q_c * wp.quat_inverse(turn))
 
     @wp.func
     def angular_misfit(
@@ -412,9 +539,12 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func
     def angular_axis(
-        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
+        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat, known: wp.vec3
     ) -> wp.vec3:
-        """World frame's axis of angular coordinate ``dof``, counted from the first angular one."""
+        """World frame's axis of angular coordinate ``dof``, counted from the first angular one.
+
+        ``known`` are the :func:`known_angles`.
+        """
         if wp.static(kinds.balls):
             kind = joints.type[joint]
             if kind == BALL or kind == ROD:
@@ -426,8 +556,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
             if dof > 0:
                 if dof == angular_count(joints, joint) - 1:
                     return wp.quat_rotate(q_c, axis)
-                _, middle = euler_middle(joints, joint, q_p, q_c)
-                return middle
+                return middle_axis(joints, joint, q_p, q_c, known)
         return wp.quat_rotate(q_p, axis)
 
     @wp.func
@@ -445,8 +574,18 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return out
 
     @wp.func
-    def angles(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat) -> wp.vec3:
-        """Coordinates of the angular axes of a joint, in (-pi, pi] [rad]; zero of a ball."""
+    def angles(
+        joints: wp.ref[JointModel],
+        joint: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        known: wp.vec3,
+        is_carried: bool,
+    ) -> wp.vec3:
+        """Coordinates of the angular axes of a joint, less whole turns [rad]; zero of a ball.
+
+        Those of a gimbal are the :func:`nearest_angles` to the ``known`` ones.
+        """
         free = angular_count(joints, joint)
         if free == 0:
             return wp.vec3(0.0)
@@ -464,7 +603,11 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
                 last = turn_about(wp.quat_rotate(q_c, a2), middle, wp.quat_rotate(q_c, a1))
                 if free == 2:
                     return wp.vec3(first, last, 0.0)
-                return wp.vec3(first, wp.asin(sine), last)
+                if wp.static(kinds.gimbals):
+                    parallel = wp.dot(wp.quat_rotate(q_p, a0), wp.quat_rotate(q_c, a2))
+                    across = wp.cross(wp.quat_rotate(q_p, a0), wp.quat_rotate(q_c, a2))
+                    found = wp.vec3(first, angle_of(sine, wp.length(across)), last)
+                    return nearest_angles(found, known, parallel, is_carried)
         axis = joints.axis[joints.dof_start[joint] + linear_count(joints, joint)]
         q = wp.quat_inverse(q_p) * q_c
         half = angle_of(wp.dot(wp.vec3(q[0], q[1], q[2]), axis), q[3])
@@ -472,13 +615,13 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
 
     @wp.func
     def axis_of(
-        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat
+        joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat, known: wp.vec3
     ) -> wp.vec3:
         """World axis of a degree of freedom, linear or angular."""
         linear = linear_count(joints, joint)
         if dof < linear:
             return linear_axis(joints, joint, dof, q_p)
-        return angular_axis(joints, joint, dof - linear, q_p, q_c)
+        return angular_axis(joints, joint, dof - linear, q_p, q_c, known)
 
     @wp.func
     def coordinate(
@@ -509,25 +652,28 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         dof: int,
         q_p: wp.quat,
         q_c: wp.quat,
+        known: wp.vec3,
         relative: wp.spatial_vector,
     ) -> float:
         """Velocity of a degree of freedom [m/s or rad/s].
 
-        ``relative`` is the velocity of the child anchor against the parent, world frame.
+        ``relative`` is the velocity of the child anchor against the parent, world frame; ``known``
+        are the :func:`known_angles`.
         """
         linear = linear_count(joints, joint)
         if dof < linear:
             return wp.dot(linear_axis(joints, joint, dof, q_p), wp.spatial_top(relative))
         spin = wp.spatial_bottom(relative)
-        axis = angular_axis(joints, joint, dof - linear, q_p, q_c)
-        if wp.static(kinds.euler and 3 in angular):
-            if angular_count(joints, joint) == 3 and dof != linear + 1:
-                if joints.type[joint] != BALL and joints.type[joint] != ROD:
-                    # the first and the last Euler axis are not square to each other
-                    other = angular_axis(joints, joint, 2 + linear - dof, q_p, q_c)
-                    along = wp.dot(axis, other)
-                    spin -= (along * wp.dot(other, spin)) * axis
-                    return wp.dot(axis, spin) / wp.max(1.0 - along * along, 1.0e-6)
+        axis = angular_axis(joints, joint, dof - linear, q_p, q_c, known)
+        if wp.static(kinds.gimbals):
+            if dof != linear + 1 and is_gimbal(joints, joint):
+                # The first and the last Euler axis are not square to each other: least squares,
+                # which leave the two the least rates where they are parallel.
+                other = angular_axis(joints, joint, 2 + linear - dof, q_p, q_c, known)
+                along = wp.dot(axis, other)
+                alone = axis - along * other
+                spread = wp.length_sq(wp.cross(axis, other)) + LEAST_SPREAD * (2.0 + LEAST_SPREAD)
+                return wp.dot(alone + LEAST_SPREAD * axis, spin) / spread
         return wp.dot(axis, spin)
 
     @wp.func
@@ -537,6 +683,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         dof: int,
         q_p: wp.quat,
         q_c: wp.quat,
+        known: wp.vec3,
         turn: wp.vec3,
     ) -> wp.float64:
         """About how far a turn of the child against the parent [rad] takes an angle of a joint that
@@ -545,7 +692,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
             if joints.type[joint] == ROD and dof != linear_count(joints, joint) + 2:
                 return wp.float64(0.0)
         relative = wp.spatial_vector(wp.vec3(0.0), turn)
-        return wp.float64(velocity(joints, joint, dof, q_p, q_c, relative))
+        return wp.float64(velocity(joints, joint, dof, q_p, q_c, known, relative))
 
     return JointFunctions(
         linear_count,
@@ -560,6 +707,9 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         angular_axis,
         axis_of,
         angles,
+        is_gimbal,
+        known_angles,
+        gimbal_tilt,
         coordinate,
         velocity,
         advance,

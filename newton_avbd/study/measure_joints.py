@@ -20,6 +20,9 @@ _UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType
 _LEAST = 1e-9
 """Energy that stands for none where it is divided by [J]."""
 
+_PARALLEL = 0.2
+"""Sine of the angle below which two axes count as nearly parallel."""
+
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
@@ -45,6 +48,8 @@ class Joints:
         sign: -1 where the last column is opposite to the joint's own axis, else 1, shape [n].
         lower: Lower limits, three linear and three angular [m, rad], shape [n, 6].
         upper: Upper limits, likewise.
+        armature: Inertia of rotors, likewise [kg, kg m^2].
+        ball: Whether a joint turns about no axes of its own, shape [n].
     """
 
     parent: NDArray[np.int64]
@@ -58,6 +63,8 @@ class Joints:
     sign: Array
     lower: Array
     upper: Array
+    armature: Array
+    ball: NDArray[np.bool_]
 
     @classmethod
     def of(cls, model: newton.Model) -> "Joints":
@@ -69,6 +76,7 @@ class Joints:
         basis, sign = np.tile(np.eye(3), (count, 1, 1)), np.ones(count)
         lower, upper = np.full((count, 6), -np.inf), np.full((count, 6), np.inf)
         axes = model.joint_axis.numpy().astype(float)
+        armature, rotors = np.zeros((count, 6)), model.joint_armature.numpy().astype(float)
         limits = (model.joint_limit_lower.numpy(), model.joint_limit_upper.numpy())
         starts, dims = model.joint_qd_start.numpy(), model.joint_dof_dim.numpy()[chosen]
         for row, joint in enumerate(chosen):
@@ -78,6 +86,8 @@ class Joints:
             locked[row] = np.eye(3) - along.T @ slide[row, :linear]
             for side, source in zip((lower, upper), limits, strict=True):
                 side[row, :linear] = source[start : start + linear]
+            places = [*range(linear), *((3, 5) if angular == 2 else range(3, 3 + angular))]
+            armature[row, places] = rotors[start : start + linear + angular]
             if angular == 0 or kind[joint] == newton.JointType.BALL:
                 continue
             about = axes[start + linear : start + linear + angular]
@@ -99,6 +109,8 @@ class Joints:
             sign=sign,
             lower=lower,
             upper=upper,
+            armature=armature,
+            ball=kind[chosen] == newton.JointType.BALL,
         )
 
     def separation(self, body_q: Array) -> Array:
@@ -143,7 +155,56 @@ class Joints:
         )
         wrapped = np.arctan2(np.sin(twist), np.cos(twist))
         angles[:, 0] = np.where(self.angular == 1, wrapped, angles[:, 0])
-        at = np.hstack([np.einsum("nij,nj->ni", self.slide, offset), angles])
+        slid = np.einsum("nij,nj->ni", self.slide, offset)
+        passed = self._passed(np.hstack([slid, angles]))
+        # About three axes two triples of angles say the same; the joint may be at either.
+        other = angles * [1.0, -1.0, 1.0] + np.pi
+        other = np.arctan2(np.sin(other), np.cos(other))
+        beyond = self._passed(np.hstack([slid, other]))
+        return np.where(self.angular == 3, np.minimum(passed, beyond), passed)
+
+    def rates(self, body_q: Array, body_qd: Array, com: Array) -> Array:
+        """Rates of the linear and angular coordinates [m/s, rad/s], unused ones 0, shape [n, 6].
+
+        NaN for a joint of three angular axes of which two are nearly parallel: what they turn
+        against each other is not to be read off the bodies.
+
+        Args:
+            body_q: Body poses, shape [bodies, 7].
+            body_qd: Velocities of centers of mass and angular ones, shape [bodies, 6].
+            com: Centers of mass in the body frames [m], shape [bodies, 3].
+        """
+        poses = np.vstack([body_q, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+        twists = np.vstack([body_qd, np.zeros(6)])
+        centers = transform(poses, np.vstack([com, np.zeros(3)]))
+        anchor = transform(poses[self.child], self.child_frame[:, :3])
+
+        def at_anchor(body: NDArray[np.int64]) -> Array:
+            return twists[body, :3] + np.cross(twists[body, 3:], anchor - centers[body])
+
+        back = _product(poses[self.parent, 3:], self.parent_frame[:, 3:]) * _CONJUGATE
+        sliding = rotate(back, at_anchor(self.child) - at_anchor(self.parent))
+        turning = rotate(back, twists[self.child, 3:] - twists[self.parent, 3:])
+        _, turn = self._relative(body_q)
+        angles = self._angles(turn)
+        first, second = self.basis[:, :, 0], self.basis[:, :, 1]
+        axes = np.zeros((len(turn), 3, 3))
+        axes[:, :, 0] = first
+        middle = _product(_about(first, angles[:, 0]), _about(second, angles[:, 1]))
+        axes[:, :, 1] = rotate(_about(first, angles[:, 0]), second)
+        axes[:, :, 2] = rotate(middle, self.basis[:, :, 2] * self.sign[:, None])
+        axes[self.angular == 2, :, 1] = 0.0
+        axes[self.angular == 1, :, 1:] = 0.0
+        axes[self.angular == 0] = 0.0
+        axes[self.ball] = np.eye(3)
+        turned = np.einsum("nij,nj->ni", np.linalg.pinv(axes), turning)
+        turned[(self.angular == 3) & ~self.ball & (np.abs(np.cos(angles[:, 1])) < _PARALLEL)] = (
+            np.nan
+        )
+        return np.hstack([np.einsum("nij,nj->ni", self.slide, sliding), turned])
+
+    def _passed(self, at: Array) -> Array:
+        """How far coordinates, shape [n, 6], are beyond the limits, at least 0, shape [n]."""
         return np.max(np.maximum(self.lower - at, at - self.upper), axis=1, initial=0.0)
 
     def _relative(self, body_q: Array) -> tuple[Array, Array]:
@@ -235,6 +296,11 @@ def _basis(axes: Array) -> tuple[Array, float]:
     third = np.cross(first, second)
     sign = 1.0 if len(axes) == 1 or third @ axes[-1] > 0.0 else -1.0
     return np.stack([first, second, third], axis=1), sign
+
+
+def _about(axis: Array, angle: Array) -> Array:
+    """Quaternions of turns about unit axes, shape [n, 4]."""
+    return np.hstack([np.sin(0.5 * angle)[:, None] * axis, np.cos(0.5 * angle)[:, None]])
 
 
 def _product(a: Array, b: Array) -> Array:

@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd falls``: drop, spin and throw robots, and say whether energy appears."""
+
+import argparse
+import json
+import sys
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import newton
+
+from newton_avbd.io import UserError
+from newton_avbd.io.assets import SUFFIXES, read_asset
+from newton_avbd.io.robots import find_robot, not_installed, read_robot
+from newton_avbd.io.solvers import SOLVERS
+from newton_avbd.study.fall_run import Fall, Setup, run_falls
+from newton_avbd.study.fall_scene import KINDS, bare, starts
+
+from .options import positive
+from .output import length, table
+from .robots import chosen_robots, show, show_nothing, silence
+
+HEAD = ("", "kind", "solver", "falls", "fail", "gain", "speed", "joint", "limit", "bounded")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"robots, packages of them, or files ({', '.join(SUFFIXES)}); default: all robots",
+    )
+    parser.add_argument(
+        "--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="what happens (default: all)"
+    )
+    parser.add_argument(
+        "--seeds",
+        type=_seeds,
+        default=range(8),
+        metavar="N",
+        help="so many starts of each kind, or FIRST:END (default: 8)",
+    )
+    parser.add_argument(
+        "--solver",
+        nargs="+",
+        choices=SOLVERS,
+        default=["avbd"],
+        metavar="SOLVER",
+        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
+    )
+    parser.add_argument(
+        "--dt", type=positive(float), default=Setup.dt, help="time step in seconds (default: 1/240)"
+    )
+    parser.add_argument(
+        "--seconds", type=positive(float), default=Setup.seconds, help="of each fall (default: 3)"
+    )
+    parser.add_argument(
+        "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
+    )
+    parser.add_argument(
+        "--scheme", choices=("euler", "bdf2", "generalized_alpha"), help="of SolverAVBD"
+    )
+    parser.add_argument("--parallel", choices=("worlds", "bodies"), help="of SolverAVBD")
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="write a file for each fall that fails there"
+    )
+    parser.add_argument(
+        "--replay", type=Path, metavar="FILE", help="repeat the fall of such a file instead"
+    )
+    parser.epilog = """\
+kinds:
+  fallen   random joint angles and orientation, dropped on the ground
+  spin5    weightless, joints turn at up to 5 rad/s against their limits
+  spin12   at up to 12 rad/s
+  spin30   at up to 30 rad/s
+  thrown   random joint angles and orientation, at 10 m/s against a wall
+Robots float. Drives, passive springs and dampers are off. Columns: the most energy gained since its
+lowest value, as a share of that at the start; the fastest center of mass, and the same as a
+multiple of a free fall's speed; the widest open joint; the furthest that a limit was passed; the
+steps in which SolverAVBD had to bound the energy."""
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run the falls, print a table; 1 where a fall with SolverAVBD fails."""
+    setups = [
+        Setup(solver, args.dt, args.seconds, args.iterations, args.scheme, args.parallel)
+        for solver in args.solver
+    ]
+    if args.replay:
+        return _replay(args.replay)
+    _make_folder(args.output)
+    for sentence in not_installed():
+        print(f"newton-avbd: {sentence}", file=sys.stderr)
+    rows: list[tuple[str, ...]] = [HEAD]
+    failed = False
+    names = _names(args.names)
+    for number, name in enumerate(names, 1):
+        label = f"{name} ({number} of {len(names)})"
+        try:
+            builder = load(name)
+            with silence():
+                chosen = starts(builder, tuple(args.kinds), args.seeds)
+        except UserError as error:
+            print(f"newton-avbd: {name} is left out: {error}", file=sys.stderr)
+            continue
+        for setup in setups:
+            try:
+                with silence():
+                    shown = partial(show, label, setup.solver)
+                    falls = run_falls(name, builder, chosen, setup, shown)
+            except Exception as error:  # solvers refuse in as many ways as there are solvers
+                show_nothing()
+                print(f"newton-avbd: {name} is left out: {setup.solver}: {error}", file=sys.stderr)
+                continue
+            show_nothing()
+            new = _rows(name, setup.solver, falls)
+            print(table([HEAD, *new] if len(rows) == 1 else new), flush=True)
+            rows += new
+            for fall in falls:
+                if fall.failures() and setup.solver == "avbd":
+                    failed = True
+                    _save(args.output, fall, setup, args)
+    print(f"\n{table(rows)}")
+    return int(failed)
+
+
+def load(name: str) -> newton.ModelBuilder:
+    """A robot by its name, or of a file, without what does work.
+
+    Raises:
+        UserError: There is no such robot or file, or it cannot be read.
+    """
+    with silence():
+        if _is_file(name):
+            builder, _ = read_asset(Path(name), "avbd", floating=True)
+        else:
+            builder, _ = read_robot(replace(find_robot(name), bolted=False))
+        if builder.body_count == 0:
+            raise UserError(f"{name} holds no rigid bodies")
+        return bare(builder)
+
+
+def _names(wanted: list[str]) -> list[str]:
+    files = [name for name in wanted if _is_file(name)]
+    others = [name for name in wanted if not _is_file(name)]
+    return files + [robot.name for robot in (chosen_robots(others) if others or not files else [])]
+
+
+def _is_file(name: str) -> bool:
+    return name.endswith(SUFFIXES) and Path(name).is_file()
+
+
+def _rows(name: str, solver: str, falls: list[Fall]) -> list[tuple[str, ...]]:
+    """A row for each kind: the worst of its falls."""
+    rows: list[tuple[str, ...]] = []
+    for kind in KINDS:
+        same = [fall for fall in falls if fall.start.kind == kind]
+        if same:
+            fast = max(same, key=lambda fall: fall.speed / max(fall.free, 1e-9))
+            rows.append(
+                (
+                    name,
+                    kind,
+                    solver,
+                    f"{len(same)}",
+                    f"{sum(bool(fall.failures()) for fall in same)}",
+                    f"{max(fall.gain for fall in same):.2g}",
+                    f"{fast.speed:.3g} m/s {fast.speed / max(fast.free, 1e-9):.2f}",
+                    length(max(fall.separation for fall in same)),
+                    f"{max(fall.limit for fall in same):.2g}",
+                    f"{sum(fall.bounded for fall in same)}",
+                )
+            )
+    return rows
+
+
+def _save(folder: Path | None, fall: Fall, setup: Setup, args: argparse.Namespace) -> None:
+    """Say which fall fails, and write what reproduces it.
+
+    Contacts come in another order in other batches, so that the batch is part of it.
+    """
+    batch = {"kinds": args.kinds, "seeds": [args.seeds.start, args.seeds.stop]}
+    entry = {"setup": asdict(setup), "batch": batch, **asdict(fall)}
+    what = f"{fall.robot}, {fall.start.kind}, seed {fall.start.seed}: {', '.join(fall.failures())}"
+    what += f" (gain {fall.gain:.2g}, {fall.jump:.2g} in step {fall.step})"
+    if folder is None:
+        print(f"  {what}", flush=True)
+        return
+    name = Path(fall.robot).stem if _is_file(fall.robot) else fall.robot.replace("/", "_")
+    path = folder / f"{name}-{fall.start.kind}-{fall.start.seed}.json"
+    try:
+        path.write_text(json.dumps(entry, indent=1) + "\n")
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error}") from error
+    print(f"  {what}; newton-avbd falls --replay {path}", flush=True)
+
+
+def _replay(path: Path) -> int:
+    """Repeat a fall that was saved, and print it; 1 where it fails."""
+    try:
+        entry = json.loads(path.read_text())
+        setup, name = Setup(**entry["setup"]), entry["robot"]
+        kinds, seeds = tuple(entry["batch"]["kinds"]), range(*entry["batch"]["seeds"])
+        which = entry["start"]["kind"], entry["start"]["seed"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UserError(f"cannot read a fall from {path}: {error}") from error
+    with silence():
+        builder = load(name)
+        chosen = starts(builder, kinds, seeds)
+        falls = run_falls(name, builder, chosen, setup, partial(show, name, setup.solver))
+    show_nothing()
+    fall = next(fall for fall in falls if (fall.start.kind, fall.start.seed) == which)
+    print(table([HEAD, *_rows(name, setup.solver, [fall])]))
+    if fall.failures():
+        print(
+            f"  {', '.join(fall.failures())}: most energy, {fall.jump:.2g} of that at the start, "
+            f"comes in step {fall.step}"
+        )
+    return int(bool(fall.failures()))
+
+
+def _make_folder(folder: Path | None) -> None:
+    if folder is None:
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error}") from error
+
+
+def _seeds(text: str) -> range:
+    """Reader of a number of seeds, or of the first and the end."""
+    first, colon, end = text.partition(":")
+    seeds = range(int(first), int(end)) if colon else range(int(first))
+    if not seeds:
+        raise ValueError
+    return seeds

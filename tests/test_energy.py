@@ -1,0 +1,96 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Steps that do not settle gain no energy, and keep their momentum."""
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from helpers import Simulation, add_box, add_ground, add_sphere
+
+from newton_avbd.study.fall_run import Setup, run_falls
+from newton_avbd.study.fall_scene import bare, make_model, starts
+from newton_avbd.study.measure import Bodies, kinetic_energy
+from newton_avbd.study.robots import add_humanoid
+
+DRIVERS = ("worlds", "bodies")
+
+
+def weightless_humanoid() -> newton.ModelBuilder:
+    """A humanoid whose joints turn at up to 30 rad/s against their limits, without weight."""
+    robot = newton.ModelBuilder()
+    add_humanoid(robot)
+    bare(robot)
+    robot.joint_armature[:] = [0.0] * robot.joint_dof_count
+    model = make_model(robot, starts(robot, ("spin30",), range(1)))
+    robot.gravity = (0.0, 0.0, 0.0)
+    robot.joint_q[:] = model.joint_q.numpy().tolist()
+    robot.joint_qd[:] = model.joint_qd.numpy().tolist()
+    robot.body_q[:] = [wp.transform(*pose) for pose in model.body_q.numpy()]
+    robot.body_qd[:] = list(model.body_qd.numpy())
+    return robot
+
+
+def colliding_spheres() -> newton.ModelBuilder:
+    """Spheres without weight that fly at each other, of masses 1:1000."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    rng = np.random.default_rng(3)
+    for i in range(12):
+        place = rng.uniform(-0.4, 0.4, 3) + np.array([0.5 * (i % 3), 0.5 * (i // 3), 0.0])
+        body = add_sphere(builder, place, 0.15, density=10.0 ** (i % 4), mu=0.5)
+        builder.body_qd[body] = (*(-4.0 * place), *rng.uniform(-5.0, 5.0, 3))
+    return builder
+
+
+def momentum(sim: Simulation) -> np.ndarray:
+    """Momentum [N s]."""
+    return (sim.mass[:, None] * sim.velocity[:, :3]).sum(axis=0)
+
+
+@pytest.mark.parametrize("parallel", DRIVERS)
+@pytest.mark.parametrize("scene", [weightless_humanoid, colliding_spheres])
+def test_a_step_that_does_not_settle_gains_no_energy(scene, parallel: str) -> None:
+    """One sweep a step does not settle what meets: momentum stays, energy does not rise.
+
+    Sums in float32 round by 1e-7 of what they sum, 120 times.
+    """
+    sim = Simulation(scene(), iterations=1, parallel=parallel)
+    bodies = Bodies.of(sim.model)
+    before = kinetic_energy(bodies, sim.pose, sim.velocity).sum()
+    start, size = momentum(sim), np.abs(sim.mass[:, None] * sim.velocity[:, :3]).sum()
+    for _ in range(120):
+        sim.step()
+        after = kinetic_energy(bodies, sim.pose, sim.velocity).sum()
+        assert after < before * (1.0 + 1.0e-5)
+        before = min(before, after)
+    assert np.abs(momentum(sim) - start).max() < 1.0e-5 * size
+    # the spheres need it
+    status = sim.solver.status
+    assert status.bounded_steps.any() == status.bounded_energy.any()
+    assert status.bounded_steps.any() or scene is not colliding_spheres
+
+
+def test_what_settles_is_left_alone() -> None:
+    """A stack that rests, and bodies that fall, settle: nothing is bounded."""
+    builder = newton.ModelBuilder()
+    add_ground(builder)
+    for i in range(4):
+        add_box(builder, (0.0, 0.0, 0.25 + 0.5 * i), 0.5)
+    sim = Simulation(builder)
+    sim.run(0.5)
+    assert sim.solver.report().settled.all()
+    assert not sim.solver.status.bounded_steps.any()
+    assert not sim.solver.status.bounded_energy.any()
+
+
+def test_a_humanoid_that_spins_against_its_limits_gains_no_energy() -> None:
+    """Two seeds at each speed, fallen and thrown: 1e-3 of the energy, rotors included."""
+    robot = newton.ModelBuilder()
+    add_humanoid(robot)
+    bare(robot)
+    kinds = ("fallen", "spin12", "spin30", "thrown")
+    chosen = starts(robot, kinds, range(2))
+    setup = Setup(seconds=1.0)
+    for fall in run_falls("humanoid", robot, chosen, setup, lambda done, total: None):
+        assert fall.finite
+        assert fall.gain < 2.0e-3, (fall.start.kind, fall.start.seed)
