@@ -193,6 +193,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
+    is_gimbal = joint_functions.is_gimbal
 
     @wp.func
     def begin_balance(body: int, islands: wp.ref[IslandWork]):
@@ -226,7 +227,19 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             damping, _k = axis_rows.drive(joints, control, index, 0.0, moved, h)
             whole, _k = axis_rows.drive(joints, control, index, away, moved, h)
             given = (whole - damping) * moved + wp.max(damping * moved, 0.0)
-            total += wp.min(given, axis_rows.most_effort(joints, index) * wp.abs(moved))
+            most = axis_rows.most_effort(joints, index)
+            if wp.isfinite(most):
+                given = wp.min(given, most * wp.abs(moved))
+            total += given
+        if wp.static(effects.pushed_axes):
+            push = control.pushes[index]
+            middle = wp.float32(q) - 0.5 * moved
+            total += (push.force - push.stiffness * middle) * moved
+            given = (push.drive - push.drive_stiffness * middle) * moved
+            most = wp.max(wp.abs(push.least), wp.abs(push.most))
+            if wp.isfinite(most):
+                given = wp.min(given, most * wp.abs(moved))
+            total += given
         if wp.static(effects.springs):
             away = axis_rows.away_from(joints.rest_q, joints, joint, dof, q, rest_away)
             total += joints.stiffness[index] * moved * (away + 0.5 * moved)
@@ -278,15 +291,19 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         linear = linear_count(joints, joint)
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
+            moved = float(0.0)
+            if wp.static(effects.coordinates):
+                moved = wp.float32(coordinate[first + dof] - start_coordinate[first + dof])
             if joints.type[joint] != ROD and control.joint_f[index] != 0.0:
+                along = float(moved)
                 if dof < linear:
                     along = wp.dot(linear_axis(joints, joint, dof, q_p), shift)
-                else:
-                    along = wp.dot(angular_axis(joints, joint, dof - linear, q_p, q_c), turn)
+                elif not is_gimbal(joints, joint):
+                    axis = angular_axis(joints, joint, dof - linear, q_p, q_c, wp.vec3(0.0))
+                    along = wp.dot(axis, turn)
                 out.before += control.joint_f[index] * along
             if wp.static(effects.coordinates):
                 q = coordinate[first + dof]
-                moved = wp.float32(q - start_coordinate[first + dof])
                 out.before += axis_work(
                     joint, dof, q, moved, turn_away, rest_away, h, joints, control
                 )
@@ -427,6 +444,8 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                 at = first + dof - joints.dof_start[joint]
                 history.joint_angle[dof] = start_coordinate[at]
+                if wp.static(effects.bdf2):
+                    history.joint_angle[dof] = history.coordinate[dof].start
 
     @wp.func
     def scale_rotors(
