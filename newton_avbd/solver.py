@@ -1084,7 +1084,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         self._launch(
             count_turns,
             self._solved.joint_count,
-            [self._joints, self._history, state_out.joint_q],
+            [self._joints, self._history, state_out.joint_q, state_out.joint_qd],
         )
 
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:

@@ -3,6 +3,7 @@
 """What a user may ask for beside poses and velocities, written after the step."""
 
 import functools
+import math
 
 import warp as wp
 
@@ -19,7 +20,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from ..rows.joint import counted, has_axes
+from ..rows.joint import counted, has_axes, is_near_pole
 from .fluid import resistance
 from .launch import KERNEL, uncollected
 from .loops import make_loops
@@ -181,12 +182,29 @@ def count_turns(
     history: History,
     # State out:
     joint_q_out: wp.array[float],
+    joint_qd_out: wp.array[float],
 ):
-    """Puts the turns back into the angles that inverse kinematics wraps; one thread a joint."""
+    """Puts the turns back into the angles that inverse kinematics wraps; one thread a joint.
+
+    Of the two solutions that a gimbal's pose has inverse kinematics knows one, and near the pole it
+    tells rounding. There the coordinates are those that the solver goes on with.
+    """
     joint = wp.tid()
     if not has_axes(joints, joint):
         return
     linear = joints.dof_dim[joint, 0]
+    if joints.dof_dim[joint, 1] == 3:
+        first = joints.dof_start[joint] + linear
+        coord = joints.coord_start[joint] + linear
+        middle = wp.float32(history.joint_angle[first + 1])
+        if wp.cos(middle) < 0.0:
+            joint_q_out[coord] = joint_q_out[coord] + wp.static(math.pi)
+            joint_q_out[coord + 1] = wp.static(math.pi) - joint_q_out[coord + 1]
+            joint_q_out[coord + 2] = joint_q_out[coord + 2] + wp.static(math.pi)
+            joint_qd_out[first + 1] = -joint_qd_out[first + 1]
+        if is_near_pole(middle):
+            for dof in range(3):
+                joint_q_out[coord + dof] = wp.float32(history.joint_angle[first + dof])
     for dof in range(linear, linear + joints.dof_dim[joint, 1]):
         index = joints.dof_start[joint] + dof
         coord = joints.coord_start[joint] + dof

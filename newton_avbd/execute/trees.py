@@ -59,7 +59,7 @@ FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
-POLE_DRAG = 1.0e-4
+POLE_DRAG = 1.0e-3
 """Inertia that resists how the outer axes of a gimbal turn against each other at its pole, of the
 body's own. It only brakes, as if they were always at rest at the start of a step."""
 COUNTED = wp.constant(1.0)

@@ -107,6 +107,9 @@ LEAST_SPREAD = wp.constant(1.0e-6)
 """Share by which rates of the outer axes of a gimbal count as error beside the spin that they miss:
 rounding of the axes makes none of more than 350 times the spin."""
 
+LOOP_SPREAD = wp.constant(1.0e-3)
+"""Likewise for torques of joints outside of trees, which so grow to 16 times what turns the axis."""
+
 
 @wp.func
 def is_near_pole(middle: float) -> bool:
@@ -301,6 +304,7 @@ class JointFunctions:
     locked_turn: wp.Function
     angular_lock: wp.Function
     angular_axis: wp.Function
+    torque_axis: wp.Function
     axis_of: wp.Function
     angles: wp.Function
     is_gimbal: wp.Function
@@ -614,14 +618,39 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         return wp.vec3(wrapped(2.0 * half), 0.0, 0.0)
 
     @wp.func
+    def torque_axis(
+        joints: wp.ref[JointModel],
+        joint: int,
+        dof: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        known: wp.vec3,
+        least: float,
+    ) -> wp.vec3:
+        """World frame's torque of a unit generalized force along angular coordinate ``dof``.
+
+        By it a spin has the rate of the coordinate. The first and the last Euler axis are not
+        square to each other, and at the pole both rates are undetermined: least squares leave the
+        two the least rates, where a rate counts ``least`` beside the spin that it misses.
+        """
+        axis = angular_axis(joints, joint, dof, q_p, q_c, known)
+        if wp.static(kinds.gimbals):
+            if dof != 1 and is_gimbal(joints, joint):
+                other = angular_axis(joints, joint, 2 - dof, q_p, q_c, known)
+                along = wp.dot(axis, other)
+                spread = wp.length_sq(wp.cross(axis, other)) + least * (2.0 + least)
+                return ((1.0 + least) * axis - along * other) / spread
+        return axis
+
+    @wp.func
     def axis_of(
         joints: wp.ref[JointModel], joint: int, dof: int, q_p: wp.quat, q_c: wp.quat, known: wp.vec3
     ) -> wp.vec3:
-        """World axis of a degree of freedom, linear or angular."""
+        """World axis along which a generalized force of a degree of freedom pushes or turns."""
         linear = linear_count(joints, joint)
         if dof < linear:
             return linear_axis(joints, joint, dof, q_p)
-        return angular_axis(joints, joint, dof - linear, q_p, q_c, known)
+        return torque_axis(joints, joint, dof - linear, q_p, q_c, known, LOOP_SPREAD)
 
     @wp.func
     def coordinate(
@@ -664,16 +693,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         if dof < linear:
             return wp.dot(linear_axis(joints, joint, dof, q_p), wp.spatial_top(relative))
         spin = wp.spatial_bottom(relative)
-        axis = angular_axis(joints, joint, dof - linear, q_p, q_c, known)
-        if wp.static(kinds.gimbals):
-            if dof != linear + 1 and is_gimbal(joints, joint):
-                # The first and the last Euler axis are not square to each other: least squares,
-                # which leave the two the least rates where they are parallel.
-                other = angular_axis(joints, joint, 2 + linear - dof, q_p, q_c, known)
-                along = wp.dot(axis, other)
-                alone = axis - along * other
-                spread = wp.length_sq(wp.cross(axis, other)) + LEAST_SPREAD * (2.0 + LEAST_SPREAD)
-                return wp.dot(alone + LEAST_SPREAD * axis, spin) / spread
+        axis = torque_axis(joints, joint, dof - linear, q_p, q_c, known, LEAST_SPREAD)
         return wp.dot(axis, spin)
 
     @wp.func
@@ -705,6 +725,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         locked_turn,
         angular_lock,
         angular_axis,
+        torque_axis,
         axis_of,
         angles,
         is_gimbal,

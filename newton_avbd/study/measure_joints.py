@@ -156,12 +156,29 @@ class Joints:
         wrapped = np.arctan2(np.sin(twist), np.cos(twist))
         angles[:, 0] = np.where(self.angular == 1, wrapped, angles[:, 0])
         slid = np.einsum("nij,nj->ni", self.slide, offset)
-        passed = self._passed(np.hstack([slid, angles]))
         # About three axes two triples of angles say the same; the joint may be at either.
         other = angles * [1.0, -1.0, 1.0] + np.pi
         other = np.arctan2(np.sin(other), np.cos(other))
-        beyond = self._passed(np.hstack([slid, other]))
-        return np.where(self.angular == 3, np.minimum(passed, beyond), passed)
+        passed, beyond = self._passed(slid, angles), self._passed(slid, other)
+        # Where the outer two are nearly parallel, what they turn against each other turns the
+        # child by the cosine of the middle angle less. Their sum counts whole.
+        cosine = np.abs(np.cos(angles[:, 1]))[:, None]
+        is_near = (self.angular == 3) & (cosine[:, 0] < _PARALLEL)
+        for triple in (passed, beyond):
+            triple[:, [3, 5]] *= np.where(is_near[:, None], cosine, 1.0)
+        nearest = np.minimum(passed.max(axis=1), beyond.max(axis=1))
+        nearest[is_near] = np.maximum(nearest, self._sum_passed(angles))[is_near]
+        return np.where(self.angular == 3, nearest, passed.max(axis=1))
+
+    def _sum_passed(self, angles: Array) -> Array:
+        """How far the sum of the outer two of three angles is beyond what their limits allow."""
+        side = np.where(np.sin(angles[:, 1]) < 0.0, -1.0, 1.0) * self.sign
+        last = np.sort(side[:, None] * np.stack([self.lower[:, 5], self.upper[:, 5]], 1), axis=1)
+        lower, upper = self.lower[:, 3] + last[:, 0], self.upper[:, 3] + last[:, 1]
+        total = angles[:, 0] + side * angles[:, 2]
+        turns = total[:, None] + 2.0 * np.pi * np.arange(-2, 3)
+        beyond = np.maximum(lower[:, None] - turns, turns - upper[:, None])
+        return np.maximum(beyond, 0.0).min(axis=1)
 
     def rates(self, body_q: Array, body_qd: Array, com: Array) -> Array:
         """Rates of the linear and angular coordinates [m/s, rad/s], unused ones 0, shape [n, 6].
@@ -203,9 +220,10 @@ class Joints:
         )
         return np.hstack([np.einsum("nij,nj->ni", self.slide, sliding), turned])
 
-    def _passed(self, at: Array) -> Array:
-        """How far coordinates, shape [n, 6], are beyond the limits, at least 0, shape [n]."""
-        return np.max(np.maximum(self.lower - at, at - self.upper), axis=1, initial=0.0)
+    def _passed(self, slid: Array, angles: Array) -> Array:
+        """How far coordinates, shape [n, 3] each, are beyond limits, at least 0, shape [n, 6]."""
+        at = np.hstack([slid, angles])
+        return np.maximum(np.maximum(self.lower - at, at - self.upper), 0.0)
 
     def _relative(self, body_q: Array) -> tuple[Array, Array]:
         """Offset [m] and rotation of the child's anchor, both in the parent's anchor frame."""
