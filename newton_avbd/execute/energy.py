@@ -213,13 +213,19 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         h: float,
         joints: wp.ref[JointModel],
         control: wp.ref[ControlInput],
+        history: wp.ref[History],
     ) -> float:
         """Work of what acts along an axis that has moved to q, ``joint_f`` aside [J]."""
         index = joints.dof_start[joint] + dof
         total = float(0.0)
         if wp.static(effects.rods):
             if joints.type[joint] == ROD:
-                return -joints.target_ke[index] * moved * (wp.float32(q) - 0.5 * moved)
+                total -= joints.target_ke[index] * moved * (wp.float32(q) - 0.5 * moved)
+                if wp.static(effects.dahl):
+                    if dof >= 3:
+                        # what friction has stored is at most what it pushed with before
+                        total += wp.max(-history.dahl_sigma[joint][dof - 3] * moved, 0.0)
+                return total
         if wp.static(effects.drives):
             # the mean force of the spring over the way, and of a damper what a motor gives
             away = axis_rows.away_from(control.target_q, joints, joint, dof, q, turn_away)
@@ -272,6 +278,10 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         child = joints.child[joint]
         parent = parent_slot(joints, joint, static_slot)
         out = touch_fixed(child, True, work, touch_fixed(parent, True, work, sum))
+        for side in range(2):
+            slot = wp.where(side == 0, child, parent)
+            if work.inv_mass[slot] == 0.0 and slot != static_slot and not tree.is_left[slot]:
+                out.is_pushed = True  # its pose has been written since the last step
         q_p = anchor_rotation(tree, parent, joints.parent_frame[joint])
         q_c = anchor_rotation(tree, child, joints.child_frame[joint])
         arm = anchor_arm(model, tree, child, joints.child_frame[joint], static_slot)
@@ -305,7 +315,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             if wp.static(effects.coordinates):
                 q = coordinate[first + dof]
                 out.before += axis_work(
-                    joint, dof, q, moved, turn_away, rest_away, h, joints, control
+                    joint, dof, q, moved, turn_away, rest_away, h, joints, control, history
                 )
             if wp.static(effects.armature):
                 inertia = joints.armature[index]

@@ -3,7 +3,6 @@
 """What a user may ask for beside poses and velocities, written after the step."""
 
 import functools
-import math
 
 import warp as wp
 
@@ -20,7 +19,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from ..rows.joint import counted, has_axes, is_near_pole
+from ..rows.joint import counted, has_axes, nearest_angles
 from .fluid import resistance
 from .launch import KERNEL, uncollected
 from .loops import make_loops
@@ -186,8 +185,8 @@ def count_turns(
 ):
     """Puts the turns back into the angles that inverse kinematics wraps; one thread a joint.
 
-    Of the two solutions that a gimbal's pose has inverse kinematics knows one, and near the pole it
-    tells rounding. There the coordinates are those that the solver goes on with.
+    Of the two solutions that a gimbal's pose has inverse kinematics knows one. The joint is at the
+    one nearest to where the step began.
     """
     joint = wp.tid()
     if not has_axes(joints, joint):
@@ -196,15 +195,18 @@ def count_turns(
     if joints.dof_dim[joint, 1] == 3:
         first = joints.dof_start[joint] + linear
         coord = joints.coord_start[joint] + linear
-        middle = wp.float32(history.joint_angle[first + 1])
-        if wp.cos(middle) < 0.0:
-            joint_q_out[coord] = joint_q_out[coord] + wp.static(math.pi)
-            joint_q_out[coord + 1] = wp.static(math.pi) - joint_q_out[coord + 1]
-            joint_q_out[coord + 2] = joint_q_out[coord + 2] + wp.static(math.pi)
+        found = wp.vec3()
+        known = wp.vec3()
+        for dof in range(3):
+            found[dof] = joint_q_out[coord + dof]
+            known[dof] = wp.float32(history.joint_angle[first + dof])
+        across = wp.cross(joints.axis[first], joints.axis[first + 1])
+        parallel = wp.sin(found[1]) * wp.dot(across, joints.axis[first + 2])
+        angles = nearest_angles(found, known, parallel, False)
+        if wp.cos(angles[1]) < 0.0:
             joint_qd_out[first + 1] = -joint_qd_out[first + 1]
-        if is_near_pole(middle):
-            for dof in range(3):
-                joint_q_out[coord + dof] = wp.float32(history.joint_angle[first + dof])
+        for dof in range(3):
+            joint_q_out[coord + dof] = angles[dof]
     for dof in range(linear, linear + joints.dof_dim[joint, 1]):
         index = joints.dof_start[joint] + dof
         coord = joints.coord_start[joint] + dof

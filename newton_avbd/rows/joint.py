@@ -108,7 +108,7 @@ LEAST_SPREAD = wp.constant(1.0e-6)
 rounding of the axes makes none of more than 350 times the spin."""
 
 LOOP_SPREAD = wp.constant(1.0e-3)
-"""Likewise for torques of joints outside of trees, which so grow to 16 times what turns the axis."""
+"""Likewise for torques of joints outside of trees: they grow to 16 times what turns the axis."""
 
 
 @wp.func
