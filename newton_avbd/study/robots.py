@@ -9,9 +9,11 @@ stability" is left out.
 """
 
 import math
+from collections.abc import Callable
 
 import newton
 import newton.examples
+import numpy as np
 import warp as wp
 
 from newton_avbd.study.scene import Scene
@@ -20,6 +22,9 @@ GAP = 0.02
 """Contact detection gap of every shape [m]; Newton's default is as large as an ant's leg."""
 
 WORLDS = 1024
+
+FALLING_WORLDS = 256
+"""Worlds of the batches in which each robot falls from a pose of its own."""
 
 
 def add_ant(builder: newton.ModelBuilder) -> None:
@@ -115,6 +120,37 @@ def add_ant_worlds(builder: newton.ModelBuilder) -> None:
     builder.replicate(world, WORLDS)
 
 
+def add_humanoid_worlds(builder: newton.ModelBuilder) -> None:
+    """Add worlds in which a humanoid falls, from any orientation."""
+    _add_falling_worlds(builder, add_humanoid, most_turn=math.pi)
+
+
+def add_quadruped_worlds(builder: newton.ModelBuilder) -> None:
+    """Add worlds in which a quadruped falls on its feet, its legs held by drives."""
+    _add_falling_worlds(builder, add_quadruped, most_turn=0.3)
+
+
+def _add_falling_worlds(
+    builder: newton.ModelBuilder,
+    add_robot: Callable[[newton.ModelBuilder], None],
+    most_turn: float,
+) -> None:
+    """Add worlds with a robot in each, up to 0.5 m higher and turned by up to so much [rad]."""
+    world = newton.ModelBuilder()
+    world.default_shape_cfg = builder.default_shape_cfg.copy()
+    add_robot(world)
+    builder.replicate(world, FALLING_WORLDS)
+    random = np.random.default_rng(0)
+    coordinates = len(builder.joint_q) // FALLING_WORLDS
+    for start in range(0, len(builder.joint_q), coordinates):
+        axis = wp.normalize(wp.vec3(*random.normal(size=3)))
+        turn = wp.quat_from_axis_angle(axis, float(random.uniform(0.0, most_turn)))
+        builder.joint_q[start + 2] += float(random.uniform(0.0, 0.5))
+        rotation = wp.quat(*builder.joint_q[start + 3 : start + 7])
+        builder.joint_q[start + 3 : start + 7] = list(turn * rotation)
+    place(builder)
+
+
 def _add_mjcf(builder: newton.ModelBuilder, asset: str, height: float) -> None:
     """Add an asset without its floor, ``height`` [m] above where it was authored."""
     builder.default_shape_cfg.gap = GAP
@@ -176,8 +212,20 @@ _SINGLE = (
 ROBOTS = (
     *_SINGLE,
     Scene("ant_worlds", f"{WORLDS:,} worlds, an ant in each", add_ant_worlds, vbd_ke=1e4),
+    Scene(
+        "humanoid_worlds",
+        f"{FALLING_WORLDS} worlds, a humanoid falls in each",
+        add_humanoid_worlds,
+        vbd_ke=1e5,
+    ),
+    Scene(
+        "quadruped_worlds",
+        f"{FALLING_WORLDS} worlds, a quadruped lands in each",
+        add_quadruped_worlds,
+        vbd_ke=1e5,
+    ),
 )
-"""Scenes of one robot each, but for the last."""
+"""Scenes of one robot each, and of many worlds."""
 
 SINGLE_ROBOTS = tuple(scene.name for scene in _SINGLE)
 """Names of the scenes of one robot."""
