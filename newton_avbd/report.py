@@ -72,13 +72,13 @@ class Status:
     update: np.ndarray
     """How far the last of these still moved a body [m], a turn by its radius of gyration."""
     bounded_steps: np.ndarray
-    """How often the energy of an island was bounded after a step that did not settle: it had more
-    than before the step and was given in it; by world as above."""
+    """How often the energy of an island was bounded after a step that did not settle, because it had
+    more than before the step and was given in it; by world as above."""
     bounded_energy: np.ndarray
     """Energy that this took away [J], by world as above."""
     unbounded_steps: np.ndarray
-    """How often that was left alone because something that the user moves pushed the island: what
-    a kinematic body or a moving surface gives is not known; by world as above."""
+    """How often that was left alone because something that the user moves pushed the island. What a
+    kinematic body or a moving surface gives is not known; by world as above."""
     broken_joints: np.ndarray
     """Indices of the joints that broke, shape (count,)."""
     sleeping_bodies: int
