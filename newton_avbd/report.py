@@ -72,8 +72,8 @@ class Status:
     update: np.ndarray
     """How far the last of these still moved a body [m], a turn by its radius of gyration."""
     bounded_steps: np.ndarray
-    """How often the energy of an island was bounded after a step that did not settle, because it had
-    more than before the step and was given in it; by world as above."""
+    """How often the energy of an island was bounded after a step that did not settle, because it
+    had more than before the step and was given in it; by world as above."""
     bounded_energy: np.ndarray
     """Energy that this took away [J], by world as above."""
     unbounded_steps: np.ndarray
