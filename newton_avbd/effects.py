@@ -397,8 +397,8 @@ class Effects:
 
     @property
     def coordinates(self) -> bool:
-        """Whether coordinates of joints count, since something acts along axes that depends on them,
-        or poses alone do not tell them."""
+        """Whether coordinates of joints count, because something acts along axes that depends on
+        them, or because poses alone do not tell them."""
         linear = self.drives or self.springs or self.armature or self.rods or self.limits
         return linear or self.pushed_axes or self.laws or self.mimics or self.kinds.gimbals
 

@@ -81,3 +81,23 @@ def test_middle_axis_goes_through_a_right_angle(blocks: str, gain: float) -> Non
         most, known, before = np.maximum(most, np.abs(q[:, 1])), q, now
     # all of them have gone beyond the right angle
     assert most.min() > 1.65
+
+
+def test_a_pose_that_is_written_takes_the_angles_within_the_limits() -> None:
+    """(2, 1.9, 2) and (2 - pi, pi - 1.9, 2 - pi) are one pose: the second is nearer to the model's
+    own angles, which are zero, and limits allow the first only."""
+    model, _ = hinged("articulation")
+    q = np.tile([2.0, 1.9, 2.0], (model.joint_count, 1)).astype(np.float32)
+    model.joint_q.zero_()
+    model.joint_limit_lower.assign((q - [0.5, 4.0, 0.5]).ravel())
+    model.joint_limit_upper.assign((q + [0.5, 4.0, 0.5]).ravel())
+    solver = SolverAVBD(model, update_joint_state=True)
+    state, after = model.state(), model.state()
+    state.joint_q.assign(q.ravel())
+    state.joint_qd.zero_()
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    for _ in range(3):
+        solver.step(state, after, None, None, DT)
+        state, after = after, state
+    # at rest without gravity: it stays, to rounding of orientations divided by the cosine
+    assert np.abs(state.joint_q.numpy().reshape(-1, 3) - q).max() < 1.0e-5

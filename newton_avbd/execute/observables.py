@@ -19,7 +19,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from ..rows.joint import counted, has_axes, nearest_angles
+from ..rows.joint import counted, has_axes, nearest_angles, reduced
 from .fluid import resistance
 from .launch import KERNEL, uncollected
 from .loops import make_loops
@@ -199,7 +199,7 @@ def count_turns(
         known = wp.vec3()
         for dof in range(3):
             found[dof] = joint_q_out[coord + dof]
-            known[dof] = wp.float32(history.joint_angle[first + dof])
+            known[dof] = reduced(history.joint_angle[first + dof])
         across = wp.cross(joints.axis[first], joints.axis[first + 1])
         parallel = wp.sin(found[1]) * wp.dot(across, joints.axis[first + 2])
         angles = nearest_angles(found, known, parallel, False)

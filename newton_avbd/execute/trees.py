@@ -755,6 +755,19 @@ def make_trees(
                 index = joints.dof_start[joint] + dof
                 history.joint_angle[index] = history.joint_angle[index] + about
 
+    @wp.func
+    def take_allowed(first: int, joints: wp.ref[JointModel], history: wp.ref[History]):
+        """Of the two solutions for the angles of a gimbal whose pose was written since the last
+        step, takes the one within the limits; they stand from ``first`` on."""
+        angles = wp.vec3()
+        for i in range(3):
+            angles[i] = wp.float32(history.joint_angle[first + i])
+        other = joint_rows.other_solution(angles)
+        least = joint_rows.beyond_limits(joints, first, other)
+        if least < joint_rows.beyond_limits(joints, first, angles):
+            for i in range(3):
+                history.joint_angle[first + i] = wp.float64(other[i])
+
     @wp.func(inline=effects.inline)
     def measure_start(
         body: int,
@@ -790,6 +803,9 @@ def make_trees(
         )
         if wp.static(effects.kinds.gimbals):
             if is_gimbal(joints, joint):
+                if wp.static(effects.limits):
+                    if not tree.is_left[body]:
+                        take_allowed(start + linear_count(joints, joint), joints, history)
                 # what the pose has beyond the angles was there before
                 tilt = tilt_beyond(body, history.joint_angle, start, joints, tree)
                 none = wp.vec3(0.0)

@@ -101,8 +101,6 @@ and last axis are nearly parallel: within 0.2 rad of a right angle."""
 POLE = wp.constant(4.0e-4)
 """Square of the cosine below which the pose of a gimbal that is not solved with a tree is not asked
 how the two turn against each other: 0.02 rad."""
-
-
 LEAST_SPREAD = wp.constant(1.0e-6)
 """Share by which rates of the outer axes of a gimbal count as error beside the spin that they miss:
 rounding of the axes makes none of more than 350 times the spin."""
@@ -134,8 +132,7 @@ def nearest_angles(found: wp.vec3, known: wp.vec3, parallel: float, is_carried: 
         is_carried: Whether the known angles already have what the axes turned. Then the pose is
             asked from far enough from the pole on only, for that is what it follows.
     """
-    half = wp.static(math.pi)
-    other = wp.vec3(found[0] + half, half - found[1], found[2] + half)
+    other = other_solution(found)
     a = found - known
     b = other - known
     for i in range(3):
@@ -166,6 +163,32 @@ def nearest_angles(found: wp.vec3, known: wp.vec3, parallel: float, is_carried: 
     if wp.length_sq(b) < wp.length_sq(a):
         return known + b
     return known + a
+
+
+@wp.func
+def other_solution(angles: wp.vec3) -> wp.vec3:
+    """The other angles of a gimbal that have its child in the same pose, in [-pi, pi] [rad]."""
+    half = wp.static(math.pi)
+    return wp.vec3(wrapped(angles[0] + half), wrapped(half - angles[1]), wrapped(angles[2] + half))
+
+
+@wp.func
+def beyond_limits(joints: wp.ref[JointModel], first: int, angles: wp.vec3) -> float:
+    """How far angles are beyond the limits of the degrees of freedom from ``first`` on [rad]."""
+    lower = wp.vec3(
+        joints.limit_lower[first], joints.limit_lower[first + 1], joints.limit_lower[first + 2]
+    )
+    upper = wp.vec3(
+        joints.limit_upper[first], joints.limit_upper[first + 1], joints.limit_upper[first + 2]
+    )
+    return wp.max(wp.max(wp.max(lower - angles), wp.max(angles - upper)), 0.0)
+
+
+@wp.func
+def reduced(angle: wp.float64) -> float:
+    """The angle less whole revolutions, in [-pi, pi] [rad]: of many, float32 tells too little."""
+    turns = wp.round(angle * wp.static(wp.float64(0.5 / math.pi)))
+    return wp.float32(angle - wp.static(wp.float64(2.0 * math.pi)) * turns)
 
 
 @wp.func
@@ -345,13 +368,14 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
     def known_angles(
         joints: wp.ref[JointModel], joint: int, values: wp.array[wp.float64], first: int
     ) -> wp.vec3:
-        """Angles of a gimbal [rad] by the coordinates of a joint, from ``first`` on."""
+        """Angles of a gimbal less whole revolutions [rad], by coordinates of its joint.
+
+        They stand from ``first`` on.
+        """
         if wp.static(kinds.gimbals):
             if is_gimbal(joints, joint):
                 k = first + linear_count(joints, joint)
-                return wp.vec3(
-                    wp.float32(values[k]), wp.float32(values[k + 1]), wp.float32(values[k + 2])
-                )
+                return wp.vec3(reduced(values[k]), reduced(values[k + 1]), reduced(values[k + 2]))
         return wp.vec3(0.0)
 
     @wp.func
