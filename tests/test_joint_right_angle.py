@@ -89,8 +89,8 @@ def test_a_pose_that_is_written_takes_the_angles_within_the_limits() -> None:
     model, _ = hinged("articulation")
     q = np.tile([2.0, 1.9, 2.0], (model.joint_count, 1)).astype(np.float32)
     model.joint_q.zero_()
-    model.joint_limit_lower.assign((q - [0.5, 4.0, 0.5]).ravel())
-    model.joint_limit_upper.assign((q + [0.5, 4.0, 0.5]).ravel())
+    model.joint_limit_lower.assign((q - np.array([0.5, 4.0, 0.5])).ravel())
+    model.joint_limit_upper.assign((q + np.array([0.5, 4.0, 0.5])).ravel())
     solver = SolverAVBD(model, update_joint_state=True)
     state, after = model.state(), model.state()
     state.joint_q.assign(q.ravel())
@@ -101,3 +101,46 @@ def test_a_pose_that_is_written_takes_the_angles_within_the_limits() -> None:
         state, after = after, state
     # at rest without gravity: it stays, to rounding of orientations divided by the cosine
     assert np.abs(state.joint_q.numpy().reshape(-1, 3) - q).max() < 1.0e-5
+
+
+def swing(axes: list[tuple[float, float, float]], as_chain: bool) -> np.ndarray:
+    """Poses of a body that swings for half a second from three hinges, as one joint or as three."""
+    builder = newton.ModelBuilder()
+    joints, parent = [], -1
+    inertia = wp.mat33(np.diag([0.02, 0.03, 0.04]))
+    body = builder.add_link(mass=1.0, inertia=inertia, com=wp.vec3(0.2, 0.1, -0.3))
+    if as_chain:
+        for axis in axes[:-1]:
+            link = builder.add_link()
+            joints.append(builder.add_joint_revolute(parent, link, axis=axis))
+            parent = link
+        joints.append(builder.add_joint_revolute(parent, body, axis=axes[-1]))
+    else:
+        config = [newton.ModelBuilder.JointDofConfig(axis=axis) for axis in axes]
+        joints.append(builder.add_joint_d6(-1, body, angular_axes=config))
+    builder.add_articulation(joints)
+    model = builder.finalize(device="cpu")
+    model.joint_q.assign([0.3, 1.1, -0.4])
+    state, after = model.state(), model.state()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    solver = SolverAVBD(model)
+    poses = []
+    for _ in range(500):
+        solver.step(state, after, None, None, 1.0e-3)
+        state, after = after, state
+        poses.append(state.body_q.numpy()[body].copy())
+    return np.array(poses)
+
+
+@pytest.mark.parametrize(
+    "axes", [[(0, 0, 1), (1, 0, 0), (0.3, 1, 0)], [(0, 0, 1), (1, 0, 0), (0, 1, 0)]]
+)
+def test_three_hinges_in_one_joint_are_a_chain_of_hinges(axes) -> None:
+    """Axes that are square to each other, and the skew ones of the scapulae of dm_control's dog.
+
+    The links between have a millionth of the mass. Quaternions, so to 1e-4 rad.
+    """
+    one, chain = swing(axes, as_chain=False), swing(axes, as_chain=True)
+    assert np.abs(one[:, :3] - one[0, :3]).max() < 1.0e-6  # the body's origin is the anchor
+    assert np.linalg.norm(one[-1, 3:] - one[0, 3:]) > 0.3  # and it swings
+    assert np.abs(one - chain).max() < 5.0e-5

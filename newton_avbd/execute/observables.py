@@ -19,7 +19,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from ..rows.joint import counted, has_axes, nearest_angles, reduced
+from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
 from .fluid import resistance
 from .launch import KERNEL, uncollected
 from .loops import make_loops
@@ -203,6 +203,8 @@ def count_turns(
         across = wp.cross(joints.axis[first], joints.axis[first + 1])
         parallel = wp.sin(found[1]) * wp.dot(across, joints.axis[first + 2])
         angles = nearest_angles(found, known, parallel, False)
+        if is_skew(joints, first):
+            angles = known  # inverse kinematics takes axes for square to each other
         if wp.cos(angles[1]) < 0.0:
             joint_qd_out[first + 1] = -joint_qd_out[first + 1]
         for dof in range(3):

@@ -43,7 +43,7 @@ from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.dahl import dahl_response
-from ..rows.joint import BALL, NEAR_POLE, ROD, counted, is_near_pole, wrapped
+from ..rows.joint import BALL, NEAR_POLE, ROD, counted, wrapped
 from .bodies import has_rows
 from .slopes import begin_axis
 
@@ -484,6 +484,7 @@ def make_trees(
     linear_axis = joint_functions.linear_axis
     angles, known_angles = joint_functions.angles, joint_functions.known_angles
     is_gimbal, gimbal_tilt = joint_functions.is_gimbal, joint_functions.gimbal_tilt
+    is_led = joint_functions.is_led
     velocity = joint_functions.velocity
     advance = joint_functions.advance
     linear_misfit = joint_functions.linear_misfit
@@ -759,6 +760,9 @@ def make_trees(
     def take_allowed(first: int, joints: wp.ref[JointModel], history: wp.ref[History]):
         """Of the two solutions for the angles of a gimbal whose pose was written since the last
         step, takes the one within the limits; they stand from ``first`` on."""
+        if wp.static(effects.kinds.skew):
+            if joint_rows.is_skew(joints, first):
+                return
         angles = wp.vec3()
         for i in range(3):
             angles[i] = wp.float32(history.joint_angle[first + i])
@@ -1015,7 +1019,7 @@ def make_trees(
             known = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
             if is_gimbal(joints, joint):
                 tilt = wp.vec3(0.0)
-                if is_near_pole(known[1]):
+                if is_led(joints, joint, known):
                     tilt = sign * gimbal_tilt(joints, joint, q_p, q_c, known)
                     tilt -= wp.spatial_bottom(kept)
         closing = wp.spatial_vector(wp.cross(tilt, arm_c) - left, -tilt)

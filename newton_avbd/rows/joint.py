@@ -101,12 +101,24 @@ and last axis are nearly parallel: within 0.2 rad of a right angle."""
 POLE = wp.constant(4.0e-4)
 """Square of the cosine below which the pose of a gimbal that is not solved with a tree is not asked
 how the two turn against each other: 0.02 rad."""
+SKEW = wp.constant(1.0e-4)
+"""Cosine between two axes of a gimbal from which on they count as not square to each other."""
 LEAST_SPREAD = wp.constant(1.0e-6)
 """Share by which rates of the outer axes of a gimbal count as error beside the spin that they miss:
 rounding of the axes makes none of more than 350 times the spin."""
 
 LOOP_SPREAD = wp.constant(1.0e-3)
 """Likewise for torques of joints outside of trees: they grow to 16 times what turns the axis."""
+
+
+@wp.func
+def is_skew(joints: wp.ref[JointModel], first: int) -> bool:
+    """Whether the axes of a gimbal, whose degrees of freedom start at ``first``, are not square."""
+    a0 = joints.axis[first]
+    a1 = joints.axis[first + 1]
+    a2 = joints.axis[first + 2]
+    cosine = wp.max(wp.abs(wp.dot(a0, a1)), wp.abs(wp.dot(a1, a2)))
+    return wp.max(cosine, wp.abs(wp.dot(a2, a0))) > SKEW
 
 
 @wp.func
@@ -282,6 +294,8 @@ class JointKinds:
     """Joints with two or three angular axes that are Euler axes."""
     gimbals: bool = False
     """Joints with three of them."""
+    skew: bool = False
+    """Gimbals whose axes are not square to each other."""
     balls: bool = False
     """Joints whose angular axes are those of the parent frame: BALL and ROD."""
     rods: bool = False
@@ -302,11 +316,16 @@ class JointKinds:
         types, dims = types[held], dims[held]
         is_ball = np.isin(types, (int(JointType.BALL), int(JointType.ROD)))
         authored = ~is_ball & (types != int(JointType.DISTANCE))
+        is_gimbal = authored & (dims[:, 1] == 3)
+        start = model.joint_qd_start.numpy()[:-1][held] + dims[:, 0]
+        axes = model.joint_axis.numpy()[start[is_gimbal, None] + np.arange(3)]
+        cosines = np.einsum("nik,njk->nij", axes, axes)[:, (0, 1, 2), (1, 2, 0)]
         return cls(
             linear=tuple(int(n) for n in np.unique(dims[:, 0])),
             angular=tuple(int(n) for n in np.unique(dims[:, 1])),
             euler=bool(np.any(authored & (dims[:, 1] > 1))),
-            gimbals=bool(np.any(authored & (dims[:, 1] == 3))),
+            gimbals=bool(np.any(is_gimbal)),
+            skew=bool(np.any(np.abs(cosines) > SKEW)),
             balls=bool(np.any(is_ball)),
             rods=bool(np.any(types == int(JointType.ROD))),
             distances=bool(np.any(types == int(JointType.DISTANCE))),
@@ -331,6 +350,7 @@ class JointFunctions:
     axis_of: wp.Function
     angles: wp.Function
     is_gimbal: wp.Function
+    is_led: wp.Function
     known_angles: wp.Function
     gimbal_tilt: wp.Function
     coordinate: wp.Function
@@ -363,6 +383,14 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
     def is_gimbal(joints: wp.ref[JointModel], joint: int) -> bool:
         """Whether a joint has three Euler axes."""
         return angular_count(joints, joint) == 3 and has_axes(joints, joint)
+
+    @wp.func
+    def is_led(joints: wp.ref[JointModel], joint: int, known: wp.vec3) -> bool:
+        """Whether the angles of a gimbal lead its pose: near the pole, or with skew axes."""
+        if wp.static(kinds.skew):
+            if is_skew(joints, joints.dof_start[joint] + linear_count(joints, joint)):
+                return True
+        return is_near_pole(known[1])
 
     @wp.func
     def known_angles(
@@ -456,7 +484,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         two solutions, and at the pole more."""
         if wp.static(kinds.gimbals):
             if angular_count(joints, joint) == 3:
-                if is_near_pole(known[1]):
+                if is_led(joints, joint, known):
                     a0, a1, _last = euler_axes(joints, joint)
                     return wp.quat_rotate(q_p * wp.quat_from_axis_angle(a0, known[0]), a1)
         _sine, middle = euler_middle(joints, joint, q_p, q_c)
@@ -472,9 +500,9 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         """Turn of the child [rad], world frame, beyond where the angles of a gimbal have it.
 
         Near its pole a gimbal locks the turn square to its axes as a hinge does. Elsewhere the
-        angles follow the pose.
+        angles follow the pose (but for skew axes).
         """
-        if not is_near_pole(known[1]):
+        if not is_led(joints, joint, known):
             return wp.vec3(0.0)
         a0, a1, a2 = euler_axes(joints, joint)
         turn = wp.quat_from_axis_angle(a0, known[0]) * wp.quat_from_axis_angle(a1, known[1])
@@ -601,6 +629,27 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         out[2] = wrapped(out[2])
         return out
 
+    @wp.func(inline=False)
+    def chain_angles(
+        joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat, known: wp.vec3
+    ) -> wp.vec3:
+        """Angles of a chain of three hinges whose axes are not square to each other [rad].
+
+        By Newton's method from the known ones, damped where the axes lie in a plane.
+        """
+        a0, a1, a2 = euler_axes(joints, joint)
+        pose = wp.quat_inverse(q_p) * q_c
+        out = wp.vec3(known)
+        for _i in range(4):
+            first = wp.quat_from_axis_angle(a0, out[0])
+            second = first * wp.quat_from_axis_angle(a1, out[1])
+            turn = second * wp.quat_from_axis_angle(a2, out[2])
+            left = rotation_vector(pose * wp.quat_inverse(turn))
+            axes = wp.matrix_from_cols(a0, wp.quat_rotate(first, a1), wp.quat_rotate(second, a2))
+            square = axes * wp.transpose(axes) + wp.diag(wp.vec3(SKEW))
+            out += wp.transpose(axes) * (wp.inverse(square) * left)
+        return out
+
     @wp.func
     def angles(
         joints: wp.ref[JointModel],
@@ -623,6 +672,10 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         if wp.static(kinds.rods):
             if joints.type[joint] == ROD:
                 return rod_turn(joints, joint, q_p, q_c)
+        if wp.static(kinds.skew):
+            if free == 3:
+                if is_skew(joints, joints.dof_start[joint] + linear_count(joints, joint)):
+                    return chain_angles(joints, joint, q_p, q_c, known)
         if wp.static(kinds.euler):
             if free > 1:
                 sine, middle = euler_middle(joints, joint, q_p, q_c)
@@ -658,6 +711,14 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         two the least rates, where a rate counts ``least`` beside the spin that it misses.
         """
         axis = angular_axis(joints, joint, dof, q_p, q_c, known)
+        if wp.static(kinds.skew):
+            if is_gimbal(joints, joint):
+                if is_skew(joints, joints.dof_start[joint] + linear_count(joints, joint)):
+                    second = angular_axis(joints, joint, (dof + 1) % 3, q_p, q_c, known)
+                    third = angular_axis(joints, joint, (dof + 2) % 3, q_p, q_c, known)
+                    across = wp.cross(second, third)
+                    volume = wp.dot(axis, across)
+                    return (volume / (volume * volume + least)) * across
         if wp.static(kinds.gimbals):
             if dof != 1 and is_gimbal(joints, joint):
                 other = angular_axis(joints, joint, 2 - dof, q_p, q_c, known)
@@ -753,6 +814,7 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         axis_of,
         angles,
         is_gimbal,
+        is_led,
         known_angles,
         gimbal_tilt,
         coordinate,
