@@ -30,7 +30,14 @@ for _make in ("create_narrow_phase_kernel_gjk_mpr", "create_narrow_phase_primiti
     setattr(narrow_phase, _make, functools.cache(getattr(narrow_phase, _make)))
 
 _ALL_KINDS = JointKinds(
-    (0, 1, 2, 3), (0, 1, 2, 3), euler=True, balls=True, rods=True, distances=True
+    (0, 1, 2, 3),
+    (0, 1, 2, 3),
+    euler=True,
+    gimbals=True,
+    skew=True,
+    balls=True,
+    rods=True,
+    distances=True,
 )
 
 

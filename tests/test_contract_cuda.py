@@ -20,7 +20,15 @@ from newton_avbd.rows.joint import JointKinds
 HOPPER = 90
 """Compute capability that is compiled for: sm_90, a current data-center GPU."""
 
-ALL_KINDS = JointKinds(linear=(0, 1, 2, 3), angular=(0, 1, 2, 3), euler=True, balls=True, rods=True)
+ALL_KINDS = JointKinds(
+    linear=(0, 1, 2, 3),
+    angular=(0, 1, 2, 3),
+    euler=True,
+    gimbals=True,
+    skew=True,
+    balls=True,
+    rods=True,
+)
 
 BARE = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False, on_gpu=True)
 
@@ -68,7 +76,8 @@ VARIANTS = {
     "articulations": with_all(
         JOINTED,
         "flipped light_roots light_links reaction mimics springs armature joint_friction "
-        "effort_limits velocity_limits breaking restitution",
+        "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
+        "gravity_compensation body_actuators",
     ),
     "compliant articulations": with_all(JOINTED, "compliance"),
 }
@@ -84,7 +93,7 @@ LARGE_VARIANTS = {
     "articulations": with_all(
         JOINTED,
         "pairs flipped light_roots light_links reaction mimics springs armature joint_friction "
-        "effort_limits velocity_limits restitution breaking",
+        "effort_limits velocity_limits restitution breaking actuators tendons dahl fluid",
     ),
 }
 """Effects of one large world."""

@@ -444,6 +444,9 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "flipped",
             "loops",
             "welds",
+            "actuators",
+            "tendons",
+            "body_actuators",
         ),  # what there is
         *("closures", "mimics"),
         "breaking",  # that some joint can break is said before
@@ -458,7 +461,8 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "sleeping",
             "on_gpu",
         ),  # settings
-        *("restitution", "put_bodies"),  # need buffers: named where a graph is captured
+        # need buffers: named where a graph is captured
+        *("restitution", "put_bodies", "gravity_compensation", "fluid", "dahl"),
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer
     }
     least = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False)
