@@ -97,6 +97,8 @@ def island_work(slots: int) -> Any:
     islands.fixed = wp.zeros(slots, dtype=wp.int32)
     islands.sum = wp.zeros(slots, dtype=data.IslandSum)
     islands.balance = wp.zeros(slots, dtype=data.Balance)
+    islands.start_q = wp.zeros(slots, dtype=wp.transform)
+    islands.start_qd = wp.zeros(slots, dtype=wp.spatial_vector)
     return islands
 
 

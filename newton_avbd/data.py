@@ -628,6 +628,10 @@ class IslandWork:
     """At the root of an island."""
     balance: wp.array[Balance]
     """At the root of an island that did not settle."""
+    start_q: wp.array[wp.transform]
+    """Poses at the start of a step that did not settle: its end may have taken their array."""
+    start_qd: wp.array[wp.spatial_vector]
+    """Likewise velocities [m/s, rad/s]."""
 
 
 @wp.struct

@@ -346,7 +346,7 @@ class LargeWorlds:
             launch(
                 kernels.bound_energy,
                 self._world_count,
-                [model, joints, control, body_q, body_qd, *state, body_q_out, body_qd_out],
+                [model, joints, control, *state, body_q_out, body_qd_out],
             )
 
         self._launch_if(colors.is_excessive, bound_energy)

@@ -802,6 +802,8 @@ def make_colored(effects: Effects) -> Colored:
         body = wp.tid()
         world = worlds.of_body[body]
         velocity = body_qd[body]
+        islands.start_q[body] = body_q[body]
+        islands.start_qd[body] = velocity
         if colors.is_finite[world] == 0:
             history.falling[body] = 0.0
         elif work.inv_mass[body] > 0.0:
@@ -1071,9 +1073,6 @@ def make_colored(effects: Effects) -> Colored:
         model: wp.array[BodyModel],
         joints: wp.array[JointModel],
         control: ControlInput,
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
         # Work:
         worlds: wp.array[WorldWork],
         work: wp.array[BodyWork],
@@ -1096,8 +1095,6 @@ def make_colored(effects: Effects) -> Colored:
             bound_world(
                 world,
                 scale,
-                body_q,
-                body_qd,
                 model[0],
                 joints[0],
                 control,

@@ -67,6 +67,21 @@ def squared_overlap(gap: float) -> float:
 
 
 @wp.func
+def keep_start(
+    world: int,
+    body_q: wp.array[wp.transform],
+    body_qd: wp.array[wp.spatial_vector],
+    worlds: wp.ref[WorldWork],
+    islands: wp.ref[IslandWork],
+):
+    """Keeps poses and velocities at the start of a step that may write to the same arrays."""
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        islands.start_q[body] = body_q[body]
+        islands.start_qd[body] = body_qd[body]
+
+
+@wp.func
 def squared_move(body: int, work: wp.ref[BodyWork]) -> float:
     """Square of how far a body has gone in the step, a rotation by its radius of gyration [m^2]."""
     shift = wp.spatial_top(work.increment[body])
@@ -658,8 +673,6 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     def bound_world(
         world: int,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         control: wp.ref[ControlInput],
@@ -694,8 +707,8 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             end,
             worlds.bodies,
             scale,
-            body_q,
-            body_qd,
+            islands.start_q,
+            islands.start_qd,
             model,
             joints,
             control,

@@ -618,7 +618,6 @@ def make_phases(effects: Effects) -> Phases:
         has_not_settled: bool,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         control: wp.ref[ControlInput],
@@ -654,8 +653,6 @@ def make_phases(effects: Effects) -> Phases:
                 bound_world(
                     world,
                     scale,
-                    body_q,
-                    body_qd,
                     model,
                     joints,
                     control,

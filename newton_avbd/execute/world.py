@@ -26,6 +26,7 @@ from ..rows.contact import RECOVERY
 from .bodies import make_predict_body
 from .contacts import make_sort_by_owner
 from .denormals import flush_denormals, restore_denormals
+from .energy import keep_start
 from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .links import gather_body, gather_joint, scatter_link
@@ -252,6 +253,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             history.parity[world] = 1 - history.parity[world]
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
             has_not_settled = is_unsettled(update, scale)
+            if has_not_settled:
+                keep_start(world, body_q, body_qd, worlds, islands)
             end_velocities(
                 world,
                 has_impacts,
@@ -300,7 +303,6 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             has_not_settled,
             scale,
             body_q,
-            body_qd,
             model,
             joints,
             control,
