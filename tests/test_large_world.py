@@ -68,7 +68,8 @@ def test_what_rests_rests_in_the_same_place() -> None:
 def test_impacts_that_go_on_take_another_round_of_sweeps() -> None:
     """Of a pyramid that falls at 3 m/s, as one thread sweeps it; another world takes none.
 
-    To rounding, 8e-7 m/s after the first such step, which impacts make more of.
+    To rounding, 8e-7 m/s after the first such step, which impacts make more of: 2e-5 m/s until the
+    energy of a step that does not settle is bounded (one step in both, by 17.2509 J), 2e-4 after.
     """
     iterations = 4
     builder = pyramid(speed=0.1)
@@ -90,7 +91,10 @@ def test_impacts_that_go_on_take_another_round_of_sweeps() -> None:
         serial.step()
         both.step()
         np.testing.assert_allclose(colored.pose, serial.pose, atol=1e-6)
-        np.testing.assert_allclose(colored.velocity, serial.velocity, atol=1e-4)
+        bounded = colored.solver.status.bounded_steps[0]
+        assert bounded == serial.solver.status.bounded_steps[0]
+        atol = 1e-4 if bounded == 0 else 5e-4
+        np.testing.assert_allclose(colored.velocity, serial.velocity, atol=atol)
         np.testing.assert_array_equal(both.pose[: len(PYRAMID)], colored.pose)
         sweeps.append([*colored.solver.status.sweeps, *both.solver.status.sweeps])
         assert sweeps[-1][0] == serial.solver.status.sweeps[0] == sweeps[-1][1]

@@ -167,7 +167,8 @@ def keep_momentum(
                 total.mass += across
                 total.inertia += wp.diag(wp.vec3(about))
             total.momentum += momentum
-            total.angular += wp.cross(r, momentum) + spin
+            total.angular += wp.cross(r, momentum)
+            total.angular += spin
     store_sum(islands, island, total)
     island = int(-1)
     for i in range(first, last):
