@@ -33,9 +33,9 @@ def test_a_scene_of_the_benchmark_moves_as_it_asks(name: str) -> None:
 def test_worlds_move_as_one_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Four ants for 1 s, each as one by itself.
 
-    The step of one world and that of many are two kernels, for which a compiler may fuse products and
-    sums differently: after 14 steps velocities that should be zero differ by 1e-23 m/s, after 240
-    places by 1.2e-16 m. A float32 of a meter rounds by 6e-8. All four are alike to the bit.
+    The step of one world and that of many are two kernels, for which a compiler may fuse products
+    and sums differently: after 14 steps velocities that should be zero differ by 1e-23 m/s, after
+    240 places by 1.2e-16 m. A float32 of a meter rounds by 6e-8.
     """
     monkeypatch.setattr("newton_avbd.study.robots.WORLDS", 4)
     (result,) = bench.compete(
