@@ -307,6 +307,10 @@ class SolverArrays:
             self._forget_launches()
             with wp.ScopedDevice(self.device):
                 buffers.add_fluid_work(self._work)
+        if self._flags.balanced and self._islands.balance is None:
+            self._forget_launches()
+            with wp.ScopedDevice(self.device):
+                buffers.add_balance(self._islands)
         if self._capacity:
             self._allocate_contact_effects()
         if not self._flags.armature and self._history.axis_velocity is not None:

@@ -96,10 +96,15 @@ def island_work(slots: int) -> Any:
     islands.parent = wp.zeros(slots, dtype=wp.int32)
     islands.fixed = wp.zeros(slots, dtype=wp.int32)
     islands.sum = wp.zeros(slots, dtype=data.IslandSum)
+    return islands
+
+
+def add_balance(islands: Any) -> None:
+    """What bounds the energy of a step that does not settle, by body slot."""
+    slots = islands.parent.shape[0]
     islands.balance = wp.zeros(slots, dtype=data.Balance)
     islands.start_q = wp.zeros(slots, dtype=wp.transform)
     islands.start_qd = wp.zeros(slots, dtype=wp.spatial_vector)
-    return islands
 
 
 def row_work(slots: int) -> Any:

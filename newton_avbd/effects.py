@@ -428,6 +428,12 @@ class Effects:
         return self.stops or self.joint_friction or self.effort_limits
 
     @property
+    def balanced(self) -> bool:
+        """Whether sweeps may end before they have settled, and the energy of such steps is
+        bounded."""
+        return (self.contact or self.joints) and not self.ramp
+
+    @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
         by_scheme = self.bdf2 and self.friction

@@ -341,15 +341,17 @@ class LargeWorlds:
                 [model, h, body_q_out, self._islands, work, islands, body_qd_out],
             )
 
-        def bound_energy() -> None:
-            state = [by_world, work, rows, tree, loops, colors, islands, history]
-            launch(
-                kernels.bound_energy,
-                self._world_count,
-                [model, joints, control, *state, body_q_out, body_qd_out],
-            )
+        if effects.balanced:
 
-        self._launch_if(colors.is_excessive, bound_energy)
+            def bound_energy() -> None:
+                state = [by_world, work, rows, tree, loops, colors, islands, history]
+                launch(
+                    kernels.bound_energy,
+                    self._world_count,
+                    [model, joints, control, *state, body_q_out, body_qd_out],
+                )
+
+            self._launch_if(colors.is_excessive, bound_energy)
 
     def _launch_if(self, condition: wp.array, launches: Callable[[], None]) -> None:
         """Launches what a number on the device calls for.

@@ -213,7 +213,7 @@ def make_colored(effects: Effects) -> Colored:
     break_blocks, break_loop = make_break_joints(effects, gather)
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
-    bound_world = make_energy(effects).bound_world
+    bound_world = make_energy(effects).bound_world if effects.balanced else None
     count_passes = make_count_passes(effects)
 
     def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
@@ -802,8 +802,9 @@ def make_colored(effects: Effects) -> Colored:
         body = wp.tid()
         world = worlds.of_body[body]
         velocity = body_qd[body]
-        islands.start_q[body] = body_q[body]
-        islands.start_qd[body] = velocity
+        if wp.static(effects.balanced):
+            islands.start_q[body] = body_q[body]
+            islands.start_qd[body] = velocity
         if colors.is_finite[world] == 0:
             history.falling[body] = 0.0
         elif work.inv_mass[body] > 0.0:
@@ -1067,7 +1068,7 @@ def make_colored(effects: Effects) -> Colored:
                 history.age[world] = 0
             history.parity[world] = 1 - history.parity[world]
 
-    @kernel()
+    @kernel(effects.balanced)
     def bound_energy(
         # Model:
         model: wp.array[BodyModel],

@@ -66,7 +66,7 @@ def squared_overlap(gap: float) -> float:
     return depth * depth
 
 
-@wp.func(inline=False)
+@wp.func
 def keep_start(
     world: int,
     body_q: wp.array[wp.transform],
@@ -669,7 +669,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     parent = parent_slot(joints, joint, static_slot)
                     join_islands(islands, worlds, work, body, parent)
 
-    @wp.func(inline=False)
+    @wp.func
     def bound_world(
         world: int,
         scale: WorldScale,

@@ -118,7 +118,7 @@ def make_phases(effects: Effects) -> Phases:
     break_blocks, break_loop = breaking.break_blocks, breaking.break_loop
     end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
     count_passes = make_count_passes(effects)
-    bound_world = absent if effects.ramp else make_energy(effects).bound_world
+    bound_world = make_energy(effects).bound_world if effects.balanced else absent
 
     @wp.func
     def begin_world(
@@ -648,7 +648,7 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.gyroscopic and effects.pairs and not effects.fluid):
             if has_islands:
                 keep_spin(world, scale.step, body_q_out, model, worlds, work, islands, body_qd_out)
-        if wp.static(not effects.ramp):
+        if wp.static(effects.balanced):
             if has_not_settled:
                 bound_world(
                     world,

@@ -252,9 +252,10 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 )
             history.parity[world] = 1 - history.parity[world]
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
-            has_not_settled = is_unsettled(update, scale)
-            if has_not_settled:
-                keep_start(world, body_q, body_qd, worlds, islands)
+            if wp.static(effects.balanced):
+                has_not_settled = is_unsettled(update, scale)
+                if has_not_settled:
+                    keep_start(world, body_q, body_qd, worlds, islands)
             end_velocities(
                 world,
                 has_impacts,
