@@ -341,7 +341,7 @@ def test_memory_is_as_documented() -> None:
         few, many = {"compliance": compliant, "ramp": ramped}.get(name, bouncing)
         assert many[name].bytes - few[name].bytes == 100 * size
     text = DOCS.read_text()
-    for size in (BODY, DOF, PILE, CONTACT, LINK, AXIS, SLEEPER, SLEEPING_CONTACT):
+    for size in (ALONE, 224, DOF, PILE, CONTACT, LINK, AXIS, SLEEPER, SLEEPING_CONTACT):
         assert f" {size} |" in text
     for size in BY_CONTACT.values():
         assert f" {size} |" in text
