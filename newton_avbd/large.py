@@ -325,7 +325,8 @@ class LargeWorlds:
         if effects.joints:
             passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
             self._launch_if(colors.is_apart, lambda: recover(1, passes))
-            launch(kernels.close_joints, bodies, [model, joints, worlds, colors, work, tree])
+            closed = [model, joints, worlds, colors, work, tree]
+            launch(kernels.close_joints, bodies, [iterations, *closed])
         if effects.loops:
             back = [joints, worlds, work, loops, colors, history]
             launch(kernels.give_loops_back, self._loop_count, back)

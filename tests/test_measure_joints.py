@@ -169,3 +169,17 @@ def test_a_run_that_failed_once_does_not_look_good_again() -> None:
         probe.watch(body_q, energy)
     worst = probe.worst
     assert np.isnan([worst.separation, worst.misalignment, worst.gain]).all()
+
+
+@pytest.mark.parametrize("last", [Z, -Z], ids=["right-handed", "left-handed"])
+@pytest.mark.parametrize("pole", [0.5 * math.pi, -0.5 * math.pi])
+def test_limits_at_the_pole_of_three_axes_are_those_of_the_sum(pole: float, last) -> None:
+    """Outer angles of 0.4 and 0.3: what they come to together counts, whichever has turned."""
+    up = math.copysign(1.0, pole) * last[2]
+    body_q = pose(np.zeros(3), turn(X, 0.4), turn(Y, pole), turn(last, 0.3))
+    body_q = body_q.astype(np.float32).astype(float)
+    for passed in (0.0, 0.1):
+        total = 0.4 + up * 0.3 - passed
+        free = [dof(X, -1.0, total - 0.3), dof(Y, -2.0, 2.0), dof(last, -0.3, 0.3)]
+        found = joint("d6", angular_axes=free).limit_violation(body_q)
+        assert found == pytest.approx([passed], abs=1e-6)

@@ -203,6 +203,7 @@ def make_colored(effects: Effects) -> Colored:
     closures = make_closures(effects)
     trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     align_block, put_together = trees.align_spins, trees.put_together
+    stop_coordinates = trees.stop_coordinates
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_at_once)
@@ -966,6 +967,7 @@ def make_colored(effects: Effects) -> Colored:
 
     @kernel(effects.joints)
     def close_joints(
+        iterations: int,
         # Model:
         model: BodyModel,
         joints: JointModel,
@@ -976,7 +978,8 @@ def make_colored(effects: Effects) -> Colored:
         work: BodyWork,
         tree: TreeWork,
     ):
-        """Closes joints that are still open; one thread a body, for the first of a block."""
+        """Closes joints that are still open, and puts coordinates back to limits that they passed;
+        one thread a body, for the first of a block."""
         block = wp.tid()
         world = worlds.of_body[block]
         if colors.block[block] == block and colors.is_finite[world] == 1:
@@ -991,6 +994,12 @@ def make_colored(effects: Effects) -> Colored:
                     body = worlds.bodies[i]
                     if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                         put_together(body, scale.static_slot, model, joints, work, tree)
+            if wp.static(effects.hard_limits):
+                if worlds.sweeps[world] >= iterations:
+                    first = worlds.rank[block]
+                    end = worlds.block_end[first]
+                    slot = scale.static_slot
+                    stop_coordinates(first, end, slot, model, joints, worlds, work, tree)
 
     @kernel(effects.loops)
     def give_loops_back(

@@ -108,6 +108,7 @@ def make_phases(effects: Effects) -> Phases:
     if effects.joints:
         trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
     align_spins, put_together = trees.align_spins, trees.put_together
+    stop_coordinates = trees.stop_coordinates
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
@@ -577,6 +578,7 @@ def make_phases(effects: Effects) -> Phases:
     @wp.func
     def end_recovery(
         world: int,
+        iterations: int,
         update: float,
         has_impacts: bool,
         scale: WorldScale,
@@ -601,6 +603,18 @@ def make_phases(effects: Effects) -> Phases:
                     body = worlds.bodies[i]
                     if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                         put_together(body, scale.static_slot, model, joints, work, tree)
+        if wp.static(effects.hard_limits):
+            if worlds.sweeps[world] >= iterations:
+                stop_coordinates(
+                    worlds.body_start[world],
+                    worlds.body_start[world + 1],
+                    scale.static_slot,
+                    model,
+                    joints,
+                    worlds,
+                    work,
+                    tree,
+                )
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 history.loop_force[i] = loops.kept_force[i]

@@ -465,6 +465,7 @@ class TreeFunctions:
     align_spins: wp.Function
     sweep_tree: wp.Function
     put_together: wp.Function
+    stop_coordinates: wp.Function
 
 
 def make_trees(
@@ -724,6 +725,102 @@ def make_trees(
                 if has_turned:
                     about += advance(joints, joint, dof, q_p, q_c, started, sign * turn)
                 coordinates[first + dof] = counted(turns[dof - linear], about)
+
+    @wp.func
+    def put_back(
+        body: int,
+        static_slot: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Puts the coordinates of the body's joint back to the limits that the step has passed.
+
+        What was beyond at the start of the step may stay. The body goes along with its parent, of
+        which ``tree.update`` says how it has been put back; parents go first.
+        """
+        back = wp.quat_identity()
+        shift = wp.vec3(0.0)
+        if is_linked(joints, tree, body):
+            joint = tree.joint[body]
+            parent = tree.parent[body]
+            if work.inv_mass[parent] > 0.0:
+                shift = wp.spatial_top(tree.update[parent])
+                turn = wp.spatial_bottom(tree.update[parent])
+                if wp.length_sq(turn) > 0.0:
+                    back = exp_quat(turn)
+                    span = tree.apart[body] + joint_shift(work, body)
+                    span -= joint_shift(work, parent) - shift
+                    shift += wp.quat_rotate(back, span) - span
+                    tree.rotation[body] = back * tree.rotation[body]
+            sign, frame_p, frame_c = frames_of(joint, body, joints)
+            known = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
+            linear = linear_count(joints, joint)
+            dofs = linear + angular_count(joints, joint)
+            if not joint_rows.has_axes(joints, joint):
+                dofs = 0
+            for dof in range(dofs):
+                k = tree.axis_start[body] + dof
+                excess = axis_rows.passed_limit(
+                    joints,
+                    joints.dof_start[joint] + dof,
+                    tree.coordinate[k],
+                    tree.start_coordinate[k],
+                )
+                if excess != 0.0:
+                    q_p = anchor_rotation(tree, parent, frame_p)
+                    q_c = anchor_rotation(tree, body, frame_c)
+                    if wp.static(effects.flipped):
+                        q_p, q_c = in_joint_order(sign, q_p, q_c)
+                    tree.coordinate[k] = tree.coordinate[k] - wp.float64(excess)
+                    if dof < linear:
+                        shift -= excess * sign * linear_axis(joints, joint, dof, q_p)
+                    else:
+                        axis = sign * angular_axis(joints, joint, dof - linear, q_p, q_c, known)
+                        step = exp_quat(-excess * axis)
+                        arm = anchor_arm(model, tree, body, frame_c, static_slot)
+                        shift += arm - wp.quat_rotate(step, arm)
+                        back = step * back
+                        tree.rotation[body] = step * tree.rotation[body]
+        work.increment[body] = work.increment[body] + wp.spatial_vector(shift, wp.vec3(0.0))
+        tree.update[body] = wp.spatial_vector(shift, rotation_vector(back))
+
+    @wp.func
+    def stop_coordinates(
+        first: int,
+        end: int,
+        static_slot: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Has the limits of bodies from ``first`` on hold after sweeps that were cut off.
+
+        An axis may be on the wrong piece of its law, and coordinates that have followed many turns
+        are off by their squares.
+        """
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                measure_coordinates(
+                    body,
+                    tree.axis_start[body],
+                    wp.vec3(0.0),
+                    tree.coordinate,
+                    tree.coordinate,
+                    static_slot,
+                    model,
+                    joints,
+                    work,
+                    tree,
+                )
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] > 0.0:
+                put_back(body, static_slot, model, joints, work, tree)
 
     @wp.func
     def count_turns(
@@ -1535,4 +1632,5 @@ def make_trees(
         align_spins,
         sweep_tree,
         put_together,
+        stop_coordinates,
     )

@@ -286,6 +286,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         # After the recovery: poses.
         end_recovery(
             world,
+            iterations,
             update,
             has_impacts,
             scale,

@@ -44,6 +44,8 @@ other, and which stops have something to hold is up to rounding."""
 LEAN_RATE = wp.constant(1.0e-2)
 """Acceleration [rad/s^2 or m/s^2] that such a step may stand for at most: 1e-3 of the earth's
 gravity on an arm of a meter."""
+PASSED = wp.constant(1.0e-5)
+"""How far a coordinate is beyond a limit when a step ends that it is put back [rad or m]."""
 
 
 @wp.func
@@ -191,6 +193,15 @@ def upper_stop(joints: wp.ref[JointModel], dof: int, start: float, recovery: flo
     limit = joints.limit_upper[dof]
     beyond = wp.max(start - limit, 0.0)
     return limit + wp.max((1.0 - recovery) * beyond, beyond - MOST_RECOVERED)
+
+
+@wp.func
+def passed_limit(joints: wp.ref[JointModel], dof: int, q: wp.float64, start: wp.float64) -> float:
+    """How far the coordinate is beyond a limit, and beyond where it started [m or rad]."""
+    lower = wp.min(wp.float64(joints.limit_lower[dof]), start)
+    upper = wp.max(wp.float64(joints.limit_upper[dof]), start)
+    excess = wp.float32(q - wp.clamp(q, lower, upper))
+    return wp.where(wp.abs(excess) > PASSED, excess, 0.0)
 
 
 @wp.func

@@ -167,15 +167,21 @@ class Joints:
         for triple in (passed, beyond):
             triple[:, [3, 5]] *= np.where(is_near[:, None], cosine, 1.0)
         nearest = np.minimum(passed.max(axis=1), beyond.max(axis=1))
-        nearest[is_near] = np.maximum(nearest, self._sum_passed(angles))[is_near]
+        nearest[is_near] = np.maximum(nearest, self._sum_passed(turn))[is_near]
         return np.where(self.angular == 3, nearest, passed.max(axis=1))
 
-    def _sum_passed(self, angles: Array) -> Array:
-        """How far the sum of the outer two of three angles is beyond what their limits allow."""
-        side = np.where(np.sin(angles[:, 1]) < 0.0, -1.0, 1.0) * self.sign
+    def _sum_passed(self, turn: Array) -> Array:
+        """How far the sum of the outer two of three angles is beyond what their limits allow.
+
+        Of R = R_x(a) R_y(b) R_z(c), R_21 +- R_10 and R_11 -+ R_20 are (1 +- sin b) times the sine
+        and the cosine of a +- c: they have all digits where a and c by themselves have none.
+        """
+        r = self._matrix(turn)
+        up = np.where(r[:, 0, 2] < 0.0, -1.0, 1.0)
+        side = up * self.sign
         last = np.sort(side[:, None] * np.stack([self.lower[:, 5], self.upper[:, 5]], 1), axis=1)
         lower, upper = self.lower[:, 3] + last[:, 0], self.upper[:, 3] + last[:, 1]
-        total = angles[:, 0] + side * angles[:, 2]
+        total = np.arctan2(r[:, 2, 1] + up * r[:, 1, 0], r[:, 1, 1] - up * r[:, 2, 0])
         turns = total[:, None] + 2.0 * np.pi * np.arange(-2, 3)
         beyond = np.maximum(lower[:, None] - turns, turns - upper[:, None])
         return np.maximum(beyond, 0.0).min(axis=1)
@@ -237,10 +243,14 @@ class Joints:
         turn = _product(back, _product(child[:, 3:], self.child_frame[:, 3:]))
         return rotate(back, apart), turn
 
+    def _matrix(self, turn: Array) -> Array:
+        """Rotation matrices of ``turn`` in ``basis``, shape [n, 3, 3]."""
+        moved = np.stack([rotate(turn, self.basis[:, :, i]) for i in range(3)], axis=2)
+        return np.swapaxes(self.basis, 1, 2) @ moved
+
     def _angles(self, turn: Array) -> Array:
         """Angles of ``turn`` about the columns of ``basis`` in turn [rad], shape [n, 3]."""
-        moved = np.stack([rotate(turn, self.basis[:, :, i]) for i in range(3)], axis=2)
-        r = np.swapaxes(self.basis, 1, 2) @ moved
+        r = self._matrix(turn)
         return np.stack(
             [
                 np.arctan2(-r[:, 1, 2], r[:, 2, 2]),
