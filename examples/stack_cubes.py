@@ -9,8 +9,8 @@ that holds, a mimic finger, effort limits and MuJoCo's gravity compensation.
     pip install 'newton-avbd[scenes,view]' GitPython
     python examples/stack_cubes.py --viewer gl
 
-The robot's description, 20 MB, is downloaded from github.com/newton-physics/newton-assets at the
-first run and kept. Without a network, put the folder ``franka_emika_panda`` into a folder of your
+The robot's description is downloaded from github.com/newton-physics/newton-assets at the first run,
+and kept. Without a network, put the folder ``franka_emika_panda`` into a folder of your
 own and name that: ``--assets FOLDER``. ``--solver mujoco`` runs the example as it is.
 """
 

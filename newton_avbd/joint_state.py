@@ -33,7 +33,7 @@ class JointState:
             for name in _ARRAYS:
                 setattr(self._left, name, wp.empty_like(getattr(model, name)))
             for name in ("joint_q", "joint_qd"):
-                getattr(self._left, name).fill_(wp.nan)
+                getattr(self._left, name).fill_(float("nan"))
             self._is_written = wp.zeros(model.articulation_count, dtype=wp.bool)
         self._joints = views.joint_model(model)
 

@@ -31,7 +31,8 @@ def wheel() -> newton.ModelBuilder:
 def test_actuators_of_newton_drive_a_joint(mode: str) -> None:
     """``newton.actuators`` read the joint state and write ``control.joint_f``.
 
-    Explicit: v' = v + h/I (kp (t - q) - kd v). Implicit: (I + h kd + h^2 kp) v' = I v + h kp (t - q).
+    Explicit: I (v' - v) = h (kp (t - q) - kd v).
+    Implicit: (I + h kd + h^2 kp) v' = I v + h kp (t - q).
     """
     builder = wheel()
     builder.add_actuator(DrivePD, index=0, kp=KP, kd=KD)

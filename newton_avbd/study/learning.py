@@ -107,9 +107,10 @@ class Task:
             import gymnasium
 
             self._env: Any = gymnasium.make(self._task)
-            inner = self._env.unwrapped
+            inner: Any = self._env.unwrapped
             self.model, self.data = inner.model, inner.data
-            self._low, self._high = self._env.action_space.low, self._env.action_space.high
+            space: Any = self._env.action_space
+            self._low, self._high = space.low, space.high
         else:
             self._start(0)
             spec = self._env.action_spec()
@@ -158,7 +159,7 @@ class Task:
         engine.advance(self.data, steps)
 
     def step(self, action: Array) -> tuple[Array, float, bool]:
-        """Act, each action from -1 to 1; returns observation, reward and whether the episode ends."""
+        """Act, from -1 to 1; returns observation, reward and whether the episode ends."""
         scaled = self._low + 0.5 * (action + 1.0) * (self._high - self._low)
         if self._is_gymnasium:
             observation, reward, ends, is_cut, _ = self._env.step(scaled.astype(np.float32))
@@ -183,11 +184,12 @@ class Engine:
         """
         import mujoco
 
-        self._mujoco, self._mj_model = mujoco, task.model
+        self._mujoco, self._task = mujoco, task
         with TemporaryDirectory() as folder:
             builder = read_driven(task.file(Path(folder)))
         _take_masses(builder, task.model)
         self.model = builder.finalize(device="cpu")
+        self.model.set_gravity(tuple(map(float, task.model.opt.gravity)))
         self._match(task)
         self._solver = SolverAVBD(self.model, update_joint_state=True)
         self._pipeline = newton.CollisionPipeline(self.model)
@@ -236,7 +238,7 @@ class Engine:
         state = self._state
         self._pipeline.collide(state, self._contacts)
         self._solver.step(
-            state, state, self._control, self._contacts, float(self._mj_model.opt.timestep)
+            state, state, self._control, self._contacts, float(self._task.model.opt.timestep)
         )
 
     def start(self, data: Any) -> None:
@@ -249,6 +251,7 @@ class Engine:
         q, qd = data.qpos - self._ref, data.qvel.copy()
         for at, dof, com in self._free:
             turn = data.qpos[at + 3 : at + 7][[1, 2, 3, 0]]
+            turn = turn / np.linalg.norm(turn)  # gymnasium starts from four random numbers
             q[at + 3 : at + 7] = turn
             qd[dof + 3 : dof + 6] = rotate(turn, data.qvel[dof + 3 : dof + 6])
             qd[dof : dof + 3] += np.cross(qd[dof + 3 : dof + 6], rotate(turn, com))
@@ -279,9 +282,9 @@ class Engine:
         self.seconds += time.process_time() - begin
         self.steps += steps
         self._take(data)
-        data.time += steps * self._mj_model.opt.timestep
-        self._mujoco.mj_forward(self._mj_model, data)
-        self._mujoco.mj_rnePostConstraint(self._mj_model, data)
+        data.time += steps * self._task.model.opt.timestep
+        self._mujoco.mj_forward(self._task.model, data)
+        self._mujoco.mj_rnePostConstraint(self._task.model, data)
 
 
 def _take_masses(builder: newton.ModelBuilder, mj_model: Any) -> None:
@@ -299,10 +302,10 @@ class Clock:
     """Times MuJoCo's steps, and makes them as the task does."""
 
     def __init__(self, task: Task) -> None:
-        """Of a task, whose ``mjModel`` steps."""
+        """Of a task, whose ``mjModel`` steps, as it has changed it for an episode."""
         import mujoco
 
-        self._mujoco, self._mj_model = mujoco, task.model
+        self._mujoco, self._task = mujoco, task
         self.seconds, self.steps = 0.0, 0
 
     def start(self, data: Any) -> None:
@@ -311,11 +314,11 @@ class Clock:
     def advance(self, data: Any, steps: int = 1) -> None:
         """Make steps."""
         begin = time.process_time()
-        self._mujoco.mj_step(self._mj_model, data, steps)
+        self._mujoco.mj_step(self._task.model, data, steps)
         self.seconds += time.process_time() - begin
         self.steps += steps
-        self._mujoco.mj_forward(self._mj_model, data)
-        self._mujoco.mj_rnePostConstraint(self._mj_model, data)
+        self._mujoco.mj_forward(self._task.model, data)
+        self._mujoco.mj_rnePostConstraint(self._task.model, data)
 
 
 def run(task: Task, engine: Any, episodes: int, controls: int) -> Outcome:
