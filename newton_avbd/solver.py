@@ -45,7 +45,6 @@ from .execute.links import (
     scatter_links,
 )
 from .execute.observables import (
-    count_turns,
     export_acceleration,
     export_contact_force,
     make_export_parent_force,
@@ -61,11 +60,11 @@ from .execute.sleeping import (
 from .execute.sorting import sort_at_once
 from .execute.workers import Workers
 from .execute.world import make_solve, make_step, make_step_links
+from .joint_state import JointState
 from .memory import bytes_by_effect, members
 from .report import Report, Status
 from .settings import Settings, register_scene_settings
 from .solved import BodyState, SolvedModel
-from .views import AllJoints
 
 
 class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
@@ -177,8 +176,14 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
                 that are to be there, which raises where nothing calls for them. For their names
                 and what calls for each see :attr:`effects`.
-            update_joint_state: Each step writes ``state_out.joint_q`` and ``joint_qd``, too, with
-                the turns of hinges counted; without it only poses and velocities of bodies.
+            update_joint_state: Joint coordinates are part of the state, as for ``SolverMuJoCo`` and
+                ``SolverFeatherstone``. Each step writes ``state_out.joint_q`` and ``joint_qd``,
+                with the turns of hinges counted. An articulation whose ``state_in.joint_q`` or
+                ``joint_qd`` the user has written since the last step, and whose bodies not, starts
+                from these: the step writes its ``body_q`` and ``body_qd`` to ``state_in`` first. If
+                both were written the bodies count. The first step starts from the joint
+                coordinates unless the bodies are elsewhere than in the model. Without this setting
+                joint coordinates are neither read nor written, as in ``SolverVBD``.
             strict: What the model holds and this solver does not simulate (particles, cloth,
                 tendons, ...) is an error instead of a warning.
             workers: Most threads that share the worlds of a step on a CPU, to the same bits; None
@@ -237,7 +242,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         self.writes_joint_state = update_joint_state and model.joint_count > 0
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         if self.writes_joint_state:
-            self._all_joints = AllJoints(model)
+            self._joint_state = JointState(model)
         self._make_arrays()
         self._callers.require((name for name, on in (effects or {}).items() if on), self._flags)
 
@@ -258,8 +263,9 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         Args:
             state_in: State to start from, of which three arrays of shape (body_count,) are read:
                 poses ``body_q`` [m], velocities ``body_qd`` [m/s, rad/s] and forces ``body_f`` [N,
-                N m]. A kinematic body moves at its ``body_qd``; where that is zero, friction sees
-                how its pose has been written since the last step.
+                N m]; with ``update_joint_state`` the joint coordinates, too. A kinematic body moves
+                at its ``body_qd``; where that is zero, friction sees how its pose has been written
+                since the last step.
             state_out: State to write ``body_q`` and ``body_qd`` to, and the joint coordinates with
                 ``update_joint_state``; may be ``state_in``.
             control: ``joint_f`` [N or N m] and ``joint_target_qd`` [m/s or rad/s], shape
@@ -281,6 +287,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             return
         # model.control() would build a whole object for three arrays
         control_input = self._control_input(self.model if control is None else control)
+        if self.writes_joint_state:
+            self._joint_state.read(self._launch, state_in, self._history)
         if self._owns_detection:
             self._run_rigid_collision(state_in, dt)
         accelerations = _requested(observables and observables.body_qdd, state_out.body_qdd)
@@ -332,7 +340,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             else:
                 self._export_parent_force(body_parent_f, state_out, control_input, contacts, dt)
         if self.writes_joint_state:
-            self._write_joint_state(state_out)
+            joints, count = self._joints, self._solved.joint_count
+            self._joint_state.write(self._launch, state_out, joints, count, self._history)
 
     def _actuate(
         self, state_in: newton.State, control: newton.Control | None, dt: float
@@ -703,7 +712,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         """Put worlds back to the model's initial poses and forget their contacts, on the device.
 
         Args:
-            state: State to modify: ``body_q`` and ``body_qd``, as ``flags`` say.
+            state: State to modify: ``body_q`` and ``body_qd``, and with ``update_joint_state``
+                ``joint_q`` and ``joint_qd``, as ``flags`` say.
             world_mask: Which worlds, shape ``(world_count + 1,)``; the last entry is for global
                 bodies. None for all.
             flags: What to put back; None for all, 0 for poses and velocities that the caller has
@@ -717,12 +727,14 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if self.model.body_count == 0:
             return
         selected = self._no_mask if mask is None else mask
-        wanted = int(StateFlags.BODY_Q | StateFlags.BODY_QD if flags is None else flags)
+        wanted = int(StateFlags.ALL if flags is None else flags)
         model = self._solved
         if self._large is not None:
             self._large.forget(self._launch, model.body_world, selected)
         if self._actuation is not None:
             self._actuation.reset(self._launch, selected)
+        if self.writes_joint_state:
+            self._joint_state.reset(self._launch, state, selected, wanted)
         bodies: newton.State | BodyState = state
         if isinstance(model, SolvedModel) and self._flags.welds:
             bodies = model.given
@@ -803,6 +815,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             yield "colors.color", self._large.colors.color
         if self._actuation is not None:
             yield from self._actuation.remembered()
+        if self.writes_joint_state:
+            yield from self._joint_state.remembered()
 
     def notify_model_changed(self, flags: ModelFlags | int) -> None:
         """Look again at what the model calls for.
@@ -1076,15 +1090,6 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 state_out.body_qd,
                 body_parent_f,
             ],
-        )
-
-    def _write_joint_state(self, state_out: newton.State) -> None:
-        """Coordinates of all joints by the poses of their bodies, turns counted."""
-        newton.eval_ik(self._all_joints, state_out, state_out.joint_q, state_out.joint_qd)
-        self._launch(
-            count_turns,
-            self._solved.joint_count,
-            [self._joints, self._history, state_out.joint_q, state_out.joint_qd],
         )
 
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:

@@ -12,7 +12,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import newton
+import newton.utils
 import pytest
+
+from newton_avbd.io.examples import ExampleSimulation
+from newton_avbd.io.simulation import Request
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -28,6 +33,21 @@ OPTIONS = {
 """What some are called with, as the table says; the last to save time."""
 
 
+def asset_folder(name: str) -> Path:
+    """The folder that has an asset of Newton's: ``NEWTON_ASSETS``, or Newton's own cache.
+
+    Nothing is downloaded: tests run without a network.
+    """
+    given = os.environ.get("NEWTON_ASSETS")
+    cache = newton.config.cache_dir_assets
+    found = (
+        [Path(given)] if given else [path.parent for path in Path(cache or "-").glob(f"*/{name}")]
+    )
+    if not any((folder / name).is_dir() for folder in found):
+        pytest.skip(f"{name} is not in Newton's cache: set NEWTON_ASSETS to a folder that has it")
+    return found[0]
+
+
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda script: script.stem)
 def test_an_example_meets_its_own_criteria(script: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """60 frames without a window, judged by the example's test_post_step and test_final.
@@ -35,8 +55,24 @@ def test_an_example_meets_its_own_criteria(script: Path, monkeypatch: pytest.Mon
     In this process: it shares the kernels of other tests.
     """
     arguments = ["--viewer", "null", "--num-frames", "60", "--test", "--device", "cpu"]
+    if script.stem == "stack_cubes":
+        arguments += ["--assets", str(asset_folder("franka_emika_panda"))]
     monkeypatch.setattr(sys, "argv", [str(script), *arguments])
     runpy.run_path(str(script), run_name="__main__")
+
+
+@pytest.mark.skipif(os.environ.get("NEWTON_EXAMPLES") != "all", reason="NEWTON_EXAMPLES=all")
+@pytest.mark.parametrize("worlds", [1, 16])
+@pytest.mark.parametrize("dt", [None, 1.0 / 300.0], ids=["own_step", "twice_the_step"])
+def test_cubes_are_stacked(worlds: int, dt: float | None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Newton's ``ik_cube_stacking``, swapped with defaults, at half of its substeps, too."""
+    folder = asset_folder("franka_emika_panda")
+    monkeypatch.setattr(newton.utils, "download_asset", lambda name: folder / name)
+    request = Request(dt=dt, arguments=("--world-count", str(worlds)))
+    simulation = ExampleSimulation("ik_cube_stacking", request)
+    for _ in range(simulation.frames):
+        simulation.advance()
+    assert simulation.verdict() == "passed"
 
 
 def test_there_are_examples() -> None:

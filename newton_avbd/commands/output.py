@@ -5,6 +5,9 @@
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
+from typing import TypeVar
+
+Item = TypeVar("Item")
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
@@ -29,13 +32,13 @@ def say_notes(notes: Sequence[str]) -> None:
         print(f"newton-avbd: {note}", file=sys.stderr)
 
 
-def progress(frames: Iterable[int], total: int, label: str) -> Iterator[int]:
+def progress(frames: Iterable[Item], total: int, label: str) -> Iterator[Item]:
     """Yield ``frames`` and show on standard error how far they are, if that is a terminal."""
     shown = sys.stderr.isatty()
-    for frame in frames:
+    for frame, item in enumerate(frames):
         if shown:
             filled = "#" * (30 * frame // total)
             print(f"\r{label} [{filled:<30}] {frame}/{total}", end="", file=sys.stderr, flush=True)
-        yield frame
+        yield item
     if shown:
         print("\r\033[K", end="", file=sys.stderr, flush=True)

@@ -46,6 +46,7 @@ def main(args: argparse.Namespace) -> int:
         viewer=None if viewer is None else lambda: viewer,
         arguments=args.arguments,
     )
+    camera = view.camera(viewer) if args.png else None
     simulation = open_scene(args.scene, request)
     probe = Probe(simulation.model)
     say_notes([*simulation.notes, *describe_overlaps(probe.overlaps)])
@@ -61,7 +62,8 @@ def main(args: argparse.Namespace) -> int:
     else:
         _watch(simulation, viewer, count)
     if args.png:
-        if args.viewer == "null" and isinstance(simulation, ModelSimulation):
+        # where an example has put its camera it stays
+        if args.viewer == "null" and view.camera(viewer) == camera:
             view.look_at(viewer, simulation.model, simulation.state)
         simulation.render()
         view.save_picture(viewer, args.png)

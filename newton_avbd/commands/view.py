@@ -79,6 +79,11 @@ def _make_gl(headless: bool) -> Any:
         raise UserError(NO_CONTEXT.format(reason=reason)) from error
 
 
+def camera(viewer: Any) -> tuple[float, ...]:
+    """Where a ``gl`` viewer's camera is, and how it is turned."""
+    return (*viewer.camera.pos, viewer.camera.yaw, viewer.camera.pitch)
+
+
 def look_at(viewer: Any, model: newton.Model, state: newton.State) -> None:
     """Point a ``gl`` viewer's camera at the bodies, obliquely from above, so that all are seen."""
     centers = state.body_q.numpy()[:, :3].astype(float)

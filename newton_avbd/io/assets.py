@@ -6,6 +6,7 @@
 import re
 from functools import partial
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import newton
@@ -71,18 +72,28 @@ def _open_driven(path: Path, request: Request) -> ModelSimulation:
     """
     if path.suffix.lower() != ".xml":
         raise UserError(f"--ctrl drives the actuators of MJCF files (.xml), not {path}")
-    builder = _prepared(request.solver)
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     try:
-        builder.add_mjcf(str(path), ctrl_direct=True)
+        builder = read_driven(path, request.solver)
     except Exception as error:
         # The importer fails in as many ways as files can be wrong.
         raise UserError(f"cannot read {path}: {_reason(error)}") from error
-    _collide_by_hulls(builder)
     simulation = simulate(path.name, path, builder, request, ())
     assert request.ctrl is not None
     simulation.controls = Controls(request.ctrl, simulation.model, path)
     return simulation
+
+
+def read_driven(path: Path, solver: str = "avbd") -> newton.ModelBuilder:
+    """Read an MJCF file with its actuators, which ``control.mujoco.ctrl`` controls.
+
+    Raises:
+        Exception: Whatever Newton's importer raises.
+    """
+    builder = _prepared(solver)
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    _add_mjcf(builder, path, ctrl_direct=True)
+    _collide_by_hulls(builder)
+    return builder
 
 
 def simulate(
@@ -144,11 +155,7 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         return _read_urdf(path, solver, floating)
     builder = _prepared(solver)
     if suffix == ".xml":
-        source = _without_pgs(path)
-        if source is None:
-            builder.add_mjcf(str(path))
-        else:
-            builder.add_mjcf(source, path_resolver=partial(_beside, path.parent))
+        _add_mjcf(builder, path)
         _collide_by_hulls(builder)
         return builder, ()
     builder.add_usd(str(path))
@@ -158,6 +165,14 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         builder = _prepared(solver)
         builder.add_usd(stage)
     return builder, ()
+
+
+def _add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> None:
+    source = _without_pgs(path)
+    if source is None:
+        builder.add_mjcf(str(path), **options)
+    else:
+        builder.add_mjcf(source, path_resolver=partial(_beside, path.parent), **options)
 
 
 def _without_pgs(path: Path) -> str | None:

@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd learning``: tasks of dm_control and gymnasium, moved by SolverAVBD and MuJoCo."""
+
+import argparse
+import sys
+import warnings
+
+from newton_avbd.io import UserError, require
+from newton_avbd.study import learning
+from newton_avbd.study.bench import chosen, describe_machine, pinned
+
+from .options import positive
+from .output import progress, table
+from .robots import silence
+
+HEAD = ("", "step", "AVBD steps/s", "MuJoCo", "AVBD return", "MuJoCo", "AVBD length", "MuJoCo")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    parser.add_argument("tasks", nargs="*", metavar="TASK", help="tasks, see below (default: all)")
+    parser.add_argument(
+        "--episodes", type=positive(int), default=5, help="of each task (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--controls",
+        type=positive(int),
+        default=250,
+        help="most controls of an episode (default: %(default)s)",
+    )
+    names = "\n".join(f"  {name}" for name in learning.TASKS)
+    parser.epilog = f"""\
+tasks:
+{names}
+A fixed random policy. Steps a second of the engine alone, with its collision detection, on one
+core. Returns are means over the episodes with their standard deviation."""
+
+
+def main(args: argparse.Namespace) -> int:
+    """Run the episodes and print a table.
+
+    Returns:
+        Exit status: 0, or 1 where SolverAVBD loses an episode to numbers that are not finite.
+
+    Raises:
+        UserError: There is no such task, or its package is not installed.
+    """
+    require("dm_control", "gymnasium", "mujoco")
+    names = chosen("task", args.tasks, learning.TASKS)
+    warnings.simplefilter("ignore")
+    rows: list[tuple[str, ...]] = [HEAD]
+    lost = 0
+    with pinned() as core:
+        machine = describe_machine(core)
+        for name in progress(names, len(names), "tasks"):
+            try:
+                with silence():
+                    ours, theirs, dt = _run(name, args.episodes, args.controls)
+            except UserError as error:
+                print(f"newton-avbd: {name} is left out: {error}", file=sys.stderr)
+                continue
+            lost += ours.lost
+            rows.append(_row(name, dt, ours, theirs))
+    for name, value in machine.items():
+        print(f"{name}: {value}")
+    print(f"\n{table(rows)}")
+    return int(lost > 0)
+
+
+def _run(
+    name: str, episodes: int, controls: int
+) -> tuple[learning.Outcome, learning.Outcome, float]:
+    """Episodes of a task with both engines, and its time step [s]."""
+    task = learning.Task(name)
+    engines = learning.Engine(task), learning.Clock(task)
+    ours, theirs = (learning.run(task, engine, episodes, controls) for engine in engines)
+    return ours, theirs, float(task.model.opt.timestep)
+
+
+def _row(name: str, dt: float, ours: learning.Outcome, theirs: learning.Outcome) -> tuple[str, ...]:
+    rates = [f"{outcome.rate:,.0f}" for outcome in (ours, theirs)]
+    returns = [
+        f"{outcome.returns.mean():.4g} ± {outcome.returns.std():.2g}" for outcome in (ours, theirs)
+    ]
+    lengths = [f"{outcome.lengths.mean():.0f}" for outcome in (ours, theirs)]
+    note = f" ({ours.lost} lost)" if ours.lost else ""
+    return (name + note, f"{1e3 * dt:g} ms", *rates, *returns, *lengths)
