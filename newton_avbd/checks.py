@@ -13,6 +13,7 @@ import warp as wp
 
 from .actuators import Actuators, fixed_tendons
 from .attributes import authored_fluid, break_limits, dahl_friction
+from .condim import CONDIMS, Condims
 from .rows.joint import KINDS
 
 _MOST_NAMES = 3
@@ -55,7 +56,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
         ValueError: If a pose, velocity, mass, inertia, center of mass, joint frame, axis, limit,
             gain, material coefficient, gravity or wind is not finite, a mass, gain or coefficient
             is negative, an inertia not symmetric or not positive, an axis or the quaternion of a
-            frame not of unit length.
+            frame not of unit length, or a condim is none of MuJoCo's.
     """
     _check_joints(model, ramp)
     _check_bodies(model)
@@ -64,6 +65,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             _check_numbers(model, f"shape_material_{name}", model.shape_label, minimum=0.0)
         _check_numbers(model, "shape_transform", model.shape_label)
         _check_lengths(model, "shape_transform", model.shape_label)
+        _check_condims(model)
     for name in _OF_MUJOCO:
         if getattr(getattr(model, "mujoco", None), name, None) is not None:
             labels = getattr(model.mujoco, "actuator_label", ())
@@ -122,6 +124,7 @@ def report_ignored(
             f"SolverAVBD leaves out the restitution of {', '.join(bouncing)}: it acts on rigid "
             "contacts only. Compliant and ramped ones rebound by their ke and kd."
         )
+    messages += _of_pairs(model)
     if angular_friction is None and (turning := _shapes(model, _has_own_angular_friction(model))):
         messages.append(
             f"SolverAVBD leaves out the torsional and rolling friction of {', '.join(turning)}. "
@@ -217,6 +220,54 @@ def _actuators(model: newton.Model) -> list[str]:
     ] + (["..."] if len(found.left) > _MOST_NAMES else [])
 
 
+def _check_condims(model: newton.Model) -> None:
+    """Refuses a condim that MuJoCo does not have."""
+    condims = Condims.of_model(model)
+    names = " or ".join(map(str, CONDIMS))
+    for values, what, labels in (
+        (condims.condim, "mujoco.condim", model.shape_label),
+        (condims.pair_condim, "mujoco.pair_condim", condims.labels(model)),
+    ):
+        wrong = np.flatnonzero(~np.isin(values, CONDIMS))
+        if wrong.size:
+            item = int(wrong[0])
+            raise ValueError(
+                f"model.{what}[{item}] ('{_label(labels, item)}') must be {names}: {values[item]}."
+            )
+    numbers = np.column_stack((condims.pair_friction, condims.pair_margin))
+    is_sound = np.isfinite(numbers).all(axis=1) & (condims.pair_friction >= 0.0).all(axis=1)
+    if not is_sound.all():
+        item = int(np.argmin(is_sound))
+        raise ValueError(
+            f"The explicit pair {condims.labels(model)[item]} must have finite numbers, and no "
+            f"negative friction: model.mujoco.pair_friction {condims.pair_friction[item].tolist()}, "
+            f"pair_margin {condims.pair_margin[item]}."
+        )
+
+
+def _of_pairs(model: newton.Model) -> list[str]:
+    """What of MuJoCo's explicit pairs does not act, with the remedy."""
+    condims = Condims.of_model(model)
+    if not len(condims.pairs):
+        return []
+    messages, labels = [], condims.labels(model)
+    delivered = {tuple(sorted(pair)) for pair in model.shape_contact_pairs.numpy().tolist()}
+    missing = [i for i, pair in enumerate(condims.pairs.tolist()) if tuple(pair) not in delivered]
+    if missing:
+        names = _named(len(missing), "explicit pair", [labels[i] for i in missing])
+        messages.append(
+            f"Newton's collision pipeline makes no contacts for {names[0]}, whose shapes do not "
+            "collide otherwise. Add the pairs to model.shape_contact_pairs, and make a "
+            "CollisionPipeline with broad_phase='explicit'."
+        )
+    if (uneven := condims.uneven_pairs()).size:
+        names = _named(uneven.size, "explicit pair", [labels[i] for i in uneven])
+        messages.append(
+            f"SolverAVBD has the same friction in all directions; of {names[0]} it takes the mean."
+        )
+    return messages
+
+
 def _shapes(model: newton.Model, concerned: np.ndarray) -> list[str]:
     """The shapes that a mask selects; empty where there are none."""
     labels = [_label(model.shape_label, i) for i in np.flatnonzero(concerned)]
@@ -233,6 +284,9 @@ def _has_own_angular_friction(model: newton.Model) -> np.ndarray:
     default = newton.ModelBuilder.ShapeConfig()
     twist, roll = _material(model, "mu_torsional"), _material(model, "mu_rolling")
     is_own = (twist != np.float32(default.mu_torsional)) | (roll != np.float32(default.mu_rolling))
+    condims = Condims.of_model(model)
+    if condims.condim.size:
+        is_own &= ~condims.is_own  # their condim says whether it acts
     return is_own & ((twist > 0.0) | (roll > 0.0))
 
 

@@ -430,6 +430,20 @@ class ShapeModel:
     """Contact stiffness [N/m]."""
     kd: wp.array[float]
     """Contact damping [N s/m]."""
+    condim: wp.array[wp.int32]
+    """What contacts resist, as MuJoCo counts it; negative for a shape that is not MuJoCo's, two of
+    which mix their friction by Newton's rule. Empty where no shape is MuJoCo's."""
+    priority: wp.array[wp.int32]
+    """Of two shapes the one of the higher priority decides."""
+    pair_start: wp.array[wp.int32]
+    """By shape: first of the explicit pairs with a shape of a higher index."""
+    pair_other: wp.array[wp.int32]
+    """By explicit pair: that shape."""
+    pair_friction: wp.array[wp.vec3]
+    """Sliding, torsional [m], rolling [m]."""
+    pair_margin: wp.array[float]
+    margin: wp.array[float]
+    """Margin of each shape [m]; empty without pairs."""
 
 
 @wp.struct
