@@ -14,6 +14,7 @@ import warp as wp
 from .actuators import Actuators, fixed_tendons
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .condim import CONDIMS, Condims
+from .equalities import equalities
 from .rows.joint import KINDS
 
 _MOST_NAMES = 3
@@ -192,6 +193,7 @@ def _equalities(model: newton.Model) -> list[str]:
         left = mujoco.equality_constraint_enabled.numpy() & (
             mujoco.equality_constraint_target.numpy() < 0
         )
+        left[[equality.row for equality in equalities(model)]] = False
         labels = [mujoco.equality_constraint_label[i] for i in np.flatnonzero(left)]
         found += _named(len(labels), "MuJoCo equality constraint", labels)
     if count := counts.get("mujoco:tendon", 0):
@@ -307,6 +309,9 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
     for name in ("joint_q", "joint_rest_q"):
         _check_numbers(model, name, ())
     _check_numbers(model, "joint_mimic_coeffs", model.joint_label)
+    if model.custom_frequency_counts.get("mujoco:equality_constraint", 0):
+        labels = model.mujoco.equality_constraint_label
+        _check_numbers(model, "mujoco.equality_constraint_polycoef", labels)
     owner = np.repeat(np.arange(model.joint_count), model.joint_dof_dim.numpy().sum(axis=1))
     labels = [_label(model.joint_label, joint) for joint in owner]
     for name in ("joint_axis", "joint_limit_lower", "joint_limit_upper"):

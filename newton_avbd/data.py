@@ -203,6 +203,8 @@ class JointModel:
     """Joint coordinates at which rods and passive springs are at rest."""
     mimic_coefficients: wp.array[wp.vec2]
     """Offset and multiplier by which a mimic joint follows its leader."""
+    polynomials: wp.array2d[float]
+    """Five coefficients, from the constant one, of each equality constraint of MuJoCo's."""
     damping: wp.array[float]
     """Passive damping [N s/m or N m s/rad]."""
     stiffness: wp.array[float]
@@ -689,6 +691,12 @@ class Closure:
     rows: int
     softness: float
     """How soft its rows are, of what those are that may imply each other."""
+    equality: int
+    """MuJoCo's equality constraints: its row there; -1 for all others."""
+    dof: int
+    """The same: axis of the joint that it ties."""
+    leader_dof: int
+    """The same: axis of the leader, -1 where the joint is held."""
 
 
 @wp.struct

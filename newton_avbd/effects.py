@@ -129,6 +129,12 @@ CAUSES: dict[str, Cause] = {
         "execute/closures.py",
         "Set joint_mimic_joint to -1 before the solver is made.",
     ),
+    "equalities": Cause(
+        "joint",
+        "that an equality constraint of MuJoCo's ties beyond a mimic (equality_constraint_*)",
+        "execute/closures.py",
+        "Set mujoco:equality_constraint_enabled to False before the solver is made.",
+    ),
     "drives": Cause("joint", "with a drive that has a gain (target_ke, target_kd)", "rows/axis.py"),
     "effort_limits": Cause(
         "joint", "with a drive of limited effort (effort_limit)", "rows/axis.py"
@@ -208,6 +214,8 @@ class Effects:
     """Joints that close loops within a tree and are solved with it, or mimics."""
     mimics: bool = False
     """A joint that mimics another."""
+    equalities: bool = False
+    """One that does so by a polynomial, or is held."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""
     actuators: bool = False
@@ -343,6 +351,10 @@ class Effects:
             "closures": np.array([closure.joint for closure in topology.closures], dtype=int),
             "mimics": np.array(
                 [closure.joint for closure in topology.closures if closure.leader >= 0], dtype=int
+            ),
+            "equalities": np.array(
+                [closure.joint for closure in topology.closures if closure.equality is not None],
+                dtype=int,
             ),
             "drives": axes.joints(driven),
             "actuators": axes.joints(actuated),

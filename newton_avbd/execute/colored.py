@@ -201,7 +201,9 @@ def make_colored(effects: Effects) -> Colored:
     loop_wrench, count_loop_turns = loop_functions.loop_wrench, loop_functions.count_turns
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     closures = make_closures(effects)
-    trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
+    trees = make_trees(
+            effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
+        )
     align_block, put_together = trees.align_spins, trees.put_together
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)

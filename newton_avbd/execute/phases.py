@@ -106,7 +106,9 @@ def make_phases(effects: Effects) -> Phases:
     closures = make_closures(effects) if effects.closures else ABSENT
     trees = ABSENT
     if effects.joints:
-        trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
+        trees = make_trees(
+            effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
+        )
     align_spins, put_together = trees.align_spins, trees.put_together
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
         effects, trees, loop_functions, closures.begin_closures, assemble_body
