@@ -217,7 +217,7 @@ class SolverArrays:
         self._launch(find_boxes, link_of.shape[0], [welded, mass, inertia, link_of, fluid.boxes])
 
     def _bind_condims(self) -> None:
-        """What contacts take of MuJoCo's attributes; read anew, but not while a graph is captured."""
+        """What contacts take of MuJoCo's attributes; a captured graph keeps what it has."""
         if not self.device.is_capturing:
             found = condim_arrays(
                 Condims.of_model(self.model if "condim" not in self._without else None),

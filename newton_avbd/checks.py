@@ -242,8 +242,8 @@ def _check_condims(model: newton.Model) -> None:
         item = int(np.argmin(is_sound))
         raise ValueError(
             f"The explicit pair {condims.labels(model)[item]} must have finite numbers, and no "
-            f"negative friction: model.mujoco.pair_friction {condims.pair_friction[item].tolist()}, "
-            f"pair_margin {condims.pair_margin[item]}."
+            f"negative friction: friction {condims.pair_friction[item].tolist()}, margin "
+            f"{condims.pair_margin[item]} (model.mujoco.pair_*)."
         )
 
 

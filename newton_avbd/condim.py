@@ -14,7 +14,7 @@ _DEFAULT = 3
 CONDIMS = (1, 3, 4, 6)
 """All that there are."""
 _COLUMNS = ((0, 1), (2, 2), (3, 4))
-"""Where a pair's five coefficients have the two of sliding, that of twisting, the two of rolling."""
+"""Where a pair's five coefficients have those of sliding, of twisting, of rolling."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -750,9 +750,7 @@ def _frictional(model: newton.Model, condims: Condims) -> np.ndarray:
     return np.union1d(found, np.intersect1d(sliding, condims.pairs))
 
 
-def _twisting(
-    model: newton.Model, condims: Condims, angular_friction: bool | None
-) -> np.ndarray:
+def _twisting(model: newton.Model, condims: Condims, angular_friction: bool | None) -> np.ndarray:
     """Shapes that collide with torsional or rolling friction that acts."""
     if angular_friction is False:
         return np.zeros(0, dtype=int)

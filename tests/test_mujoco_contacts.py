@@ -116,7 +116,13 @@ def test_friction_follows_condim_and_priority(case: str) -> None:
 
 @pytest.mark.parametrize(
     ("motion", "condim", "expected"),
-    [("slide", 3, 0.5), ("slide", 1, 0.0), ("spin", 4, 0.015), ("roll", 4, 0.0), ("roll", 6, 0.003)],
+    [
+        ("slide", 3, 0.5),
+        ("slide", 1, 0.0),
+        ("spin", 4, 0.015),
+        ("roll", 4, 0.0),
+        ("roll", 6, 0.003),
+    ],
 )
 def test_an_explicit_pair_has_its_own_friction(motion: str, condim: int, expected: float) -> None:
     """Whatever its shapes say."""

@@ -79,6 +79,25 @@ def equality_misfit(
 
 
 @wp.func
+def equality_start(
+    closure: Closure,
+    joints: wp.ref[JointModel],
+    tree: wp.ref[TreeWork],
+    history: wp.ref[History],
+) -> float:
+    """How far it was from there at the start of a step of second order [m or rad].
+
+    The coordinates of such a step start ahead of that, where a curve leads elsewhere.
+    """
+    leader = wp.float64(0.0)
+    if closure.leader_dof >= 0:
+        first = joints.dof_start[tree.joint[closure.leader_body]]
+        leader = history.coordinate[first + closure.leader_dof].start
+    follower = history.coordinate[joints.dof_start[closure.joint] + closure.dof].start
+    return wp.float32(follower - led_to(closure, leader, joints)[0])
+
+
+@wp.func
 def is_mimicking(closure: Closure, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
     """Whether a mimic joint and its leader are enabled."""
     return is_linked(joints, tree, closure.body) and is_linked(joints, tree, closure.leader_body)
@@ -154,7 +173,12 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     angular_lock = joint_functions.angular_lock
 
     @wp.func
-    def begin_closures(first: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
+    def begin_closures(
+        first: int,
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> bool:
         """Misfit of the mimics of a block, which starts at ``first``, at the start of the step.
 
         Returns whether one is beyond rounding.
@@ -174,7 +198,12 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     if wp.static(effects.equalities):
                         if closure.equality >= 0:
                             axis = closure.dof
-                            misfit = equality_misfit(closure, tree.start_coordinate, joints, tree)[0]
+                            if wp.static(effects.bdf2):
+                                misfit = equality_start(closure, joints, tree, history)
+                            else:
+                                misfit = equality_misfit(
+                                    closure, tree.start_coordinate, joints, tree
+                                )[0]
                     closures.misfit[closure.row + dof] = misfit
                     reach = wp.float32(tree.start_coordinate[tree.axis_start[closure.body] + axis])
                     rounding = tree.rounding[closure.body] + 2.0 * ROUNDING * (2.0 + wp.abs(reach))

@@ -202,8 +202,8 @@ def make_colored(effects: Effects) -> Colored:
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     closures = make_closures(effects)
     trees = make_trees(
-            effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
-        )
+        effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
+    )
     align_block, put_together = trees.align_spins, trees.put_together
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
@@ -487,6 +487,7 @@ def make_colored(effects: Effects) -> Colored:
         # Work out:
         tree: TreeWork,
         colors: ColorWork,
+        history: History,
     ):
         """Puts a block to the guess of its increments; one thread a body, for a first one."""
         block = wp.tid()
@@ -503,6 +504,7 @@ def make_colored(effects: Effects) -> Colored:
                 worlds,
                 work,
                 tree,
+                history,
             ):
                 colors.is_open[world] = 1
 

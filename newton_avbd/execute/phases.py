@@ -258,7 +258,16 @@ def make_phases(effects: Effects) -> Phases:
                 ):
                     is_open = True
         if place_blocks(
-            body_start, body_end, scale.static_slot, body_q, model, joints, worlds, work, tree
+            body_start,
+            body_end,
+            scale.static_slot,
+            body_q,
+            model,
+            joints,
+            worlds,
+            work,
+            tree,
+            history,
         ):
             is_open = True
         if wp.static(effects.loops and effects.kinds.distances):
