@@ -32,6 +32,11 @@ _OF_MUJOCO = (
     *(f"actuator_{name}" for name in ("gear", "gainprm", "biasprm", "dynprm", "armature")),
 )
 """Attributes of the ``mujoco`` namespace that act, finite."""
+_FLAGS = (
+    *("actuation", "clampctrl", "constraint", "contact", "damper", "equality", "frictionloss"),
+    *("limit", "spring"),
+)
+"""Flags of MuJoCo's by which a scene turns physics off."""
 _COEFFICIENTS = (
     "joint_target_ke",
     "joint_target_kd",
@@ -126,6 +131,11 @@ def report_ignored(
             "contacts only. Compliant and ramped ones rebound by their ke and kd."
         )
     messages += _of_pairs(model)
+    if off := _flags_off(model):
+        messages.append(
+            f"SolverAVBD ignores MuJoCo's flags, of which {', '.join(off)} would be off. Leave out "
+            "the effects instead, as effects={'contact': False}."
+        )
     if angular_friction is None and (turning := _shapes(model, _has_own_angular_friction(model))):
         messages.append(
             f"SolverAVBD leaves out the torsional and rolling friction of {', '.join(turning)}. "
@@ -245,6 +255,13 @@ def _check_condims(model: newton.Model) -> None:
             f"negative friction: friction {condims.pair_friction[item].tolist()}, margin "
             f"{condims.pair_margin[item]} (model.mujoco.pair_*)."
         )
+
+
+def _flags_off(model: newton.Model) -> list[str]:
+    """MuJoCo's flags that a scene turns physics off by."""
+    mujoco: Any = getattr(model, "mujoco", None)
+    flags = {name: getattr(mujoco, f"flag_{name}", None) for name in _FLAGS}
+    return [name for name, flag in flags.items() if flag is not None and not flag.numpy()[0]]
 
 
 def _of_pairs(model: newton.Model) -> list[str]:

@@ -83,7 +83,8 @@ def equalities(model: newton.Model) -> list[Equality]:
     dims = model.joint_dof_dim.numpy().sum(axis=1)
     found = []
     for row in rows.tolist():
-        ends = []
+        ends: list[tuple[int, int]] = []
+        is_known = True
         for end in (1, 2):
             joint = int(getattr(mujoco, f"equality_constraint_joint{end}").numpy()[row])
             if joint < 0:
@@ -92,8 +93,9 @@ def equalities(model: newton.Model) -> list[Equality]:
             dof = int(getattr(mujoco, f"equality_constraint_joint{end}_dof").numpy()[row])
             dof = dof - int(starts[joint]) if dof >= 0 else 0
             is_axis = joint >= 0 and KINDS[int(kinds[joint])].has_axes and dof < dims[joint]
-            ends.append((joint, dof) if is_axis else None)
-        if None in ends or not ends:
+            is_known &= is_axis
+            ends.append((joint, dof))
+        if not is_known or not ends:
             continue
         joint, dof = ends[0]
         leader, leader_dof = ends[1] if len(ends) > 1 else (joint, -1)

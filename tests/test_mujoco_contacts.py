@@ -242,3 +242,12 @@ def test_a_condim_that_does_not_exist_is_an_error_that_names_it() -> None:
     model.mujoco.condim.fill_(5)
     with pytest.raises(ValueError, match=r"mujoco\.condim\[0\] .* must be 1 or 3 or 4 or 6: 5"):
         SolverAVBD(model)
+
+
+def test_flags_that_turn_physics_off_are_said() -> None:
+    """They are MuJoCo's; effects are left out by the solver's own argument."""
+    text = mjcf("", "", "box").replace(
+        "<worldbody>", '<option><flag contact="disable"/></option><worldbody>'
+    )
+    with pytest.warns(UserWarning, match="MuJoCo's flags, of which contact would be off"):
+        SolverAVBD(build(text).finalize(device="cpu"))
