@@ -9,7 +9,7 @@ import mujoco
 import newton
 import numpy as np
 import pytest
-from helpers import Array, Simulation
+from helpers import Array, Simulation, add_box, add_ground
 from joint_scenes import coordinates
 from newton.solvers import SolverMuJoCo
 from numpy.polynomial import Polynomial
@@ -230,3 +230,22 @@ def test_equalities_beside_welds() -> None:
     assert sim.solver.effects.flags.welds
     sim.run(0.25)
     assert coordinates(sim)[0][1] == pytest.approx(closed_path(x0, np.array([0.25]))[0], abs=5e-5)
+
+
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+def test_equalities_of_each_world_and_of_bodies_solved_by_color(parallel: str) -> None:
+    """Beside a box on the ground, in two worlds: as one world alone."""
+    curve = Polynomial(CURVE)
+    single = build(two_sliders())
+    single.joint_q[:] = [curve(0.4), 0.4]
+    add_ground(single)
+    add_box(single, (5.0, 0.0, 0.25))
+    builder = newton.ModelBuilder()
+    builder.replicate(single, 2)
+    sim = Simulation(builder, parallel=parallel)
+    newton.eval_fk(sim.model, sim.model.joint_q, sim.model.joint_qd, sim.state)
+    alone = started(two_sliders(), [curve(0.4), 0.4])
+    for simulation in (sim, alone):
+        simulation.run(0.25)
+    q = coordinates(sim)[0].reshape(2, -1)[:, :2]
+    np.testing.assert_allclose(q, np.tile(coordinates(alone)[0], (2, 1)), atol=2.0e-6)

@@ -39,10 +39,11 @@ def on_floor(kind: str, floor: str, geom: str, contact: str = "") -> str:
       <contact>{contact}</contact></mujoco>"""
 
 
-def moving(
-    authored: str, plain: str, velocity: tuple[float, ...], component: int
+def slowed(
+    motion: str, authored: str, plain: str
 ) -> Callable[[newton.ModelBuilder, bool], Measure]:
-    """Builder of a body that starts with a velocity; what measures is what is left of it."""
+    """Builder of a body that slides, spins or rolls; what measures is the friction that acts."""
+    speed, component, velocity, per_slowing = _MOTIONS[motion]
 
     def build(builder: newton.ModelBuilder, is_authored: bool) -> Measure:
         read(builder, authored if is_authored else plain)
@@ -50,78 +51,67 @@ def moving(
 
         def measure(trial: Trial) -> float:
             trial.run(SECONDS)
-            return trial.velocity()[component]
+            return (speed - trial.velocity()[component]) / SECONDS * per_slowing
 
         return measure
 
     return build
 
 
-_SLIDES = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-_SPINS = (0.0, 0.0, 0.0, 0.0, 0.0, 30.0)
-_ROLLS = (2.0, 0.0, 0.0, 0.0, 2.0 / R, 0.0)
+_MOTIONS: dict[str, tuple[float, int, tuple[float, ...], float]] = {
+    "slides": (2.0, 0, (2.0, 0.0, 0.0, 0.0, 0.0, 0.0), 1.0 / G),
+    "spins": (30.0, 5, (0.0, 0.0, 0.0, 0.0, 0.0, 30.0), 0.4 * R * R / G),
+    "rolls": (2.0, 0, (2.0, 0.0, 0.0, 0.0, 2.0 / R, 0.0), 1.4 * R / G),
+}
+"""Speed at the start, the component that it is, the whole velocity, and friction by slowing."""
 _PLAIN = on_floor("box", "", "")
-
-
-def _lost(mu: float) -> float:
-    """Speed that sliding takes [m/s]."""
-    return mu * G * SECONDS
-
+_BALL = on_floor("sphere", "", "")
+_FREE = on_floor("box", 'condim="1"', 'condim="1"')
+_PAIR = '<pair geom1="floor" geom2="geom" friction="0.6 0.6 0 0 0"/>'
 
 MUJOCO.declare(
     "mujoco:condim 1",
-    "A box slides at 2 m/s, both geoms with condim 1: it keeps its speed.",
-    expected=2.0,
-    bound=0.002,
-    unit="m/s",
-)(moving(on_floor("box", 'condim="1"', 'condim="1"'), _PLAIN, _SLIDES, 0))
+    "A box slides at 2 m/s, both geoms with condim 1: the friction that acts.",
+    expected=0.0,
+    bound=1.0e-3,
+)(slowed("slides", _FREE, _PLAIN))
 
 MUJOCO.declare(
     "mujoco:condim 3",
-    "A box slides at 2 m/s, friction 0.7 and 0.3 of the floor: it slows down at 0.7 g, the larger.",
-    expected=2.0 - _lost(0.7),
-    bound=0.02 * _lost(0.7),
-    unit="m/s",
-)(moving(_PLAIN, on_floor("box", 'condim="1"', 'condim="1"'), _SLIDES, 0))
+    "A box with friction 0.7 slides at 2 m/s over a floor with 0.3: the larger of the two acts.",
+    expected=0.7,
+    bound=0.014,
+)(slowed("slides", _PLAIN, _FREE))
 
 MUJOCO.declare(
     "mujoco:condim 4",
-    "A sphere spins at 30 rad/s, torsional friction 0.02 m: it slows down at mu g / (2/5 r^2).",
-    expected=30.0 - 0.02 * G * SECONDS / (0.4 * R * R),
-    bound=0.05 * 0.02 * G * SECONDS / (0.4 * R * R),
-    unit="rad/s",
-)(moving(on_floor("sphere", "", 'condim="4"'), on_floor("sphere", "", ""), _SPINS, 5))
+    "A sphere with torsional friction 0.02 m spins at 30 rad/s: the friction that acts.",
+    expected=0.02,
+    bound=4.0e-4,
+    unit="m",
+)(slowed("spins", on_floor("sphere", "", 'condim="4"'), _BALL))
 
 MUJOCO.declare(
     "mujoco:condim 6",
-    "A sphere rolls at 2 m/s, rolling friction 0.004 m: it slows down at mu g / (7/5 r).",
-    expected=2.0 - 0.004 * G * SECONDS / (1.4 * R),
-    bound=0.05 * 0.004 * G * SECONDS / (1.4 * R),
-    unit="m/s",
-)(moving(on_floor("sphere", "", 'condim="6"'), on_floor("sphere", "", ""), _ROLLS, 0))
+    "A sphere with rolling friction 0.004 m rolls at 2 m/s: the friction that acts.",
+    expected=0.004,
+    bound=8.0e-5,
+    unit="m",
+)(slowed("rolls", on_floor("sphere", "", 'condim="6"'), _BALL))
 
 MUJOCO.declare(
     "mujoco:geom_priority",
-    "A box slides at 2 m/s, friction 0.7 and 0.3 of the floor of a higher priority: 0.3 g.",
-    expected=2.0 - _lost(0.3),
-    bound=0.02 * _lost(0.3),
-    unit="m/s",
-)(moving(on_floor("box", 'priority="1"', ""), _PLAIN, _SLIDES, 0))
+    "A box with friction 0.7 slides over a floor with 0.3 and a higher priority: 0.3 acts.",
+    expected=0.3,
+    bound=0.006,
+)(slowed("slides", on_floor("box", 'priority="1"', ""), _PLAIN))
 
 MUJOCO.declare(
     "mujoco:pair_friction",
-    "A box slides at 2 m/s, an explicit pair says 0.5: 0.5 g.",
-    expected=2.0 - _lost(0.5),
-    bound=0.02 * _lost(0.5),
-    unit="m/s",
-)(
-    moving(
-        on_floor("box", "", "", '<pair geom1="floor" geom2="geom" friction="0.5 0.5 0 0 0"/>'),
-        _PLAIN,
-        _SLIDES,
-        0,
-    )
-)
+    "The same with an explicit pair of friction 0.6: that acts.",
+    expected=0.6,
+    bound=0.012,
+)(slowed("slides", on_floor("box", "", "", _PAIR), _PLAIN))
 
 
 def sliders(equality: str) -> str:
