@@ -16,6 +16,7 @@ from .actuation import Actuation
 from .actuators import ACTING
 from .attributes import BREAK_LIMITS, authored_fluid, break_limits
 from .checks import check_array
+from .condim import Condims, condim_arrays
 from .effects import (
     Callers,
     Effects,
@@ -97,6 +98,7 @@ class SolverArrays:
         self._buffer_count = 0
         self._moving_surfaces = False
         self._mimics: wp.array | None = None
+        self._condims: dict[str, wp.array] = {}
         self._boxes: tuple[wp.array, ...] = ()
         self._capacity = 0
         self._allocate_bodies()
@@ -183,6 +185,7 @@ class SolverArrays:
         self._bodies = views.body_model(model, self._free_joint, self._free_dof)
         self._joints = views.joint_model(model)
         self._shapes = views.shape_model(model)
+        self._bind_condims()
         self._bind_fluid()
         if model.joint_count:
             self._bind_mimics()
@@ -212,6 +215,26 @@ class SolverArrays:
         welded = model.links if isinstance(model, SolvedModel) else data.LinkModel()
         mass, inertia = self.model.body_mass, self.model.body_inertia
         self._launch(find_boxes, link_of.shape[0], [welded, mass, inertia, link_of, fluid.boxes])
+
+    def _bind_condims(self) -> None:
+        """What contacts take of MuJoCo's attributes; a captured graph keeps what it has."""
+        if not self.device.is_capturing:
+            found = condim_arrays(
+                Condims.of_model(self.model if "condim" not in self._without else None),
+                self.model,
+                angular_friction=self.settings.angular_friction,
+                is_mixed=self.settings.friction_mix_mode is not None,
+            )
+            # graphs that were captured before go on using the old arrays
+            self._retired.append(tuple(self._condims.values()))
+            for name, values in found.items():
+                old = self._condims.get(name)
+                if old is not None and old.shape == values.shape:
+                    wp.copy(old, values)
+                    found[name] = old
+            self._condims = found
+        for name, values in self._condims.items():
+            setattr(self._shapes, name, values)
 
     def _bind_mimics(self) -> None:
         """Chains of mimic joints and sparse ones have coefficients that the model's array lacks."""
@@ -254,7 +277,7 @@ class SolverArrays:
             piles=self.settings.blocks == "articulation",
             compliance=self.settings.compliant_contacts,
             ramp=self.settings.ramp,
-            friction_mix=self.settings.friction_mix_mode,
+            friction_mix=self.settings.friction_mix_mode or "geometric_average",
             angular_friction=self.settings.angular_friction,
             scheme=self.settings.scheme,
             sleeping=self.settings.sleeping,

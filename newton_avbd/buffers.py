@@ -301,6 +301,10 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
         closure.loop = loop_of[item.joint] if item.leader < 0 else -1
         closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
         closure.softness = item.softness
+        closure.equality = -1
+        if item.equality is not None:
+            closure.equality = item.equality.row
+            closure.dof, closure.leader_dof = item.equality.dof, item.equality.leader_dof
         if item.leader >= 0:
             closure.body, closure.leader_body = body_of[item.joint], body_of[item.leader]
         at = block.ground if item.top < 0 else item.top

@@ -13,6 +13,8 @@ import warp as wp
 
 from .actuators import Actuators, fixed_tendons
 from .attributes import authored_fluid, break_limits, dahl_friction
+from .condim import CONDIMS, Condims
+from .equalities import equalities
 from .rows.joint import KINDS
 
 _MOST_NAMES = 3
@@ -30,6 +32,11 @@ _OF_MUJOCO = (
     *(f"actuator_{name}" for name in ("gear", "gainprm", "biasprm", "dynprm", "armature")),
 )
 """Attributes of the ``mujoco`` namespace that act, finite."""
+_FLAGS = (
+    *("actuation", "clampctrl", "constraint", "contact", "damper", "equality", "frictionloss"),
+    *("limit", "spring"),
+)
+"""Flags of MuJoCo's by which a scene turns physics off."""
 _COEFFICIENTS = (
     "joint_target_ke",
     "joint_target_kd",
@@ -55,7 +62,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
         ValueError: If a pose, velocity, mass, inertia, center of mass, joint frame, axis, limit,
             gain, material coefficient, gravity or wind is not finite, a mass, gain or coefficient
             is negative, an inertia not symmetric or not positive, an axis or the quaternion of a
-            frame not of unit length.
+            frame not of unit length, or a condim is none of MuJoCo's.
     """
     _check_joints(model, ramp)
     _check_bodies(model)
@@ -64,6 +71,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             _check_numbers(model, f"shape_material_{name}", model.shape_label, minimum=0.0)
         _check_numbers(model, "shape_transform", model.shape_label)
         _check_lengths(model, "shape_transform", model.shape_label)
+        _check_condims(model)
     for name in _OF_MUJOCO:
         if getattr(getattr(model, "mujoco", None), name, None) is not None:
             labels = getattr(model.mujoco, "actuator_label", ())
@@ -127,6 +135,12 @@ def report_ignored(
         messages.append(
             f"SolverAVBD leaves out the restitution of {', '.join(bouncing)}: it acts on rigid "
             "contacts only. Compliant and ramped ones rebound by their ke and kd."
+        )
+    messages += _of_pairs(model)
+    if off := _flags_off(model):
+        messages.append(
+            f"SolverAVBD ignores MuJoCo's flags, of which {', '.join(off)} would be off. Leave out "
+            "the effects instead, as effects={'contact': False}."
         )
     if angular_friction is None and (turning := _shapes(model, _has_own_angular_friction(model))):
         messages.append(
@@ -195,6 +209,7 @@ def _equalities(model: newton.Model) -> list[str]:
         left = mujoco.equality_constraint_enabled.numpy() & (
             mujoco.equality_constraint_target.numpy() < 0
         )
+        left[[equality.row for equality in equalities(model)]] = False
         labels = [mujoco.equality_constraint_label[i] for i in np.flatnonzero(left)]
         found += _named(len(labels), "MuJoCo equality constraint", labels)
     if count := counts.get("mujoco:tendon", 0):
@@ -223,6 +238,61 @@ def _actuators(model: newton.Model) -> list[str]:
     ] + (["..."] if len(found.left) > _MOST_NAMES else [])
 
 
+def _check_condims(model: newton.Model) -> None:
+    """Refuses a condim that MuJoCo does not have."""
+    condims = Condims.of_model(model)
+    names = " or ".join(map(str, CONDIMS))
+    for values, what, labels in (
+        (condims.condim, "mujoco.condim", model.shape_label),
+        (condims.pair_condim, "mujoco.pair_condim", condims.labels(model)),
+    ):
+        wrong = np.flatnonzero(~np.isin(values, CONDIMS))
+        if wrong.size:
+            item = int(wrong[0])
+            raise ValueError(
+                f"model.{what}[{item}] ('{_label(labels, item)}') must be {names}: {values[item]}."
+            )
+    numbers = np.column_stack((condims.pair_friction, condims.pair_margin))
+    is_sound = np.isfinite(numbers).all(axis=1) & (condims.pair_friction >= 0.0).all(axis=1)
+    if not is_sound.all():
+        item = int(np.argmin(is_sound))
+        raise ValueError(
+            f"The explicit pair {condims.labels(model)[item]} must have finite numbers, and no "
+            f"negative friction: friction {condims.pair_friction[item].tolist()}, margin "
+            f"{condims.pair_margin[item]} (model.mujoco.pair_*)."
+        )
+
+
+def _flags_off(model: newton.Model) -> list[str]:
+    """MuJoCo's flags that a scene turns physics off by."""
+    mujoco: Any = getattr(model, "mujoco", None)
+    flags = {name: getattr(mujoco, f"flag_{name}", None) for name in _FLAGS}
+    return [name for name, flag in flags.items() if flag is not None and not flag.numpy()[0]]
+
+
+def _of_pairs(model: newton.Model) -> list[str]:
+    """What of MuJoCo's explicit pairs does not act, with the remedy."""
+    condims = Condims.of_model(model)
+    if not len(condims.pairs):
+        return []
+    messages, labels = [], condims.labels(model)
+    delivered = {tuple(sorted(pair)) for pair in model.shape_contact_pairs.numpy().tolist()}
+    missing = [i for i, pair in enumerate(condims.pairs.tolist()) if tuple(pair) not in delivered]
+    if missing:
+        names = _named(len(missing), "explicit pair", [labels[i] for i in missing])
+        messages.append(
+            f"Newton's collision pipeline makes no contacts for {names[0]}, whose shapes do not "
+            "collide otherwise. Add the pairs to model.shape_contact_pairs, and make a "
+            "CollisionPipeline with broad_phase='explicit'."
+        )
+    if (uneven := condims.uneven_pairs()).size:
+        names = _named(uneven.size, "explicit pair", [labels[i] for i in uneven])
+        messages.append(
+            f"SolverAVBD has the same friction in all directions; of {names[0]} it takes the mean."
+        )
+    return messages
+
+
 def _shapes(model: newton.Model, concerned: np.ndarray) -> list[str]:
     """The shapes that a mask selects; empty where there are none."""
     labels = [_label(model.shape_label, i) for i in np.flatnonzero(concerned)]
@@ -239,6 +309,9 @@ def _has_own_angular_friction(model: newton.Model) -> np.ndarray:
     default = newton.ModelBuilder.ShapeConfig()
     twist, roll = _material(model, "mu_torsional"), _material(model, "mu_rolling")
     is_own = (twist != np.float32(default.mu_torsional)) | (roll != np.float32(default.mu_rolling))
+    condims = Condims.of_model(model)
+    if condims.condim.size:
+        is_own &= ~condims.is_own  # their condim says whether it acts
     return is_own & ((twist > 0.0) | (roll > 0.0))
 
 
@@ -259,6 +332,9 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
     for name in ("joint_q", "joint_rest_q"):
         _check_numbers(model, name, ())
     _check_numbers(model, "joint_mimic_coeffs", model.joint_label)
+    if model.custom_frequency_counts.get("mujoco:equality_constraint", 0):
+        labels = model.mujoco.equality_constraint_label
+        _check_numbers(model, "mujoco.equality_constraint_polycoef", labels)
     owner = np.repeat(np.arange(model.joint_count), model.joint_dof_dim.numpy().sum(axis=1))
     labels = [_label(model.joint_label, joint) for joint in owner]
     for name in ("joint_axis", "joint_limit_lower", "joint_limit_upper"):

@@ -203,6 +203,8 @@ class JointModel:
     """Joint coordinates at which rods and passive springs are at rest."""
     mimic_coefficients: wp.array[wp.vec2]
     """Offset and multiplier by which a mimic joint follows its leader."""
+    polynomials: wp.array2d[float]
+    """Five coefficients, from the constant one, of each equality constraint of MuJoCo's."""
     damping: wp.array[float]
     """Passive damping [N s/m or N m s/rad]."""
     stiffness: wp.array[float]
@@ -430,6 +432,20 @@ class ShapeModel:
     """Contact stiffness [N/m]."""
     kd: wp.array[float]
     """Contact damping [N s/m]."""
+    condim: wp.array[wp.int32]
+    """What contacts resist, as MuJoCo counts it; negative for a shape that is not MuJoCo's, two of
+    which mix their friction by Newton's rule. Empty where no shape is MuJoCo's."""
+    priority: wp.array[wp.int32]
+    """Of two shapes the one of the higher priority decides."""
+    pair_start: wp.array[wp.int32]
+    """By shape: first of the explicit pairs with a shape of a higher index."""
+    pair_other: wp.array[wp.int32]
+    """By explicit pair: that shape."""
+    pair_friction: wp.array[wp.vec3]
+    """Sliding, torsional [m], rolling [m]."""
+    pair_margin: wp.array[float]
+    margin: wp.array[float]
+    """Margin of each shape [m]; empty without pairs."""
 
 
 @wp.struct
@@ -675,6 +691,12 @@ class Closure:
     rows: int
     softness: float
     """How soft its rows are, of what those are that may imply each other."""
+    equality: int
+    """MuJoCo's equality constraints: its row there; -1 for all others."""
+    dof: int
+    """The same: axis of the joint that it ties."""
+    leader_dof: int
+    """The same: axis of the leader, -1 where the joint is held."""
 
 
 @wp.struct

@@ -13,6 +13,7 @@ import numpy as np
 
 from .actuators import Actuators, compensated_links, fixed_tendons, reflected_armature
 from .attributes import authored_fluid, break_limits, dahl_friction
+from .condim import Condims
 from .execute.slopes import SCHEMES
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology, moving
@@ -54,8 +55,16 @@ CAUSES: dict[str, Cause] = {
     "friction": Cause("shape", "with friction (mu) above zero", "rows/contact.py"),
     "angular_friction": Cause(
         "shape",
-        "with mu_torsional or mu_rolling above zero, and angular_friction=True",
+        "with mu_torsional or mu_rolling above zero, and angular_friction=True or MuJoCo's condim",
         "rows/spin.py",
+    ),
+    "condim": Cause(
+        "shape",
+        "of an MJCF file, or with a condim or priority of MuJoCo's",
+        "rows/condim.py",
+    ),
+    "contact_pairs": Cause(
+        "shape", "of an explicit pair of MuJoCo's (mujoco:pair_*)", "rows/condim.py"
     ),
     "put_bodies": Cause(
         "body",
@@ -120,6 +129,12 @@ CAUSES: dict[str, Cause] = {
         "execute/closures.py",
         "Set joint_mimic_joint to -1 before the solver is made.",
     ),
+    "equalities": Cause(
+        "joint",
+        "that an equality constraint of MuJoCo's ties beyond a mimic (equality_constraint_*)",
+        "execute/closures.py",
+        "Set mujoco:equality_constraint_enabled to False before the solver is made.",
+    ),
     "drives": Cause("joint", "with a drive that has a gain (target_ke, target_kd)", "rows/axis.py"),
     "effort_limits": Cause(
         "joint", "with a drive of limited effort (effort_limit)", "rows/axis.py"
@@ -152,9 +167,10 @@ CAUSES: dict[str, Cause] = {
 _IMPLIED: dict[str, tuple[str, ...]] = {
     "contact": (
         *("pairs", "piles", "friction", "angular_friction", "put_bodies", "restitution", "ramp"),
-        "light_links",
+        *("light_links", "condim", "contact_pairs"),
     ),
     "friction": ("put_bodies",),
+    "condim": ("contact_pairs",),
     "joint_force": ("reaction",),
     "drives": ("effort_limits",),
 }
@@ -198,6 +214,8 @@ class Effects:
     """Joints that close loops within a tree and are solved with it, or mimics."""
     mimics: bool = False
     """A joint that mimics another."""
+    equalities: bool = False
+    """One that does so by a polynomial, or is held."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""
     actuators: bool = False
@@ -240,6 +258,10 @@ class Effects:
     """How the friction coefficients of two shapes mix."""
     angular_friction: bool = False
     """Asked for, and a shape with torsional or rolling friction."""
+    condim: bool = False
+    """A shape that MuJoCo's rules of friction are for."""
+    contact_pairs: bool = False
+    """An explicit pair of MuJoCo's."""
     put_bodies: bool = False
     """Friction, and a body with shapes that the solver does not move."""
     restitution: bool = False
@@ -267,7 +289,7 @@ class Effects:
         compliance: bool,
         ramp: bool,
         friction_mix: str,
-        angular_friction: bool,
+        angular_friction: bool | None,
         scheme: str,
         sleeping: bool,
         without: frozenset[str] = frozenset(),
@@ -281,7 +303,8 @@ class Effects:
             compliance: Whether contacts give way.
             ramp: Whether penalties grow.
             friction_mix: How friction coefficients mix.
-            angular_friction: Whether torsional and rolling friction is asked for.
+            angular_friction: Whether torsional and rolling friction is asked for; None where only
+                MuJoCo's condim asks for it.
             scheme: Integration in time.
             sleeping: Whether islands at rest are to sleep.
             without: Effects that are to be left out.
@@ -293,6 +316,8 @@ class Effects:
         axes = _Axes.of_model(model)
         driven = axes.driven()
         user_model = getattr(model, "user_model", model)
+        condims = Condims.of_model(user_model if "condim" not in without else None)
+        frictional = _frictional(model, condims)
         actuators = Actuators.of_model(user_model)
         actuated = np.isin(axes.dofs, list(actuators.axes.values()))
         tied = [dof for dofs, _ in fixed_tendons(user_model).values() for dof in dofs]
@@ -300,11 +325,13 @@ class Effects:
         ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
         callers = {
             "contact": shapes,
-            "friction": _shapes_with(model, "mu"),
-            "angular_friction": np.union1d(
-                _shapes_with(model, "mu_torsional"), _shapes_with(model, "mu_rolling")
-            )[: None if angular_friction else 0],
-            "put_bodies": _put_bodies(model),
+            "friction": frictional,
+            "angular_friction": _twisting(model, condims, angular_friction)[: 0 if ramp else None],
+            "condim": np.intersect1d(
+                shapes, np.union1d(np.flatnonzero(condims.is_own), condims.pairs)
+            ),
+            "contact_pairs": np.intersect1d(shapes, condims.pairs),
+            "put_bodies": _put_bodies(model)[: model.body_count if frictional.size else 0],
             "restitution": _shapes_with(model, "restitution")[: 0 if ramp or compliance else None],
             "pairs": topology.in_company(np.ones(model.body_count, dtype=bool))[
                 : model.body_count if shapes.size else 0
@@ -324,6 +351,10 @@ class Effects:
             "closures": np.array([closure.joint for closure in topology.closures], dtype=int),
             "mimics": np.array(
                 [closure.joint for closure in topology.closures if closure.leader >= 0], dtype=int
+            ),
+            "equalities": np.array(
+                [closure.joint for closure in topology.closures if closure.equality is not None],
+                dtype=int,
             ),
             "drives": axes.joints(driven),
             "actuators": axes.joints(actuated),
@@ -714,9 +745,32 @@ def _shapes_with(model: newton.Model, name: str) -> np.ndarray:
     return shapes[getattr(model, f"shape_material_{name}").numpy()[shapes] > 0.0]
 
 
+def _frictional(model: newton.Model, condims: Condims) -> np.ndarray:
+    """Shapes that collide with friction."""
+    found = _shapes_with(model, "mu")
+    if condims.condim.size == 0:
+        return found
+    sliding = np.intersect1d(_colliding(model), np.flatnonzero(condims.slides()))
+    if sliding.size == 0:
+        return sliding
+    return np.union1d(found, np.intersect1d(sliding, condims.pairs))
+
+
+def _twisting(model: newton.Model, condims: Condims, angular_friction: bool | None) -> np.ndarray:
+    """Shapes that collide with torsional or rolling friction that acts."""
+    if angular_friction is False:
+        return np.zeros(0, dtype=int)
+    found = np.intersect1d(_colliding(model), np.flatnonzero(condims.twists()))
+    if not angular_friction:
+        return found
+    for name in ("mu_torsional", "mu_rolling"):
+        found = np.union1d(found, _shapes_with(model, name))
+    return found
+
+
 def _put_bodies(model: newton.Model) -> np.ndarray:
-    """Bodies that the solver does not move and whose shapes collide, where a shape has friction."""
-    if _shapes_with(model, "mu").size == 0:
+    """Bodies that the solver does not move and whose shapes collide."""
+    if _colliding(model).size == 0:
         return np.zeros(0, dtype=int)
     is_put = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
     is_put |= model.body_inv_mass.numpy() == 0.0

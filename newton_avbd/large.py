@@ -232,7 +232,9 @@ class LargeWorlds:
             launch(kernels.widen_loops, self._loop_count, pulls)
         if effects.joints:
             launch(
-                kernels.place_joints, bodies, [model, joints, body_q, worlds, work, tree, colors]
+                kernels.place_joints,
+                bodies,
+                [model, joints, body_q, worlds, work, tree, colors, history],
             )
 
         def assemble(begin: int) -> None:

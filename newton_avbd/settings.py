@@ -28,6 +28,8 @@ class SceneSetting:
     """Value of a scene that does not say."""
     name: str
     """Name in ``model.avbd``."""
+    unsaid: bool = False
+    """Whether the default is as if the scene said nothing, which then is None."""
 
 
 SCENE_SETTINGS: dict[str, SceneSetting] = {
@@ -39,10 +41,14 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
         wp.bool, "newton:avbd:compliantContacts", False, name="compliant_contacts"
     ),
     "friction_mix_mode": SceneSetting(
-        str, "newton:avbd:frictionMixMode", "geometric_average", name="friction_mix_mode"
+        str,
+        "newton:avbd:frictionMixMode",
+        "geometric_average",
+        name="friction_mix_mode",
+        unsaid=True,
     ),
     "angular_friction": SceneSetting(
-        wp.bool, "newton:avbd:angularFriction", False, name="angular_friction"
+        wp.bool, "newton:avbd:angularFriction", False, name="angular_friction", unsaid=True
     ),
     "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
     "scheme": SceneSetting(str, "newton:avbd:scheme", "euler", name="scheme"),
@@ -95,8 +101,10 @@ class Settings:
     iterations: int
     tolerance: float
     compliant_contacts: bool
-    friction_mix_mode: str
-    angular_friction: bool
+    friction_mix_mode: str | None
+    """None for the geometric average, and MuJoCo's rule where a shape is MuJoCo's."""
+    angular_friction: bool | None
+    """None where MuJoCo's condim says."""
     formulation: str
     scheme: str
     blocks: str
@@ -141,7 +149,8 @@ class Settings:
         makes_sense = bool(tolerance >= 0.0 and np.isfinite(tolerance))
         check("tolerance", makes_sense, "a length of at least 0 m")
         for name, choices in _CHOICES.items():
-            check(name, values[name] in choices, " or ".join(map(repr, choices)))
+            is_known = values[name] is None or values[name] in choices
+            check(name, is_known, " or ".join(map(repr, choices)))
         if values["formulation"] == "ramp" and values["compliant_contacts"]:
             raise ValueError(
                 "formulation='ramp' is limited by the shapes' stiffness already; leave "
@@ -160,8 +169,7 @@ def _scene_value(model: newton.Model, name: str) -> Any:
     """What the scene says, or the default."""
     setting = SCENE_SETTINGS[name]
     authored = getattr(getattr(model, "avbd", None), setting.name, None)
-    if authored is None:
-        return setting.default
-    if isinstance(authored, wp.array):
-        return authored.numpy()[0].item()
-    return authored[0]
+    value = setting.default
+    if authored is not None:
+        value = authored.numpy()[0].item() if isinstance(authored, wp.array) else authored[0]
+    return None if setting.unsaid and value == setting.default else value

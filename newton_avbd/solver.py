@@ -150,11 +150,16 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 joint limits by their ``limit_ke`` and ``limit_kd``.
             friction_mix_mode: How the friction coefficients of two shapes make that of their
                 contact. ``"geometric_average"``, the default, as in ``SolverVBD``, ``"average"``
-                as in ``SolverXPBD``, ``"max"`` as in MuJoCo. Restitution is always the average.
+                as in ``SolverXPBD``, ``"max"``. None is the geometric average, but where one of the
+                shapes is of an MJCF file, or has a ``mujoco:condim`` or ``mujoco:geom_priority``
+                other than MuJoCo's default, that of the higher priority, or the larger one.
+                Restitution is always the average.
             angular_friction: Contacts resist twisting and rolling by the shapes' ``mu_torsional``
                 and ``mu_rolling`` [m]. Newton gives some to every shape, and importers copy what
-                MuJoCo ignores by default, so that this is for the user to ask for; None leaves it
-                out and warns where a shape has other values than Newton's default.
+                MuJoCo ignores by default, so that this is for the user to ask for. None, the
+                default, takes MuJoCo's word where a shape has it, a ``mujoco:condim`` of 4
+                (twisting) or 6 (rolling, too); for the others it leaves it out and warns where a
+                shape has other values than Newton's default.
             formulation: ``"augmented"`` (multipliers), the default, or ``"ramp"``: the seed
                 document's growing penalty up to the shapes' ``ke``, for comparison.
             scheme: ``"euler"``, backward Euler, the default, or of second order in time where the
@@ -220,7 +225,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             report_ignored,
             strict=strict,
             rigid_contacts=not (settings.ramp or settings.compliant_contacts),
-            angular_friction=settings.angular_friction or angular_friction,
+            angular_friction=settings.angular_friction,
         )
         self._report_ignored(model)
         super().__init__(

@@ -5,10 +5,12 @@
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import newton
 import numpy as np
 
+from .equalities import Equality, equalities, replaced_mimics
 from .rows.joint import KINDS
 
 _DISTANCE = int(newton.JointType.DISTANCE)
@@ -49,6 +51,20 @@ class ClosureOf:
     """Bodies on the two ways up the tree that lead there, without it."""
     softness: float
     """How soft its rows are, of what those are that may imply each other."""
+    equality: Equality | None = None
+    """The polynomial by which it mimics, where that is MuJoCo's."""
+
+
+class _Link(NamedTuple):
+    """A joint that ties bodies beyond their tree."""
+
+    joint: int
+    leader: int
+    """The joint that it mimics, -1 for one that closes a loop."""
+    bodies: list[int]
+    """The two that are tied."""
+    rows: int
+    equality: Equality | None = None
 
 
 def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -66,7 +82,10 @@ def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
     leaders, coefficients = model.joint_mimic_joint.numpy(), model.joint_mimic_coeffs.numpy()
     if model.constraint_mimic_count:
         leaders, coefficients = leaders.copy(), coefficients.copy()
+        replaced = replaced_mimics(model)
         for index in np.flatnonzero(model.constraint_mimic_enabled.numpy()):
+            if index in replaced:
+                continue
             joint = model.constraint_mimic_joint0.numpy()[index]
             leader = model.constraint_mimic_joint1.numpy()[index]
             dims = model.joint_dof_dim.numpy()
@@ -340,51 +359,59 @@ def _closures(
     dims = model.joint_dof_dim.numpy().sum(axis=1).tolist()
     body_of = dict(zip(tree_joint.tolist(), range(len(tree_joint)), strict=True))
     leaders, _ = mimics(model)
-    # joint, its leader, the two bodies that are tied, and by how many rows
-    links: list[tuple[int, int, list[int], int]] = []
-    strings: list[tuple[int, int, list[int], int]] = []
+    links: list[_Link] = []
+    strings: list[_Link] = []
     for index in loops:
         if kinds[index] == _DISTANCE:
-            strings.append((index, -1, ends[index], 3))
+            strings.append(_Link(index, -1, ends[index], 3))
         elif KINDS[kinds[index]].in_tree and dims[index] < 6:
-            links.append((index, -1, ends[index], 6 - dims[index]))
-    for index in map(int, np.flatnonzero(leaders >= 0)):
-        leader = int(leaders[index])
+            links.append(_Link(index, -1, ends[index], 6 - dims[index]))
+    ties: list[tuple[int, int, int, Equality | None]] = [
+        (index, int(leaders[index]), dims[index], None)
+        for index in map(int, np.flatnonzero(leaders >= 0))
+    ]
+    ties += [(equality.joint, equality.leader, 1, equality) for equality in equalities(model)]
+    for index, leader, rows, equality in ties:
         if index not in body_of or leader not in body_of:
             raise NotImplementedError(
                 f"Joint {index} ({model.joint_label[index]}) mimics joint {leader} "
                 f"({model.joint_label[leader]}), and one of them is not part of a tree: "
                 "let another joint close the loop, and use blocks='articulation'."
             )
-        links.append((index, leader, [body_of[index], body_of[leader]], dims[index]))
+        links.append(_Link(index, leader, [body_of[index], body_of[leader]], rows, equality))
 
     def tied(bodies: list[int]) -> list[int]:
         """The bodies that move; one at least."""
         return [body for body in bodies if body >= 0 and moves[body]]
 
-    def merged(links: list[tuple[int, int, list[int], int]]) -> list[int]:
+    def merged(links: list[_Link]) -> list[int]:
         root = list(tree_root)
-        for _, _, bodies, _ in links:
-            first, *others = tied(bodies)
+        for link in links:
+            first, *others = tied(link.bodies)
             for body in others:
                 root[_find(root, body)] = _find(root, first)
         return root
 
-    def rows_by_block(links: list[tuple[int, int, list[int], int]]) -> Callable[[list[int]], int]:
+    def rows_by_block(links: list[_Link]) -> Callable[[list[int]], int]:
         """How many rows the block of some bodies has."""
         root = merged(links)
         rows_of: Counter[int] = Counter()
-        for _, _, bodies, rows in links:
-            rows_of[_find(root, tied(bodies)[0])] += rows
+        for link in links:
+            rows_of[_find(root, tied(link.bodies)[0])] += link.rows
         return lambda bodies: rows_of[_find(root, tied(bodies)[0])]
 
     rows_with = rows_by_block(links + strings)
-    strings = [link for link in strings if rows_with(link[2]) <= STRING_ROWS]
+    strings = [link for link in strings if rows_with(link.bodies) <= STRING_ROWS]
     rows_with = rows_by_block(links + strings)
-    kept = [link for link in links + strings if link[1] >= 0 or rows_with(link[2]) <= CLOSURE_ROWS]
+    kept = [
+        link
+        for link in links + strings
+        if link.leader >= 0 or rows_with(link.bodies) <= CLOSURE_ROWS
+    ]
     closures = []
-    for joint, leader, bodies, rows in kept:
+    for joint, leader, bodies, rows, equality in kept:
         top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)
         softness = STRING_SOFTNESS if kinds[joint] == _DISTANCE else 1.0
-        closures.append(ClosureOf(joint, leader, rows, tied(bodies)[0], top, ways, softness))
+        first = tied(bodies)[0]
+        closures.append(ClosureOf(joint, leader, rows, first, top, ways, softness, equality))
     return closures, merged(kept)

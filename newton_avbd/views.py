@@ -52,6 +52,8 @@ def joint_model(model: newton.Model) -> Any:
         joints.limit_kd = model.joint_limit_kd
         joints.rest_q = model.joint_rest_q
         joints.mimic_coefficients = model.joint_mimic_coeffs
+        if model.custom_frequency_counts.get("mujoco:equality_constraint", 0):
+            joints.polynomials = model.mujoco.equality_constraint_polycoef
         joints.damping = model.joint_damping
         joints.stiffness = model.joint_stiffness
         joints.armature = model.joint_armature

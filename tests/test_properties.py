@@ -12,6 +12,7 @@ import pytest
 
 from newton_avbd.__main__ import main
 from newton_avbd.study.properties import PROPERTIES
+from newton_avbd.study.properties_mujoco import ATTRIBUTES, pattern_of, registered
 from newton_avbd.study.property import Measure, Property, Trial, judge
 
 CHOICES = ("friction: mixing rule",)
@@ -81,6 +82,15 @@ HONOURED = (
     "observable: body_qdd",
     "observable: body_parent_f",
     "observable: contact_f",
+    "mujoco:condim 1",
+    "mujoco:condim 3",
+    "mujoco:condim 4",
+    "mujoco:condim 6",
+    "mujoco:geom_priority",
+    "mujoco:pair_friction",
+    "mujoco:equality_constraint_polycoef",
+    "mujoco:equality_constraint: held",
+    "mujoco:gravcomp",
 )
 
 
@@ -99,6 +109,13 @@ def test_friction_mixes_by_the_geometric_mean() -> None:
 def test_every_property_is_tried() -> None:
     """One that is added to the catalog is to be added here."""
     assert {*HONOURED, *CHOICES} == set(PROPERTIES)
+
+
+def test_every_attribute_of_mujoco_has_a_row() -> None:
+    """One that a new version of Newton declares is to be added; no row is for nothing."""
+    patterns = {attribute: pattern_of(attribute) for attribute in registered()}
+    assert [attribute for attribute, pattern in patterns.items() if pattern is None] == []
+    assert set(patterns.values()) == set(ATTRIBUTES)
 
 
 def falls(builder: newton.ModelBuilder, authored: bool) -> Measure:

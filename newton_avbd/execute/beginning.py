@@ -285,12 +285,13 @@ def make_begin(
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
+        history: wp.ref[History],
     ) -> bool:
         """Puts blocks to the guess of their increments; returns whether a mimic joint is open."""
         is_open = bool(False)
         if wp.static(effects.mimics):
             for i in range(first, end):
-                if begin_closures(i, joints, tree):
+                if begin_closures(i, joints, tree, history):
                     is_open = True
         for i in range(first, end):
             body = worlds.bodies[i]

@@ -43,6 +43,60 @@ def mimic_misfit(
     return wp.float32(follower - wp.float64(coefficients[0]) - lead)
 
 
+LEAST_MISSED = wp.constant(1.0e-9)
+"""What a polynomial may be off by in a sweep [m or rad]. Coordinates of a step count in float64
+from where it starts; what misses the velocity in each step adds up."""
+
+
+@wp.func
+def led_to(closure: Closure, leader: wp.float64, joints: wp.ref[JointModel]) -> wp.vec2d:
+    """Where an equality constraint leads its joint, and by how much more for more of the leader."""
+    value = wp.float64(0.0)
+    slope = wp.float64(0.0)
+    if closure.leader_dof >= 0:
+        for i in range(4):
+            slope = value + slope * leader
+            value = wp.float64(joints.polynomials[closure.equality, 4 - i]) + value * leader
+        slope = value + slope * leader
+        value = value * leader
+    return wp.vec2d(value + wp.float64(joints.polynomials[closure.equality, 0]), slope)
+
+
+@wp.func
+def equality_misfit(
+    closure: Closure,
+    coordinate: wp.array[wp.float64],
+    joints: wp.ref[JointModel],
+    tree: wp.ref[TreeWork],
+) -> wp.vec2:
+    """How far a joint is from where its equality constraint leads it [m or rad], and the slope."""
+    leader = wp.float64(0.0)
+    if closure.leader_dof >= 0:
+        leader = coordinate[tree.axis_start[closure.leader_body] + closure.leader_dof]
+    led = led_to(closure, leader, joints)
+    left = coordinate[tree.axis_start[closure.body] + closure.dof] - led[0]
+    return wp.vec2(wp.float32(left), wp.float32(led[1]))
+
+
+@wp.func
+def equality_start(
+    closure: Closure,
+    joints: wp.ref[JointModel],
+    tree: wp.ref[TreeWork],
+    history: wp.ref[History],
+) -> float:
+    """How far it was from there at the start of a step of second order [m or rad].
+
+    The coordinates of such a step start ahead of that, where a curve leads elsewhere.
+    """
+    leader = wp.float64(0.0)
+    if closure.leader_dof >= 0:
+        first = joints.dof_start[tree.joint[closure.leader_body]]
+        leader = history.coordinate[first + closure.leader_dof].start
+    follower = history.coordinate[joints.dof_start[closure.joint] + closure.dof].start
+    return wp.float32(follower - led_to(closure, leader, joints)[0])
+
+
 @wp.func
 def is_mimicking(closure: Closure, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
     """Whether a mimic joint and its leader are enabled."""
@@ -105,6 +159,7 @@ class ClosureFunctions:
     begin_closures: wp.Function
     begin_rows: wp.Function
     keep_forces: wp.Function
+    missed_by_lines: wp.Function
 
 
 def make_closures(effects: Effects) -> ClosureFunctions:
@@ -118,7 +173,12 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     angular_lock = joint_functions.angular_lock
 
     @wp.func
-    def begin_closures(first: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
+    def begin_closures(
+        first: int,
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> bool:
         """Misfit of the mimics of a block, which starts at ``first``, at the start of the step.
 
         Returns whether one is beyond rounding.
@@ -133,9 +193,19 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             closure = closures.closures[c]
             if closure.loop < 0 and is_mimicking(closure, joints, tree):
                 for dof in range(closure.rows):
+                    axis = int(dof)
                     misfit = mimic_misfit(closure, dof, tree.start_coordinate, joints, tree)
+                    if wp.static(effects.equalities):
+                        if closure.equality >= 0:
+                            axis = closure.dof
+                            if wp.static(effects.bdf2):
+                                misfit = equality_start(closure, joints, tree, history)
+                            else:
+                                misfit = equality_misfit(
+                                    closure, tree.start_coordinate, joints, tree
+                                )[0]
                     closures.misfit[closure.row + dof] = misfit
-                    reach = wp.float32(tree.start_coordinate[tree.axis_start[closure.body] + dof])
+                    reach = wp.float32(tree.start_coordinate[tree.axis_start[closure.body] + axis])
                     rounding = tree.rounding[closure.body] + 2.0 * ROUNDING * (2.0 + wp.abs(reach))
                     if wp.abs(misfit) > rounding:
                         is_open = True
@@ -281,6 +351,29 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             closures.least[row] = PENALTY / loops.k_l[i]
 
     @wp.func
+    def equality_row(
+        closure: Closure,
+        recovery: float,
+        joints: wp.ref[JointModel],
+        tree: wp.ref[TreeWork],
+    ):
+        """The row of an equality constraint, linear in the leader about where that is now."""
+        closures = tree.closures
+        misfit = equality_misfit(closure, tree.coordinate, joints, tree)
+        if closure.leader_dof >= 0:
+            met = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            met[closure.leader_dof] = -misfit[1]
+            closures.met[closure.leader_place] = met
+        # the other one may be an axis of the same joint
+        met = closures.met[closure.place]
+        met[closure.dof] = met[closure.dof] + 1.0
+        closures.met[closure.place] = met
+        left = misfit[0]
+        if recovery == 0.0:
+            left -= closures.misfit[closure.row]
+        closures.multiplier[closure.row] = wp.float64(left)
+
+    @wp.func
     def mimic_rows(
         closure: Closure,
         recovery: float,
@@ -291,6 +384,10 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         closures = tree.closures
         if not is_mimicking(closure, joints, tree):
             return
+        if wp.static(effects.equalities):
+            if closure.equality >= 0:
+                equality_row(closure, recovery, joints, tree)
+                return
         for dof in range(closure.rows):
             met = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             met[dof] = 1.0
@@ -458,4 +555,39 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     mismatch = wp.max(mismatch, off)
         return mismatch
 
-    return ClosureFunctions(begin_closures, begin_rows, keep_forces)
+    @wp.func
+    def missed_by_lines(
+        first: int,
+        recovery: float,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ) -> float:
+        """After a sweep: what the equality constraints of a block are off by since they bend.
+
+        Returns the largest square of it [m^2], of a hinge times the radius of gyration of its body;
+        zero where rounding hides it.
+        """
+        closures = tree.closures
+        largest = float(0.0)
+        number = closures.block_of[first]
+        if number < 0:
+            return largest
+        block = closures.blocks[number]
+        for c in range(block.first, block.end):
+            closure = closures.closures[c]
+            if closure.equality >= 0 and is_mimicking(closure, joints, tree):
+                missed = equality_misfit(closure, tree.coordinate, joints, tree)[0]
+                if recovery == 0.0:
+                    missed -= closures.misfit[closure.row]
+                axis = tree.axis_start[closure.body] + closure.dof
+                moved = wp.float32(tree.coordinate[axis] - tree.start_coordinate[axis])
+                if wp.abs(missed) > 2.0 * ROUNDING * wp.abs(moved) + LEAST_MISSED:
+                    size = float(1.0)
+                    if closure.dof >= joints.dof_dim[closure.joint, 0]:
+                        body = closure.body
+                        size = wp.trace(work.inertia[body]) * work.inv_mass[body]
+                    largest = wp.max(largest, size * missed * missed)
+        return largest
+
+    return ClosureFunctions(begin_closures, begin_rows, keep_forces, missed_by_lines)

@@ -201,7 +201,9 @@ def make_colored(effects: Effects) -> Colored:
     loop_wrench, count_loop_turns = loop_functions.loop_wrench, loop_functions.count_turns
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     closures = make_closures(effects)
-    trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
+    trees = make_trees(
+        effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
+    )
     align_block, put_together = trees.align_spins, trees.put_together
     stop_coordinates = trees.stop_coordinates
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
@@ -486,6 +488,7 @@ def make_colored(effects: Effects) -> Colored:
         # Work out:
         tree: TreeWork,
         colors: ColorWork,
+        history: History,
     ):
         """Puts a block to the guess of its increments; one thread a body, for a first one."""
         block = wp.tid()
@@ -502,6 +505,7 @@ def make_colored(effects: Effects) -> Colored:
                 worlds,
                 work,
                 tree,
+                history,
             ):
                 colors.is_open[world] = 1
 

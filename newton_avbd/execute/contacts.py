@@ -21,6 +21,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
+from ..rows import condim as condim_rows
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
@@ -332,6 +333,8 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         half = 0.5 * (apart + (margin0 - margin1) * normal)
         row = ContactRow()
         row.gap = wp.dot(normal, apart) - (margin0 + margin1)
+        if wp.static(effects.contact_pairs):
+            row.gap -= condim_rows.margin_beyond(shapes, record.shape0, record.shape1)
         if row.gap < 0.0:
             size0 = size_of(work, slot0, arm0 + margin0 * normal)
             size1 = size_of(work, slot1, arm1 - margin1 * normal)
@@ -425,6 +428,7 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
 def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     """Device functions that build the rows of a body, and give them their penalties."""
     mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
+    mixed_by_condim = condim_rows.make_mixed_friction(effects.friction_mix, effects.contact_pairs)
     linearise_rows = make_linearise_rows(effects)
 
     @wp.func
@@ -473,8 +477,13 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
             if wp.dot(row.normal, row.force) <= 0.0:
                 row.force = wp.vec3(0.0)
+            if wp.static(effects.condim):
+                friction = mixed_by_condim(shapes, record.shape0, record.shape1)
             if wp.static(effects.friction):
-                row.mu = mixed_friction(shapes.mu[record.shape0], shapes.mu[record.shape1])
+                if wp.static(effects.condim):
+                    row.mu = friction[0]
+                else:
+                    row.mu = mixed_friction(shapes.mu[record.shape0], shapes.mu[record.shape1])
                 if wp.static(effects.contact_materials):
                     row.mu *= override(contacts.friction[contact], 1.0)
             span = work.com[body] - work.com[row.b]
@@ -534,12 +543,16 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                         row = contact_rows.slide_on(row, expected, scale)
                 if wp.static(effects.angular_friction):
                     spin = rows.spin[i]
-                    spin.mu_twist = mixed_friction(
-                        shapes.mu_torsional[record.shape0], shapes.mu_torsional[record.shape1]
-                    )
-                    spin.mu_roll = mixed_friction(
-                        shapes.mu_rolling[record.shape0], shapes.mu_rolling[record.shape1]
-                    )
+                    if wp.static(effects.condim):
+                        spin.mu_twist = friction[1]
+                        spin.mu_roll = friction[2]
+                    else:
+                        spin.mu_twist = mixed_friction(
+                            shapes.mu_torsional[record.shape0], shapes.mu_torsional[record.shape1]
+                        )
+                        spin.mu_roll = mixed_friction(
+                            shapes.mu_rolling[record.shape0], shapes.mu_rolling[record.shape1]
+                        )
                     turn = wp.spatial_bottom(work.target[row.b] - work.target[body])
                     if wp.static(effects.put_bodies):
                         turn += wp.spatial_bottom(work.put[row.b])

@@ -106,7 +106,9 @@ def make_phases(effects: Effects) -> Phases:
     closures = make_closures(effects) if effects.closures else ABSENT
     trees = ABSENT
     if effects.joints:
-        trees = make_trees(effects, gather, closures.begin_rows, closures.keep_forces)
+        trees = make_trees(
+            effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
+        )
     align_spins, put_together = trees.align_spins, trees.put_together
     stop_coordinates = trees.stop_coordinates
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
@@ -257,7 +259,16 @@ def make_phases(effects: Effects) -> Phases:
                 ):
                     is_open = True
         if place_blocks(
-            body_start, body_end, scale.static_slot, body_q, model, joints, worlds, work, tree
+            body_start,
+            body_end,
+            scale.static_slot,
+            body_q,
+            model,
+            joints,
+            worlds,
+            work,
+            tree,
+            history,
         ):
             is_open = True
         if wp.static(effects.loops and effects.kinds.distances):

@@ -469,7 +469,11 @@ class TreeFunctions:
 
 
 def make_trees(
-    effects: Effects, gather: wp.Function, begin_rows: wp.Function, keep_forces: wp.Function
+    effects: Effects,
+    gather: wp.Function,
+    begin_rows: wp.Function,
+    keep_forces: wp.Function,
+    missed_by_lines: wp.Function,
 ) -> TreeFunctions:
     """Device functions: how joints stand, and one Newton iteration on a tree.
 
@@ -478,6 +482,7 @@ def make_trees(
         gather: Device function that sums the inertial and contact wrench of a body.
         begin_rows: Device function that starts the closures of a block.
         keep_forces: Device function that keeps what they push with.
+        missed_by_lines: Device function that measures what equality constraints are off by.
     """
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
@@ -1604,6 +1609,9 @@ def make_trees(
             farthest = wp.inf
             if wp.static(effects.laws):
                 take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
+        if wp.static(effects.equalities):
+            # what a line misses of a curve, and the next iteration finds
+            farthest = wp.max(farthest, missed_by_lines(first, recovery, joints, work, tree))
         if wp.static(effects.closures):
             if tree.closures.block_of[first] >= 0:
                 largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))

@@ -37,10 +37,15 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     newton.solvers.SolverVBD.register_custom_attributes(builder)
     builder.custom_attributes["mujoco:density"].values = {0: 1.2}
     cfg = newton.ModelBuilder.ShapeConfig(restitution=0.3, mu_torsional=0.01, mu_rolling=0.001)
-    builder.add_ground_plane(cfg=cfg)
+    ground = builder.add_ground_plane(cfg=cfg)
     for x in (3.0, 3.5):
         box = builder.add_body(xform=_at(x, 0.0, 0.2))
-        builder.add_shape_box(box, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
+        shape = builder.add_shape_box(
+            box, hx=0.2, hy=0.1, hz=0.2, cfg=cfg, custom_attributes={"mujoco:condim": 6}
+        )
+    builder.add_custom_values(
+        **{"mujoco:pair_geom1": ground, "mujoco:pair_geom2": shape, "mujoco:pair_condim": 3}
+    )
     put = builder.add_body(xform=_at(6.0, 0.0, 0.5), is_kinematic=True)
     builder.add_shape_box(put, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
     links = [
@@ -78,6 +83,7 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     ]
     builder.add_articulation(joints)
     builder.set_joint_mimic(second, first)
+    mujoco.add_equality_joint(builder, joints[4], first, polycoef=(0.0, 0.0, 0.1))
     builder.add_articulation([builder.add_joint_revolute(**ends(-1, links[8]))])
     cable = {"vbd:dahl_eps_max": 0.1, "vbd:dahl_tau": 1.0}
     rod = builder.add_joint_rod(**ends(-1, links[9]), custom_attributes=cable)

@@ -17,12 +17,18 @@ from newton_avbd.io.errors import UserError
 from newton_avbd.study.properties_body import BODIES
 from newton_avbd.study.properties_contact import CONTACTS
 from newton_avbd.study.properties_joint import JOINTS
+from newton_avbd.study.properties_mujoco import ATTRIBUTES, MUJOCO, pattern_of, registered
 from newton_avbd.study.property import SOLVERS, Catalog, Outcome, Property, judge
 
-GROUPS: dict[str, Catalog] = {"Contacts": CONTACTS, "Joints": JOINTS, "Bodies": BODIES}
+GROUPS: dict[str, Catalog] = {
+    "Contacts": CONTACTS,
+    "Joints": JOINTS,
+    "Bodies": BODIES,
+    "MuJoCo": MUJOCO,
+}
 """Properties by what they belong to."""
 
-PROPERTIES: dict[str, Property] = {**CONTACTS, **JOINTS, **BODIES}
+PROPERTIES: dict[str, Property] = {**CONTACTS, **JOINTS, **BODIES, **MUJOCO}
 """All properties by name."""
 
 INTRODUCTION = """\
@@ -43,6 +49,14 @@ told in order to honour one it has been told: see the settings at the end. This 
 numbers behind it, [properties.json](properties.json), are written by
 
     newton-avbd properties --json docs/properties.json --output docs/properties.md"""
+
+
+ATTRIBUTES_INTRODUCTION = """\
+All that `SolverMuJoCo.register_custom_attributes` declares, in the namespace `mujoco`. SolverMuJoCo
+takes all of it; of the others SolverSteel reads equality constraints and refuses those that it does
+not enforce. *Tried by* names rows above, or says that tests compare with a closed form. What is
+ignored has its reason, and where that changes the motion beyond how soft MuJoCo's constraints are,
+the solver warns. [From MuJoCo](from_mujoco.md) says more."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -109,11 +123,21 @@ def page(outcomes: Iterable[Outcome]) -> str:
                 lines.append(_row([name, *cells]))
         parts += [f"## {title}", "\n".join(lines)]
     parts.append("\n".join(f"{index}. {note}" for index, note in enumerate(notes, 1)))
+    parts.append(attributes())
     parts.append("## Scenes\n\nThe closed form's value and the bound stand at the end.")
     for title, catalog in GROUPS.items():
         parts.append(f"### {title}\n\n" + "\n".join(_describe(p) for p in catalog.values()))
     parts.append("## Settings\n\n" + "\n".join(_settings()))
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def attributes() -> str:
+    """The section of what MuJoCo's namespace authors, an attribute a row."""
+    lines = [_row(["attribute", "in SolverAVBD", "tried by"]), _row(["---"] * 3)]
+    for attribute in registered():
+        pattern = pattern_of(attribute)
+        lines.append(_row([f"`{attribute}`", *(ATTRIBUTES[pattern] if pattern else ("", ""))]))
+    return f"## Attributes of MuJoCo\n\n{ATTRIBUTES_INTRODUCTION}\n\n" + "\n".join(lines)
 
 
 def _choose(names: list[str]) -> list[Property]:
