@@ -13,8 +13,8 @@ from . import data
 from .actuators import Actuators, fixed_tendons, is_limited, reflected_armature
 from .execute import actuation as kernels
 from .execute.launch import Launcher
+from .inertia import reference_inertia
 from .rows import actuator as rules
-from .rows.joint import KINDS
 from .views import AllJoints
 
 _LIMITS = ("lower", "upper")
@@ -291,10 +291,10 @@ class Actuation:
         muscle = (gain[:, 2] < 0.0) & (mujoco.actuator_gaintype.numpy() == int(rules.MUSCLE_GAIN))
         if not np.any((is_servo | muscle)[list(axes)]):
             return velocity_bias, acc0
-        inertia = _reference_inertia(self._model)
+        inertia = reference_inertia(self._model)
         gear = mujoco.actuator_gear.numpy()[:, 0].astype(float)
         for row, dof in axes.items():
-            own, mobility = inertia.get(dof, (0.0, 0.0))
+            own, _, mobility = inertia.get(dof, (0.0, 0.0, 0.0))
             if is_servo[row] and gear[row] != 0.0:
                 mass = own / gear[row] ** 2
                 velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
@@ -311,32 +311,3 @@ def _lists(items: list[list[int]]) -> tuple[wp.array, wp.array]:
     """Where each of some lists starts in one array, and that array."""
     flat = np.array([item for one in items for item in one], dtype=int)
     return _indices(np.cumsum([0, *map(len, items)])), _indices(flat)
-
-
-def _reference_inertia(model: newton.Model) -> dict[int, tuple[float, float]]:
-    """Inertia of each degree of freedom, and how a unit force on it accelerates all, at q = 0.
-
-    Returns:
-        Diagonal entry of the mass matrix and norm of the column of its inverse, by degree of
-        freedom of an articulation.
-    """
-    state = model.state()
-    joint_q = model.joint_q.numpy()
-    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
-    for joint, kind in enumerate(kinds):
-        if KINDS[newton.JointType(kind)].has_axes:
-            joint_q[starts[joint] : starts[joint + 1]] = 0.0
-    pose = wp.array(joint_q, dtype=float, device=model.device)
-    newton.eval_fk(model, pose, model.joint_qd, state)
-    found = {}
-    if model.articulation_count:
-        matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
-        first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
-        for k in range(model.articulation_count):
-            size = int(first[k + 1] - first[k])
-            matrix = matrices[k, :size, :size]
-            inverse = np.linalg.pinv(matrix)
-            for i in range(size):
-                norm = float(np.linalg.norm(inverse[:, i]))
-                found[int(first[k]) + i] = (float(matrix[i, i]), norm)
-    return found

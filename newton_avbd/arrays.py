@@ -30,6 +30,7 @@ from .execute.launch import Launcher
 from .execute.scan import scratch_size
 from .execute.sleeping import AWAKE, STILL
 from .large import LARGE, LargeWorlds, obstacles
+from .limits import limit_law
 from .rows.joint import KINDS
 from .settings import Settings
 from .solved import SolvedModel, solved_model
@@ -79,6 +80,7 @@ class SolverArrays:
         self._solved = solved_model(self.model, self._welds) or self.model
         self._refresh_solved()
         self._actuation: Actuation | None = None
+        self._limit_law: dict[str, wp.array] = {}
         self._ctrl: wp.array | None = None
         self._weld_loads: data.LinkLoads | None = None
         self._weld_contact_f: Any = None
@@ -187,6 +189,8 @@ class SolverArrays:
         if model.joint_count:
             self._bind_mimics()
             self._bind_break_limits()
+            for name, values in self._limit_law.items():
+                setattr(self._joints, name, values)
         if self._actuation is not None:
             self._actuation.bind(self._joints)
 
@@ -292,6 +296,7 @@ class SolverArrays:
         """
         groups, topology, self._flags, self._callers = self._look_at_model()
         self._make_actuation()
+        self._make_limit_law()
         self._flags_apart = self._flags.without_contact()
         if self._flags.put_bodies and self._work.put is None:
             self._forget_launches()
@@ -309,7 +314,7 @@ class SolverArrays:
                 buffers.add_fluid_work(self._work)
         if self._capacity:
             self._allocate_contact_effects()
-        if not self._flags.armature and self._history.axis_velocity is not None:
+        if not self._flags.axis_rates and self._history.axis_velocity is not None:
             self._history.axis_velocity.fill_(UNKNOWN)
         is_large = self._takes_bodies(groups, self._flags)
         # one kernel makes the whole step of a single world, where launches cost most
@@ -574,6 +579,14 @@ class SolverArrays:
             check_array("control.mujoco.ctrl", ctrl, count, self.device)
             self._ctrl = ctrl
         return ctrl
+
+    def _make_limit_law(self) -> None:
+        """What MuJoCo's law of compliant limits takes, where the model has such limits."""
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((self._limit_law,))
+        self._limit_law = limit_law(self.model) if self._flags.limit_impedance else {}
+        for name, values in self._limit_law.items():
+            setattr(self._joints, name, values)
 
     def _make_actuation(self) -> None:
         """Buffers for MuJoCo's actuators and gravity compensation, where the model has any."""

@@ -23,6 +23,10 @@ import warp as wp
 
 from .algebra.block import BlockFactor
 
+vec5 = wp.types.vector(length=5, dtype=wp.float32)
+vec6 = wp.types.vector(length=6, dtype=wp.float32)
+vec10 = wp.types.vector(length=10, dtype=wp.float32)
+
 
 @wp.struct
 class ContactRow:
@@ -199,6 +203,15 @@ class JointModel:
     limit_ke: wp.array[float]
     """Stiffness of the limits [N/m or N m/rad], where they are compliant."""
     limit_kd: wp.array[float]
+    limit_mobility: wp.array[float]
+    """Inverse inertia of an axis in the reference pose [1/kg or 1/(kg m^2)], MuJoCo's
+    ``dof_invweight0``; 0 where its limit gives way by ``limit_ke`` and ``limit_kd``."""
+    limit_rates: wp.array[wp.vec2]
+    """Stiffness [1/s^2] and damping [1/s] by which MuJoCo's reference returns to a limit."""
+    limit_impedance: wp.array[vec5]
+    """MuJoCo's ``solimplimit``."""
+    limit_margin: wp.array[float]
+    """How far before its end a limit begins to act [m or rad]."""
     rest_q: wp.array[float]
     """Joint coordinates at which rods and passive springs are at rest."""
     mimic_coefficients: wp.array[wp.vec2]
@@ -283,10 +296,6 @@ class LinkLoads:
     """By link: that next link; -1 for the world."""
     weld: wp.array[wp.int32]
     """By link: that weld, a joint of the model; -1 at a root."""
-
-
-vec10 = wp.types.vector(length=10, dtype=wp.float32)
-vec6 = wp.types.vector(length=6, dtype=wp.float32)
 
 
 @wp.struct

@@ -14,6 +14,7 @@ import numpy as np
 from .actuators import Actuators, compensated_links, fixed_tendons, reflected_armature
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .execute.slopes import SCHEMES
+from .limits import has_authored_limit
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology, moving
 
@@ -126,6 +127,12 @@ CAUSES: dict[str, Cause] = {
     ),
     "actuators": Cause("joint", "with a MuJoCo actuator (mujoco:actuator_*)", "rows/actuator.py"),
     "limits": Cause("joint", "with a limit (limit_lower, limit_upper)", "rows/axis.py"),
+    "limit_impedance": Cause(
+        "joint",
+        "with a limit of an MJCF file (mujoco:solreflimit, solimplimit), and "
+        "compliant_contacts=True",
+        "rows/axis.py",
+    ),
     "velocity_limits": Cause("joint", "with a velocity_limit", "rows/axis.py"),
     "springs": Cause("joint", "with a passive stiffness or damping", "rows/axis.py"),
     "armature": Cause("joint", "with armature above zero", "rows/axis.py"),
@@ -157,6 +164,7 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
     "friction": ("put_bodies",),
     "joint_force": ("reaction",),
     "drives": ("effort_limits",),
+    "limits": ("limit_impedance",),
 }
 """What goes with an effect that is left out."""
 
@@ -210,6 +218,8 @@ class Effects:
     """An actuator of MuJoCo's that pushes bodies."""
     limits: bool = False
     """A joint axis with a limit."""
+    limit_impedance: bool = False
+    """A compliant limit of a joint axis with MuJoCo's reference and impedance."""
     springs: bool = False
     """A joint axis with a passive spring or damper."""
     armature: bool = False
@@ -298,6 +308,7 @@ class Effects:
         tied = [dof for dofs, _ in fixed_tendons(user_model).values() for dof in dofs]
         reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
         ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
+        authored = has_authored_limit(user_model)[axes.dofs]
         callers = {
             "contact": shapes,
             "friction": _shapes_with(model, "mu"),
@@ -336,6 +347,7 @@ class Effects:
                 ((driven | actuated) & axes.limited("joint_effort_limit", -1.0)) | ranged
             ),
             "limits": axes.joints(axes.bounded()),
+            "limit_impedance": axes.joints(axes.bounded() & authored & compliance),
             "velocity_limits": axes.joints(axes.limited("joint_velocity_limit", 0.0)),
             "springs": axes.joints(axes.positive("joint_damping", "joint_stiffness")),
             "armature": axes.joints(axes.positive("joint_armature") | reflected),
@@ -401,6 +413,11 @@ class Effects:
         them, or because poses alone do not tell them."""
         linear = self.drives or self.springs or self.armature or self.rods or self.limits
         return linear or self.pushed_axes or self.laws or self.mimics or self.kinds.gimbals
+
+    @property
+    def axis_rates(self) -> bool:
+        """Whether inertia along joint axes calls for the velocities of their coordinates."""
+        return self.armature or self.limit_impedance
 
     @property
     def pushed_axes(self) -> bool:

@@ -856,7 +856,7 @@ def make_colored(effects: Effects) -> Colored:
                 body_qd_out,
             )
 
-    @kernel(effects.armature)
+    @kernel(effects.axis_rates)
     def end_armatures(
         # Model:
         joints: JointModel,
@@ -890,7 +890,7 @@ def make_colored(effects: Effects) -> Colored:
                     history,
                 )
 
-    @kernel(effects.armature and effects.loops)
+    @kernel(effects.axis_rates and effects.loops)
     def end_loop_armatures(
         # Model:
         joints: JointModel,
