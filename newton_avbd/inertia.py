@@ -18,7 +18,7 @@ def reference_inertia(model: newton.Model) -> dict[int, tuple[float, float, floa
         column, which is how a unit force accelerates all; by degree of freedom.
     """
     state = model.state()
-    joint_q = model.joint_q.numpy()
+    joint_q = model.joint_q.numpy().copy()  # on a CPU it is the array itself
     starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
     for joint, kind in enumerate(kinds):
         if KINDS[newton.JointType(kind)].has_axes:

@@ -75,7 +75,7 @@ class Case:
     def state(self, within: bool) -> newton.State:
         """The pose of the file, or, where that is beyond limits, the nearest one within them."""
         model, state = self.model, self.model.state()
-        joint_q = model.joint_q.numpy()
+        joint_q = model.joint_q.numpy().copy()
         if within:
             starts, dofs = model.joint_q_start.numpy(), model.joint_qd_start.numpy()
             lower, upper = model.joint_limit_lower.numpy(), model.joint_limit_upper.numpy()
