@@ -551,6 +551,7 @@ class SolverArrays:
         self._control = data.ControlInput()
         if self._actuation is not None:
             self._control.pushes = self._actuation.pushes
+            self._control.ranged = self._actuation.ranged
         if arrays[0] is not None:
             self._control.joint_f = arrays[0]
         if arrays[1] is not None:
@@ -590,7 +591,7 @@ class SolverArrays:
 
     def _make_actuation(self) -> None:
         """Buffers for MuJoCo's actuators and gravity compensation, where the model has any."""
-        names = (*ACTING, "effort_limits")
+        names = (*ACTING, "effort_limits", "force_ranges")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
         # graphs that were captured before go on using the old arrays

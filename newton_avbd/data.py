@@ -299,6 +299,22 @@ class LinkLoads:
 
 
 @wp.struct
+class MotorState:
+    """Activations of a DC motor; of those that it has not got zero."""
+
+    control: float
+    """Control that the slew rate lets through."""
+    integral: float
+    """Integral of the position error [rad s or m s]."""
+    warmth: float
+    """Temperature above that around the motor [K]."""
+    bristle: float
+    """Deflection of LuGre friction [rad or m]."""
+    current: float
+    """In the winding [A]."""
+
+
+@wp.struct
 class ActuatorModel:
     """MuJoCo's actuators, arrays of the ``mujoco`` namespace read live, and their activation."""
 
@@ -324,17 +340,26 @@ class ActuatorModel:
     dampingpoly: wp.array[wp.vec2]
     activation: wp.array[float]
     """The solver's own state."""
+    inputs: wp.array[wp.int32]
+    """What the control of a DC motor is: position (1), velocity (2), or voltage (8)."""
+    motor: wp.array[MotorState]
+    """State of DC motors, the solver's own; empty where there are none."""
+    crank: wp.array[float]
+    """Length of the rod of slider-cranks [m]."""
 
 
 @wp.struct
 class ActuatorLaw:
-    """Force of an actuator, force - stiffness l - damping v, clamped; see :mod:`.rows.actuator`."""
+    """Force of an actuator: force - stiffness l - damping v, clamped, and what is not clamped,
+    ``own_force`` - ``own_damping`` v; see :mod:`.rows.actuator`."""
 
     force: float
     stiffness: float
     damping: float
     least: float
     most: float
+    own_force: float
+    own_damping: float
 
 
 @wp.struct
@@ -353,6 +378,9 @@ class AxisPush:
     drive_damping: float
     least: float
     most: float
+    first: int
+    """First of the laws in :attr:`ControlInput.ranged` that go with the latter, and how many."""
+    count: int
 
 
 @wp.struct
@@ -412,6 +440,8 @@ class ControlInput:
 
     pushes: wp.array[AxisPush]
     """What actuators push each degree of freedom with; empty without any."""
+    ranged: wp.array[ActuatorLaw]
+    """Actuators with force ranges that share their axis, by its coordinate and its velocity."""
 
     joint_f: wp.array[float]
     """Generalized force on each degree of freedom [N or N m]."""

@@ -11,7 +11,13 @@ from typing import Any
 import newton
 import numpy as np
 
-from .actuators import Actuators, compensated_links, fixed_tendons, reflected_armature
+from .actuators import (
+    Actuators,
+    compensated_links,
+    compensating_axes,
+    fixed_tendons,
+    reflected_armature,
+)
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .execute.slopes import SCHEMES
 from .limits import has_authored_limit
@@ -126,6 +132,11 @@ CAUSES: dict[str, Cause] = {
         "joint", "with a drive of limited effort (effort_limit)", "rows/axis.py"
     ),
     "actuators": Cause("joint", "with a MuJoCo actuator (mujoco:actuator_*)", "rows/actuator.py"),
+    "force_ranges": Cause(
+        "joint",
+        "with an actuator whose forcerange is not all that pushes it within limits",
+        "rows/axis.py",
+    ),
     "limits": Cause("joint", "with a limit (limit_lower, limit_upper)", "rows/axis.py"),
     "limit_impedance": Cause(
         "joint",
@@ -165,6 +176,8 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
     "joint_force": ("reaction",),
     "drives": ("effort_limits",),
     "limits": ("limit_impedance",),
+    "actuators": ("force_ranges",),
+    "effort_limits": ("force_ranges",),
 }
 """What goes with an effect that is left out."""
 
@@ -210,6 +223,8 @@ class Effects:
     """A joint axis with a drive that has a gain."""
     actuators: bool = False
     """A joint axis with an actuator of MuJoCo's."""
+    force_ranges: bool = False
+    """An actuator with a force range that shares its axis with others."""
     tendons: bool = False
     """A joint axis that a fixed tendon of MuJoCo's combines with others."""
     gravity_compensation: bool = False
@@ -304,10 +319,12 @@ class Effects:
         driven = axes.driven()
         user_model = getattr(model, "user_model", model)
         actuators = Actuators.of_model(user_model)
-        actuated = np.isin(axes.dofs, list(actuators.axes.values()))
+        compensated = list(compensating_axes(user_model))
+        actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated])
         tied = [dof for dofs, _ in fixed_tendons(user_model).values() for dof in dofs]
         reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
         ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
+        shared = ranged & (actuators.is_shared(user_model)[axes.dofs] | driven)
         authored = has_authored_limit(user_model)[axes.dofs]
         callers = {
             "contact": shapes,
@@ -338,6 +355,7 @@ class Effects:
             ),
             "drives": axes.joints(driven),
             "actuators": axes.joints(actuated),
+            "force_ranges": axes.joints(shared),
             "tendons": axes.joints(np.isin(axes.dofs, tied)),
             "gravity_compensation": _bodies_of(model, compensated_links(user_model)),
             "body_actuators": _bodies_of(

@@ -269,6 +269,9 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             middle = wp.float32(q) - 0.5 * moved
             total += (push.force - push.stiffness * middle) * moved
             given = (push.drive - push.drive_stiffness * middle) * moved
+            if wp.static(effects.force_ranges):
+                pull, _k = axis_rows.ranged(control, index, wp.float64(middle), 0.0, h)
+                given += pull * moved
             most = wp.max(wp.abs(push.least), wp.abs(push.most))
             if wp.isfinite(most):
                 given = wp.min(given, most * wp.abs(moved))

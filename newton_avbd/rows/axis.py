@@ -100,6 +100,21 @@ def pushed_within(control: wp.ref[ControlInput], dof: int, q: wp.float64, moved:
 
 
 @wp.func
+def ranged(control: wp.ref[ControlInput], dof: int, q: wp.float64, moved: float, h: float):
+    """As :func:`pushed_within`, of those that keep to force ranges of their own."""
+    push = control.pushes[dof]
+    total = float(0.0)
+    stiffness = float(0.0)
+    for k in range(push.first, push.first + push.count):
+        law = control.ranged[k]
+        force = law.force - law.stiffness * wp.float32(q) - law.damping * moved / h
+        total += wp.clamp(force, law.least, law.most)
+        if force > law.least and force < law.most:
+            stiffness += law.stiffness + law.damping / h
+    return total, stiffness
+
+
+@wp.func
 def passive(joints: wp.ref[JointModel], dof: int, away: float, moved: float, h: float):
     """Generalized force of the passive spring and damper [N or N m] and its curvature."""
     ke = joints.stiffness[dof]
@@ -377,6 +392,10 @@ def make_axis(effects: Effects) -> AxisFunctions:
             more, k = pushed_within(control, index, q, moved, h)
             pull += more
             stiffness += k
+            if wp.static(effects.force_ranges):
+                more, k = ranged(control, index, q, moved, h)
+                pull += more
+                stiffness += k
             least = wp.max(least, control.pushes[index].least)
             most = wp.min(most, control.pushes[index].most)
         return pull, stiffness, least, most
