@@ -17,7 +17,7 @@ and stands in the matrix; an axis that then turns out to be off its piece takes 
 next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). Should
 the number of these not fall for a while, one axis at a time does (block principal pivoting, which
 always ends: Portugal, Judice, Vicente, Math. Comput. 63, 1994). With compliance a limit is a spring
-and damper instead.
+and damper instead, or where an MJCF file authors it one with MuJoCo's impedance.
 """
 
 from dataclasses import dataclass

@@ -66,6 +66,9 @@ class Case:
     model: newton.Model
     path: Path
     is_driven: bool
+    hold: float = 0.0
+    """How long each control lasts [s]; 0 for the time step. (A control that a step holds is late by
+    half of it, which makes any solver one of first order.)"""
 
     def controls(self) -> Controls | None:
         """What drives the actuators; None where nothing does."""
@@ -109,14 +112,12 @@ def main() -> None:
     for name, path in files(args.names):
         try:
             model = read(path)
-            solver = SolverAVBD(model)
-            del solver
+            cases = [compare(Case(model, path, way), args.scheme) for way in (False, True)]
         except Exception as error:  # files can be wrong in as many ways as there are files
-            print(f"{name:<40} cannot be read: {type(error).__name__}: {str(error)[:100]}")
+            print(f"{name:<40}is not tried: {type(error).__name__}: {str(error)[:100]}")
             continue
         count += 1
-        for is_driven in (False, True):
-            found = compare(Case(model, path, is_driven), args.scheme)
+        for is_driven, found in zip((False, True), cases, strict=True):
             line = f"{name:<40}{'driven' if is_driven else 'passive':<7}|"
             for kind, (off, shares) in enumerate(found):
                 says = "" if shares[0] <= 1.0 else " FAILS"
@@ -193,7 +194,7 @@ def avbd_path(case: Case, dt: float, within: bool = False, **settings: Any) -> A
     solver, state, after = SolverAVBD(model, **settings), case.state(within), model.state()
     control = model.control()
 
-    def advance(controls: Array | None) -> None:
+    def advance(controls: Any) -> None:
         nonlocal state, after
         if controls is not None:
             control.mujoco.ctrl.assign(controls)
@@ -240,7 +241,7 @@ def native_path(
     if native.nu:
         rows = solver.mjc_actuator_to_newton_idx.numpy().ravel()
 
-    def advance(controls: Array | None) -> None:
+    def advance(controls: Any) -> None:
         if controls is not None:
             now.ctrl[:] = controls[rows]
         mujoco.mj_step(native, now)
@@ -255,12 +256,15 @@ def native_path(
 
 
 def _path(
-    case: Case, dt: float, advance: Callable[[Array | None], None], look: Callable[[], Array]
+    case: Case, dt: float, advance: Callable[[Any], None], look: Callable[[], Array]
 ) -> Array:
     controls, path = case.controls(), [look()]
     steps = round(SECONDS / dt)
     for step in range(steps):
-        advance(None if controls is None else controls.at(step * dt))
+        time = step * dt
+        if case.hold:
+            time = np.floor(time / case.hold + 1.0e-6) * case.hold
+        advance(None if controls is None else controls.at(time))
         if (step + 1) % (steps // LOOKS) == 0:
             path.append(look())
     return np.array(path)
@@ -276,7 +280,7 @@ def write_page(page: Path) -> None:
     ]
     known = {robot.name: robot.path for robot in robots()}
     for name in ORDERS:
-        case = Case(read(known[name]), known[name], True)
+        case = Case(read(known[name]), known[name], True, hold=STEPS[0])
         exact = native_path(case, FINE, integrator=int(mujoco.mjtIntegrator.mjINT_RK4))
         for label, path in (
             ("MuJoCo C", lambda dt, case=case: native_path(case, dt)),
