@@ -10,13 +10,22 @@ import numpy as np
 import warp as wp
 
 from . import data
-from .actuators import Actuators, fixed_tendons, is_limited, reflected_armature
+from .actuators import (
+    Actuators,
+    compensating_axes,
+    fixed_tendons,
+    is_limited,
+    reflected_armature,
+)
 from .execute import actuation as kernels
 from .execute.launch import Launcher
+from .inertia import reference_inertia
 from .rows import actuator as rules
-from .rows.joint import KINDS
+from .rows.motor import MOTOR
 from .views import AllJoints
 
+ACTUATED = frozenset({"actuators", "gravity_compensation"})
+"""Effects by which actuators compensate gravity."""
 _LIMITS = ("lower", "upper")
 _SAME = (
     *("dynprm", "gainprm", "biasprm", "gear", "ctrlrange", "forcerange", "actrange"),
@@ -40,7 +49,8 @@ class Actuation:
         Args:
             model: The user's model.
             joints: The joints as kernels see them.
-            wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits``.
+            wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits`` and
+                ``force_ranges``.
             before: What there was before the model changed, whose activations go on.
 
         Raises:
@@ -61,7 +71,12 @@ class Actuation:
                 self._make_law(found)
                 if before is not None and before.law.activation is not None:
                     self.law.activation = before.law.activation
-            self._make_axes(axes, tendons)
+                    if before.law.motor.size == self.law.motor.size:
+                        self.law.motor = before.law.motor
+            carried = compensating_axes(model) if ACTUATED <= wanted else {}
+            self._make_axes(axes, tendons, carried)
+            count = self._rows.size if "force_ranges" in wanted else 0
+            self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
             self._make_tendons(tendons, pulling)
             self._make_bodies(bodies)
             self._compensation = wp.empty(0, dtype=float)
@@ -81,6 +96,16 @@ class Actuation:
             motion = [self._joint_q, self._joint_qd, ctrl, dt]
             given = [self.law, model.mujoco.dof_ref, *motion, self._tendons]
             launch(kernels.pull_tendons, self._tendons.tendon.size, given)
+        if self._carried is not None:
+            launch(
+                kernels.compensate_axes,
+                self._dofs.size,
+                [
+                    *(self._joints, model.body_com, model.body_mass, model.body_world),
+                    *(model.gravity, model.mujoco.gravcomp, state.body_q, self._joint_q),
+                    *(self._dofs, *self._carried, self._compensated),
+                ],
+            )
         if self._dofs.size:
             launch(
                 kernels.push_axes,
@@ -91,7 +116,8 @@ class Actuation:
                     model.mujoco.dof_ref,
                     *(self._dofs, self._start, self._rows, self._coordinate),
                     *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
-                    *(self._tendons, self._tendon_start, self._tendon_items, self.pushes),
+                    *(self._tendons, self._tendon_start, self._tendon_items),
+                    *(self._compensated, self.ranged, self.pushes),
                 ],
             )
         bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia]
@@ -116,7 +142,8 @@ class Actuation:
         """Sets the activations of the selected worlds to zero."""
         if self.law.activation is not None:
             world = self._model.mujoco.actuator_world
-            launch(kernels.reset_activations, world.size, [world, mask, self.law.activation])
+            states = [self.law.activation, self.law.motor]
+            launch(kernels.reset_activations, world.size, [world, mask, *states])
 
     def bind(self, joints: Any) -> None:
         """Adds the armature of actuators to that of their axes."""
@@ -127,6 +154,8 @@ class Actuation:
         """Arrays that a step leaves to the next one, by name."""
         if self.law.activation is not None:
             yield "actuators.activation", self.law.activation
+            if self.law.motor.size:
+                yield "actuators.motor", self.law.motor
 
     def _make_law(self, found: Actuators) -> None:
         mujoco: Any = self._model.mujoco
@@ -147,18 +176,25 @@ class Actuation:
             limits += int(bit) * is_limited(mujoco, name)
         law.limits = wp.array(limits, dtype=wp.int32)
         law.activation = wp.zeros(limits.size, dtype=float)
+        is_motor = mujoco.actuator_gaintype.numpy() == int(MOTOR)
+        law.motor = wp.zeros(limits.size if np.any(is_motor) else 0, dtype=data.MotorState)
+        for name, attribute in (("inputs", "ctrlspec"), ("crank", "cranklength")):
+            setattr(law, name, getattr(mujoco, f"actuator_{attribute}", None))
         law.lengthrange = wp.array(self._length_ranges(found), dtype=wp.vec2)
         velocity_bias, acc0 = self._by_inertia(found.axes)
         law.velocity_bias = wp.array(velocity_bias, dtype=float)
         law.acc0 = wp.array(acc0, dtype=float)
 
     def _make_axes(
-        self, axes: dict[int, int], tendons: dict[int, tuple[list[int], list[float]]]
+        self,
+        axes: dict[int, int],
+        tendons: dict[int, tuple[list[int], list[float]]],
+        carried: dict[int, list[int]],
     ) -> None:
         """Lists actuators and tendons by degree of freedom."""
         model = self._model
         tied = [dof for of_tendon, _ in tendons.values() for dof in of_tendon]
-        dofs = np.unique(np.array([*axes.values(), *tied], dtype=int))
+        dofs = np.unique(np.array([*axes.values(), *tied, *carried], dtype=int))
         rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
         owner = np.repeat(np.arange(len(tendons)), [len(of) for of, _ in tendons.values()])
         items = [[(owner[k], k) for k, dof in enumerate(tied) if dof == known] for known in dofs]
@@ -172,7 +208,15 @@ class Actuation:
         self._armature = None
         if np.any(armature):
             self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)
-        self._is_measured = bool(tendons) or (bool(axes) and self._needs_motion(axes, rows))
+        self._carried, self._compensated = None, wp.empty(0, dtype=float)
+        if carried:
+            joint = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
+            links = _lists([carried.get(dof, []) for dof in dofs.tolist()])
+            self._carried = (_indices(joint), self._coordinate, *links)
+            self._compensated = wp.zeros(dofs.size, dtype=float)
+        self._is_measured = (
+            bool(tendons) or bool(carried) or (bool(axes) and self._needs_motion(axes, rows))
+        )
         is_measured = int(self._is_measured)
         self._joint_q = wp.zeros(is_measured * model.joint_coord_count, dtype=float)
         self._joint_qd = wp.zeros(is_measured * model.joint_dof_count, dtype=float)
@@ -243,7 +287,9 @@ class Actuation:
         curved = [getattr(mujoco, f"actuator_{n}type").numpy()[used] > 0 for n in ("gain", "bias")]
         needs = np.any(gain[:, 1:3] != 0.0, axis=1) & curved[0]
         needs |= np.any(bias[:, 1:3] > 0.0, axis=1) & curved[1]
-        needs |= mujoco.actuator_gaintype.numpy()[used] == int(rules.MUSCLE_GAIN)
+        needs |= np.isin(
+            mujoco.actuator_gaintype.numpy()[used], (int(rules.MUSCLE_GAIN), int(MOTOR))
+        )
         needs |= mujoco.actuator_biastype.numpy()[used] == int(rules.MUSCLE_BIAS)
         needs |= np.any(mujoco.actuator_dampingpoly.numpy()[used] != 0.0, axis=1)
         limited = (self.law.limits.numpy() & int(rules.LIMITS_FORCE)) > 0
@@ -291,10 +337,10 @@ class Actuation:
         muscle = (gain[:, 2] < 0.0) & (mujoco.actuator_gaintype.numpy() == int(rules.MUSCLE_GAIN))
         if not np.any((is_servo | muscle)[list(axes)]):
             return velocity_bias, acc0
-        inertia = _reference_inertia(self._model)
+        inertia = reference_inertia(self._model)
         gear = mujoco.actuator_gear.numpy()[:, 0].astype(float)
         for row, dof in axes.items():
-            own, mobility = inertia.get(dof, (0.0, 0.0))
+            own, _, mobility = inertia.get(dof, (0.0, 0.0, 0.0))
             if is_servo[row] and gear[row] != 0.0:
                 mass = own / gear[row] ** 2
                 velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
@@ -311,32 +357,3 @@ def _lists(items: list[list[int]]) -> tuple[wp.array, wp.array]:
     """Where each of some lists starts in one array, and that array."""
     flat = np.array([item for one in items for item in one], dtype=int)
     return _indices(np.cumsum([0, *map(len, items)])), _indices(flat)
-
-
-def _reference_inertia(model: newton.Model) -> dict[int, tuple[float, float]]:
-    """Inertia of each degree of freedom, and how a unit force on it accelerates all, at q = 0.
-
-    Returns:
-        Diagonal entry of the mass matrix and norm of the column of its inverse, by degree of
-        freedom of an articulation.
-    """
-    state = model.state()
-    joint_q = model.joint_q.numpy()
-    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
-    for joint, kind in enumerate(kinds):
-        if KINDS[newton.JointType(kind)].has_axes:
-            joint_q[starts[joint] : starts[joint + 1]] = 0.0
-    pose = wp.array(joint_q, dtype=float, device=model.device)
-    newton.eval_fk(model, pose, model.joint_qd, state)
-    found = {}
-    if model.articulation_count:
-        matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
-        first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
-        for k in range(model.articulation_count):
-            size = int(first[k + 1] - first[k])
-            matrix = matrices[k, :size, :size]
-            inverse = np.linalg.pinv(matrix)
-            for i in range(size):
-                norm = float(np.linalg.norm(inverse[:, i]))
-                found[int(first[k]) + i] = (float(matrix[i, i]), norm)
-    return found

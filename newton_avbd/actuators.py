@@ -15,7 +15,7 @@ import numpy as np
 from newton.solvers import SolverMuJoCo
 
 from .rows import actuator as rules
-from .rows.joint import KINDS
+from .rows.joint import KINDS, NO_LIMIT
 
 _TRANSMISSION = SolverMuJoCo.TrnType
 _CTRL_DIRECT = int(SolverMuJoCo.CtrlSource.CTRL_DIRECT)
@@ -27,9 +27,9 @@ _AUTO = 2
 """A limit that holds where a range is given."""
 _ONE_AXIS = (int(newton.JointType.REVOLUTE), int(newton.JointType.PRISMATIC))
 _IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
-_DYNAMICS = (0, 1, 2, 3, 4)
+_DYNAMICS = (0, 1, 2, 3, 4, 5)
 """Dynamics of activation that :mod:`.rows.actuator` knows."""
-_LAWS = (0, 1, 2)
+_LAWS = (0, 1, 2, 3)
 """Gains and biases that it knows."""
 
 
@@ -78,6 +78,8 @@ class Actuators:
                 found._add_joint(model, row, target, kind == _TRANSMISSION.JOINT_IN_PARENT)
             elif kind == _TRANSMISSION.SITE and target >= 0:
                 found._add_site(model, row, target)
+            elif kind == _TRANSMISSION.SLIDERCRANK and target >= 0:
+                found._add_crank(model, row, target)
             elif kind == _TRANSMISSION.TENDON and target >= 0:
                 if target in fixed_tendons(model):
                     found.tendons[row] = target
@@ -88,6 +90,18 @@ class Actuators:
             else:
                 found.left[row] = f"its transmission is {_TRANSMISSION(kind).name}"
         return found
+
+    def is_shared(self, model: newton.Model) -> np.ndarray:
+        """Degrees of freedom with several actuators, at least one of which has a force range, or
+        all of them a limit besides."""
+        counts = np.zeros(model.joint_dof_count, dtype=int)
+        limited = np.zeros(model.joint_dof_count, dtype=int)
+        if self.axes:
+            dofs = np.array(list(self.axes.values()))
+            np.add.at(counts, dofs, 1)
+            np.add.at(limited, dofs, is_limited(model.mujoco, "force")[list(self.axes)])
+        has_effort = model.joint_effort_limit.numpy() < NO_LIMIT
+        return (limited > 1) | ((counts > 1) & (limited == 1) & has_effort)
 
     def limited_axes(self, model: newton.Model) -> list[int]:
         """Degrees of freedom with an actuator whose force has a range."""
@@ -115,6 +129,21 @@ class Actuators:
         else:
             self.left[row] = f"its joint is of type {newton.JointType(kind).name}"
 
+    def _add_crank(self, model: newton.Model, row: int, site: int) -> None:
+        frames, links = model.shape_transform.numpy(), model.shape_body.numpy()
+        other = int(model.mujoco.actuator_trnid.numpy()[row, 1])
+        if links[site] >= 0:
+            ends, axes = (site, other), rules.SLIDER_CRANK
+        elif links[other] >= 0:
+            ends, axes = (other, site), rules.CRANK_ON_WORLD
+        else:
+            self.left[row] = "neither of its sites moves"
+            return
+        self.bodies[row] = (
+            *(int(axes), int(links[ends[0]]), frames[ends[0]]),
+            *(int(links[ends[1]]), frames[ends[1]]),
+        )
+
     def _add_site(self, model: newton.Model, row: int, site: int) -> None:
         frames, links = model.shape_transform.numpy(), model.shape_body.numpy()
         other = int(model.mujoco.actuator_trnid.numpy()[row, 1])
@@ -135,10 +164,10 @@ def _unknown_law(model: newton.Model, row: int) -> str:
     """Why the solver does not know what an actuator does; empty where it does."""
     mujoco: Any = model.mujoco
     if mujoco.actuator_dyntype.numpy()[row] not in _DYNAMICS:
-        return "its dynamics (dyntype) are a DC motor's, a PID's or the user's"
+        return "its dynamics (dyntype) are a PID's or the user's"
     kinds = [getattr(mujoco, f"actuator_{name}type").numpy()[row] for name in ("gain", "bias")]
     if not set(kinds) <= set(_LAWS):
-        return "its gain or bias is a DC motor's, SO3, a PID's or the user's"
+        return "its gain or bias is SO3, a PID's or the user's"
     return ""
 
 
@@ -157,6 +186,7 @@ def _target(model: newton.Model, row: int, kind: int) -> tuple[int, int]:
         _TRANSMISSION.JOINT_IN_PARENT: model.joint_dof_count,
         _TRANSMISSION.TENDON: model.custom_frequency_counts.get("mujoco:tendon", 0),
         _TRANSMISSION.SITE: model.shape_count,
+        _TRANSMISSION.SLIDERCRANK: model.shape_count,
     }
     if kind == _TRANSMISSION.SITE and label in model.shape_label:
         first = model.shape_label.index(label)
@@ -175,7 +205,11 @@ def _target(model: newton.Model, row: int, kind: int) -> tuple[int, int]:
 def is_limited(mujoco: Any, name: str) -> np.ndarray:
     """Which actuators clamp their control, force or activation; MuJoCo's ``autolimits``."""
     limited = getattr(mujoco, f"actuator_{name}limited").numpy()
-    has_range = getattr(mujoco, f"actuator_has_{name}range").numpy() > 0
+    ends = getattr(mujoco, f"actuator_{name}range").numpy()
+    # of what no file says the importer of DC motors writes 0 0
+    has_range = (getattr(mujoco, f"actuator_has_{name}range").numpy() > 0) & (
+        ends[:, 0] < ends[:, 1]
+    )
     return (limited == 1) | ((limited == _AUTO) & has_range & bool(mujoco.autolimits.numpy()[0]))
 
 
@@ -193,6 +227,36 @@ def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
         gear = mujoco.actuator_gear.numpy()[rows, 0]
         np.add.at(added, list(axes.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
     return added
+
+
+def compensating_axes(model: newton.Model) -> dict[int, list[int]]:
+    """Degrees of freedom whose actuators compensate gravity, and the links that they carry.
+
+    Compensation through an actuator differs from that of :data:`mujoco:gravcomp` alone only where
+    it counts towards the limit of the axis (``actuatorfrcrange``), so only those are found.
+    """
+    through = authored(model, "jnt_actgravcomp")
+    links = compensated_links(model)
+    if through is None or links.size == 0 or not np.any(through):
+        return {}
+    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy().tolist()
+    limit = model.joint_effort_limit.numpy()
+    above: dict[int, int] = {}
+    for joint in range(model.joint_count):
+        above.setdefault(int(child[joint]), joint)
+    carried: dict[int, list[int]] = {}
+    for link in links.tolist():
+        at, seen = link, set()
+        while at >= 0 and at in above and above[at] not in seen:
+            joint = above[at]
+            seen.add(joint)
+            if KINDS[newton.JointType(kinds[joint])].has_axes:
+                for dof in range(starts[joint], starts[joint + 1]):
+                    if through[dof] and limit[dof] < NO_LIMIT:
+                        carried.setdefault(dof, []).append(link)
+            at = int(parent[joint])
+    return carried
 
 
 def fixed_tendons(model: newton.Model) -> dict[int, tuple[list[int], list[float]]]:

@@ -31,6 +31,7 @@ from .execute.launch import Launcher
 from .execute.scan import scratch_size
 from .execute.sleeping import AWAKE, STILL
 from .large import LARGE, LargeWorlds, obstacles
+from .limits import limit_law
 from .rows.joint import KINDS
 from .settings import Settings
 from .solved import SolvedModel, solved_model
@@ -80,6 +81,7 @@ class SolverArrays:
         self._solved = solved_model(self.model, self._welds) or self.model
         self._refresh_solved()
         self._actuation: Actuation | None = None
+        self._limit_law: dict[str, wp.array] = {}
         self._ctrl: wp.array | None = None
         self._weld_loads: data.LinkLoads | None = None
         self._weld_contact_f: Any = None
@@ -190,6 +192,8 @@ class SolverArrays:
         if model.joint_count:
             self._bind_mimics()
             self._bind_break_limits()
+            for name, values in self._limit_law.items():
+                setattr(self._joints, name, values)
         if self._actuation is not None:
             self._actuation.bind(self._joints)
 
@@ -315,6 +319,7 @@ class SolverArrays:
         """
         groups, topology, self._flags, self._callers = self._look_at_model()
         self._make_actuation()
+        self._make_limit_law()
         self._flags_apart = self._flags.without_contact()
         if self._flags.put_bodies and self._work.put is None:
             self._forget_launches()
@@ -336,7 +341,7 @@ class SolverArrays:
                 buffers.add_balance(self._islands)
         if self._capacity:
             self._allocate_contact_effects()
-        if not self._flags.armature and self._history.axis_velocity is not None:
+        if not self._flags.axis_rates and self._history.axis_velocity is not None:
             self._history.axis_velocity.fill_(UNKNOWN)
         is_large = self._takes_bodies(groups, self._flags)
         # one kernel makes the whole step of a single world, where launches cost most
@@ -573,6 +578,7 @@ class SolverArrays:
         self._control = data.ControlInput()
         if self._actuation is not None:
             self._control.pushes = self._actuation.pushes
+            self._control.ranged = self._actuation.ranged
         if arrays[0] is not None:
             self._control.joint_f = arrays[0]
         if arrays[1] is not None:
@@ -602,9 +608,17 @@ class SolverArrays:
             self._ctrl = ctrl
         return ctrl
 
+    def _make_limit_law(self) -> None:
+        """What MuJoCo's law of compliant limits takes, where the model has such limits."""
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((self._limit_law,))
+        self._limit_law = limit_law(self.model) if self._flags.limit_impedance else {}
+        for name, values in self._limit_law.items():
+            setattr(self._joints, name, values)
+
     def _make_actuation(self) -> None:
         """Buffers for MuJoCo's actuators and gravity compensation, where the model has any."""
-        names = (*ACTING, "effort_limits")
+        names = (*ACTING, "effort_limits", "force_ranges")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
         # graphs that were captured before go on using the old arrays

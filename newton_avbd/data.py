@@ -23,6 +23,10 @@ import warp as wp
 
 from .algebra.block import BlockFactor
 
+vec5 = wp.types.vector(length=5, dtype=wp.float32)
+vec6 = wp.types.vector(length=6, dtype=wp.float32)
+vec10 = wp.types.vector(length=10, dtype=wp.float32)
+
 
 @wp.struct
 class ContactRow:
@@ -199,6 +203,15 @@ class JointModel:
     limit_ke: wp.array[float]
     """Stiffness of the limits [N/m or N m/rad], where they are compliant."""
     limit_kd: wp.array[float]
+    limit_mobility: wp.array[float]
+    """Inverse inertia of an axis in the reference pose [1/kg or 1/(kg m^2)], MuJoCo's
+    ``dof_invweight0``; 0 where its limit gives way by ``limit_ke`` and ``limit_kd``."""
+    limit_rates: wp.array[wp.vec2]
+    """Stiffness [1/s^2] and damping [1/s] by which MuJoCo's reference returns to a limit."""
+    limit_impedance: wp.array[vec5]
+    """MuJoCo's ``solimplimit``."""
+    limit_margin: wp.array[float]
+    """How far before its end a limit begins to act [m or rad]."""
     rest_q: wp.array[float]
     """Joint coordinates at which rods and passive springs are at rest."""
     mimic_coefficients: wp.array[wp.vec2]
@@ -287,8 +300,20 @@ class LinkLoads:
     """By link: that weld, a joint of the model; -1 at a root."""
 
 
-vec10 = wp.types.vector(length=10, dtype=wp.float32)
-vec6 = wp.types.vector(length=6, dtype=wp.float32)
+@wp.struct
+class MotorState:
+    """Activations of a DC motor; of those that it has not got zero."""
+
+    control: float
+    """Control that the slew rate lets through."""
+    integral: float
+    """Integral of the position error [rad s or m s]."""
+    warmth: float
+    """Temperature above that around the motor [K]."""
+    bristle: float
+    """Deflection of LuGre friction [rad or m]."""
+    current: float
+    """In the winding [A]."""
 
 
 @wp.struct
@@ -317,17 +342,26 @@ class ActuatorModel:
     dampingpoly: wp.array[wp.vec2]
     activation: wp.array[float]
     """The solver's own state."""
+    inputs: wp.array[wp.int32]
+    """What the control of a DC motor is: position (1), velocity (2), or voltage (8)."""
+    motor: wp.array[MotorState]
+    """State of DC motors, the solver's own; empty where there are none."""
+    crank: wp.array[float]
+    """Length of the rod of slider-cranks [m]."""
 
 
 @wp.struct
 class ActuatorLaw:
-    """Force of an actuator, force - stiffness l - damping v, clamped; see :mod:`.rows.actuator`."""
+    """Force of an actuator: force - stiffness l - damping v, clamped, and what is not clamped,
+    ``own_force`` - ``own_damping`` v; see :mod:`.rows.actuator`."""
 
     force: float
     stiffness: float
     damping: float
     least: float
     most: float
+    own_force: float
+    own_damping: float
 
 
 @wp.struct
@@ -346,6 +380,9 @@ class AxisPush:
     drive_damping: float
     least: float
     most: float
+    first: int
+    """First of the laws in :attr:`ControlInput.ranged` that go with the latter, and how many."""
+    count: int
 
 
 @wp.struct
@@ -405,6 +442,8 @@ class ControlInput:
 
     pushes: wp.array[AxisPush]
     """What actuators push each degree of freedom with; empty without any."""
+    ranged: wp.array[ActuatorLaw]
+    """Actuators with force ranges that share their axis, by its coordinate and its velocity."""
 
     joint_f: wp.array[float]
     """Generalized force on each degree of freedom [N or N m]."""

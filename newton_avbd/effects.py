@@ -11,10 +11,17 @@ from typing import Any
 import newton
 import numpy as np
 
-from .actuators import Actuators, compensated_links, fixed_tendons, reflected_armature
+from .actuators import (
+    Actuators,
+    compensated_links,
+    compensating_axes,
+    fixed_tendons,
+    reflected_armature,
+)
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .condim import Condims
 from .execute.slopes import SCHEMES
+from .limits import has_authored_limit
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .topology import Topology, moving
 
@@ -140,7 +147,18 @@ CAUSES: dict[str, Cause] = {
         "joint", "with a drive of limited effort (effort_limit)", "rows/axis.py"
     ),
     "actuators": Cause("joint", "with a MuJoCo actuator (mujoco:actuator_*)", "rows/actuator.py"),
+    "force_ranges": Cause(
+        "joint",
+        "with an actuator whose forcerange is not all that pushes it within limits",
+        "rows/axis.py",
+    ),
     "limits": Cause("joint", "with a limit (limit_lower, limit_upper)", "rows/axis.py"),
+    "limit_impedance": Cause(
+        "joint",
+        "with a limit of an MJCF file (mujoco:solreflimit, solimplimit), and "
+        "compliant_contacts=True",
+        "rows/axis.py",
+    ),
     "velocity_limits": Cause("joint", "with a velocity_limit", "rows/axis.py"),
     "springs": Cause("joint", "with a passive stiffness or damping", "rows/axis.py"),
     "armature": Cause("joint", "with armature above zero", "rows/axis.py"),
@@ -173,6 +191,9 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
     "condim": ("contact_pairs",),
     "joint_force": ("reaction",),
     "drives": ("effort_limits",),
+    "limits": ("limit_impedance",),
+    "actuators": ("force_ranges",),
+    "effort_limits": ("force_ranges",),
 }
 """What goes with an effect that is left out."""
 
@@ -220,6 +241,8 @@ class Effects:
     """A joint axis with a drive that has a gain."""
     actuators: bool = False
     """A joint axis with an actuator of MuJoCo's."""
+    force_ranges: bool = False
+    """An actuator with a force range that shares its axis with others."""
     tendons: bool = False
     """A joint axis that a fixed tendon of MuJoCo's combines with others."""
     gravity_compensation: bool = False
@@ -228,6 +251,8 @@ class Effects:
     """An actuator of MuJoCo's that pushes bodies."""
     limits: bool = False
     """A joint axis with a limit."""
+    limit_impedance: bool = False
+    """A compliant limit of a joint axis with MuJoCo's reference and impedance."""
     springs: bool = False
     """A joint axis with a passive spring or damper."""
     armature: bool = False
@@ -319,10 +344,13 @@ class Effects:
         condims = Condims.of_model(user_model if "condim" not in without else None)
         frictional = _frictional(model, condims)
         actuators = Actuators.of_model(user_model)
-        actuated = np.isin(axes.dofs, list(actuators.axes.values()))
+        compensated = list(compensating_axes(user_model))
+        actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated])
         tied = [dof for dofs, _ in fixed_tendons(user_model).values() for dof in dofs]
         reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
         ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
+        shared = ranged & (actuators.is_shared(user_model)[axes.dofs] | driven)
+        authored = has_authored_limit(user_model)[axes.dofs]
         callers = {
             "contact": shapes,
             "friction": frictional,
@@ -358,6 +386,7 @@ class Effects:
             ),
             "drives": axes.joints(driven),
             "actuators": axes.joints(actuated),
+            "force_ranges": axes.joints(shared),
             "tendons": axes.joints(np.isin(axes.dofs, tied)),
             "gravity_compensation": _bodies_of(model, compensated_links(user_model)),
             "body_actuators": _bodies_of(
@@ -367,6 +396,7 @@ class Effects:
                 ((driven | actuated) & axes.limited("joint_effort_limit", -1.0)) | ranged
             ),
             "limits": axes.joints(axes.bounded()),
+            "limit_impedance": axes.joints(axes.bounded() & authored & compliance),
             "velocity_limits": axes.joints(axes.limited("joint_velocity_limit", 0.0)),
             "springs": axes.joints(axes.positive("joint_damping", "joint_stiffness")),
             "armature": axes.joints(axes.positive("joint_armature") | reflected),
@@ -432,6 +462,11 @@ class Effects:
         them, or because poses alone do not tell them."""
         linear = self.drives or self.springs or self.armature or self.rods or self.limits
         return linear or self.pushed_axes or self.laws or self.mimics or self.kinds.gimbals
+
+    @property
+    def axis_rates(self) -> bool:
+        """Whether inertia along joint axes calls for the velocities of their coordinates."""
+        return self.armature or self.limit_impedance
 
     @property
     def pushed_axes(self) -> bool:

@@ -308,7 +308,7 @@ class LargeWorlds:
             launch(kernels.align_spins, bodies, spins)
         if effects.restitution and places:
             launch(kernels.leave_impacts, bodies, [worlds, colors, work, rows, history])
-        if effects.armature:
+        if effects.axis_rates:
             armatures = [joints, body_qd, body_qd_out, worlds, work, tree]
             launch(kernels.end_armatures, bodies, [*armatures, colors, history])
             if effects.loops:

@@ -835,7 +835,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         arrays to the host.
 
         While a graph is being captured the call reads nothing: it compiles in all effects that
-        values can call for, save restitution and friction by written poses, which need buffers.
+        values can call for, save restitution, friction by written poses, force ranges of several
+        actuators of an axis and the impedance of limits of MJCF files, which need buffers.
         Bodies that start to move at joints then need another call outside of the capture, and a new
         capture; a replay says so where it happens.
 

@@ -118,6 +118,18 @@ def test_a_force_range_need_not_be_symmetric() -> None:
     assert q == pytest.approx(0.1 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
 
 
+@pytest.mark.parametrize(("load", "gives"), [(0.6, 0.0), (0.9, 0.2)])
+def test_two_stiff_servos_hold_what_both_force_ranges_allow(load: float, gives: float) -> None:
+    """Ranges of 0.5 and 0.2 N m share an axis; beyond both it gives way to the rest."""
+    servo = '<position joint="hinge" kp="1e6" forcerange="-{0} {0}"/>'
+    actuators = servo.format(0.5) + servo.format(0.2) + '<motor joint="hinge"/>'
+    model = scene(actuators)
+    assert SolverAVBD(model).effects["force_ranges"].on
+    q = coordinates(model, [0.0, 0.0, load], 400)[-1, 0]
+    expected = gives / (2.0 * INERTIA) * 0.4 * (0.4 + DT)
+    assert q == pytest.approx(expected, rel=1.0e-3, abs=1.0e-6)
+
+
 def test_the_axis_limits_the_sum_of_its_actuators() -> None:
     """``actuatorfrcrange`` bounds what a servo and a motor push with together."""
     model = scene(
@@ -371,6 +383,116 @@ def test_a_site_pushes_where_it_is() -> None:
     # the site's z is the body's -y
     np.testing.assert_allclose(velocity[:3], [0.0, -1.5, 0.0], atol=1.0e-4)
     np.testing.assert_allclose(velocity[3:], 0.0, atol=1.0e-4)
+
+
+CRANK = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option gravity="0 0 0"/>
+  <worldbody>
+    {fixed}
+    <body name="wheel">
+      <joint name="hinge" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="2" diaginertia="0.3 0.5 0.4"/>
+      {site}
+    </body>
+  </worldbody>
+  <actuator><general cranksite="pin" slidersite="guide" cranklength="0.5" gear="2" gainprm="3"
+    biastype="affine" biasprm="0 -4 0"/></actuator>
+</mujoco>
+"""
+PIN, GUIDE = (0.2, 0.0, 0.1), (0.6, 0.0, 0.05)
+"""Of the crank's pin and the slider's place [m]; the slider goes along x."""
+
+
+def crank_length(angle: float, on_wheel: str) -> float:
+    """Length of a slider-crank whose wheel has turned about y, MuJoCo's a v - sqrt(...)."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    pin, guide, axis = np.array(PIN), np.array(GUIDE), np.array([1.0, 0.0, 0.0])
+    if on_wheel == "crank":
+        pin = turn @ pin
+    else:
+        guide, axis = turn @ guide, turn @ axis
+    away = pin - guide
+    reach = axis @ away
+    return float(reach - np.sqrt(reach**2 + 0.5**2 - away @ away))
+
+
+@pytest.mark.parametrize("on_wheel", ["crank", "slider"])
+def test_a_slider_crank_turns_its_wheel(on_wheel: str) -> None:
+    """First step: torque (3 u - 4 g l) g dl/dq on the wheel, with g = 2. Bound: float32."""
+    crank = f'<site name="pin" pos="{PIN[0]} {PIN[1]} {PIN[2]}"/>'
+    slider = f'<site name="guide" pos="{GUIDE[0]} {GUIDE[1]} {GUIDE[2]}" zaxis="1 0 0"/>'
+    fixed, site = (slider, crank) if on_wheel == "crank" else (crank, slider)
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(CRANK.format(fixed=fixed, site=site), ctrl_direct=True)
+    model = builder.finalize(device="cpu")
+    state, control = model.state(), model.control()
+    control.mujoco.ctrl.fill_(0.8)
+    SolverAVBD(model).step(state, state, control, None, 1.0e-4)
+    slope = (crank_length(1.0e-5, on_wheel) - crank_length(-1.0e-5, on_wheel)) / 2.0e-5
+    torque = (3.0 * 0.8 - 4.0 * 2.0 * crank_length(0.0, on_wheel)) * 2.0 * slope
+    assert INERTIA * state.body_qd.numpy()[0, 4] / 1.0e-4 == pytest.approx(torque, rel=1.0e-3)
+
+
+def test_a_dc_motor_runs_up_to_its_no_load_speed() -> None:
+    """v <- (v + h K V/(R I))/(1 + h K^2/(R I)): K/R (V - K v), with its own back-EMF implicit."""
+    model = scene('<dcmotor joint="hinge" motorconst="0.6" resistance="0.2"/>')
+    q = coordinates(model, [3.0], 500)[:, 0]
+    v, at = 0.0, []
+    for _ in range(500):
+        v = (v + DT * 0.6 * 3.0 / (0.2 * INERTIA)) / (1.0 + DT * 0.36 / (0.2 * INERTIA))
+        at.append(DT * v)
+    assert v > 0.8 * 5.0
+    np.testing.assert_allclose(q, np.cumsum(at), rtol=2.0e-4, atol=1.0e-6)
+
+
+def test_a_dc_motor_with_every_state_goes_with_mujoco() -> None:
+    """Inductance, heat, cogging, LuGre friction, slew rate and integral, 0.4 s at 1/10,000 s.
+
+    Bound: 2e-3 of the way, some first-order error of both.
+    """
+    model = scene(
+        '<dcmotor joint="hinge" motorconst="0.6" resistance="0.2" inductance="0.004" '
+        'thermal="2 5 0 0.004 25 25" cogging="0.05 6 0.3" lugre="50 0.5 0.1 0.15 0.1" '
+        'controller="4 2 0.3 8 1 6" input="pos"/>'
+    )
+    h, steps = 1.0e-4, 4000
+    solver = SolverAVBD(model, update_joint_state=True)
+    native = SolverMuJoCo(model, use_mujoco_cpu=True, disable_contacts=True)
+    paths = []
+    for one in (solver, native):
+        state, control = model.state(), model.control()
+        newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+        control.mujoco.ctrl.fill_(1.0)
+        path = []
+        for _ in range(steps):
+            one.step(state, state, control, None, h)
+            path.append(float(state.joint_q.numpy()[0]))
+        paths.append(np.array(path))
+    way = np.abs(paths[1]).max()
+    assert way > 0.2
+    np.testing.assert_allclose(paths[0], paths[1], atol=2.0e-3 * way)
+    found = solver.checkpoint()["actuators.motor"][0]
+    np.testing.assert_allclose(found.tolist(), native.mj_data.act, rtol=2.0e-2, atol=1.0e-4)
+    solver.reset(model.state())
+    assert not any(solver.checkpoint()["actuators.motor"][0].tolist())
+
+
+@pytest.mark.parametrize("through", [False, True])
+def test_compensation_by_actuators_counts_towards_their_limit(through: bool) -> None:
+    """Weight 2 G at 0.2 m, of which the limit of 1 N m lets the actuators carry that much."""
+    flag = 'actuatorgravcomp="true"' if through else ""
+    model = scene(body='gravcomp="1"', joint=f'actuatorfrcrange="-1 1" {flag}', gravity=G)
+    com = model.body_com.numpy()
+    com[0] = (0.2, 0.0, 0.0)
+    model.body_com.assign(com)
+    q = coordinates(model, [], 20)[-1, 0]
+    rest = 2.0 * G * 0.2 - 1.0 if through else 0.0
+    expected = rest / (2.0 * (INERTIA + 2.0 * 0.2**2)) * 0.02 * (0.02 + DT)
+    assert q == pytest.approx(expected, rel=2.0e-3, abs=1.0e-7)
 
 
 def test_bad_control_is_named() -> None:

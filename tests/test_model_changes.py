@@ -463,6 +463,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
         ),  # settings
         # need buffers: named where a graph is captured
         *("restitution", "put_bodies", "gravity_compensation", "fluid", "dahl"),
+        *("force_ranges", "limit_impedance"),
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer
     }
     least = Effects(contact=True, friction=False, gyroscopic=False, joint_force=False)

@@ -5,18 +5,28 @@
 import warp as wp
 
 from ..algebra.so3 import rotation_vector
-from ..data import ActuatorModel, AxisPush, BodyActuation, JointModel, TendonModel, vec6
+from ..data import (
+    ActuatorLaw,
+    ActuatorModel,
+    AxisPush,
+    BodyActuation,
+    JointModel,
+    MotorState,
+    TendonModel,
+    vec6,
+)
 from ..rows.actuator import (
     AGAINST_SITE,
     AT_SITE,
     BALL_JOINT,
     BALL_JOINT_IN_PARENT,
+    CRANK_ON_WORLD,
     FREE_JOINT,
     FREE_JOINT_IN_PARENT,
     LIMITS_FORCE,
+    SLIDER_CRANK,
     at_limit,
-    input_of,
-    law_of,
+    law_in_step,
     own_damping,
 )
 from ..rows.axis import POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
@@ -71,18 +81,67 @@ def pull_tendons(
     for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
         row = tendons.rows[k]
         gear = actuators.gear[row][0]
-        drive = input_of(actuators, row, ctrl, h)
-        law = law_of(actuators, row, drive, gear * length, gear * velocity)
+        law = law_in_step(actuators, row, ctrl, gear * length, gear * velocity, h)
         law = at_limit(law, gear * length, gear * velocity)
         push = law.force - law.stiffness * gear * length - law.damping * gear * velocity
-        own = own_damping(actuators, row, velocity)
-        force += gear * push - gear * gear * own * velocity
+        own = own_damping(actuators, row, velocity) + law.own_damping
+        force += gear * (push + law.own_force) - gear * gear * own * velocity
         stiffness += gear * gear * law.stiffness
         damping += gear * gear * (law.damping + own)
     tendons.force[i] = force
     tendons.rate[i] = damping
     tendons.slope[i] = damping + h * stiffness
     tendons.size[i] = size
+
+
+@wp.kernel(**KERNEL)
+def compensate_axes(
+    # Model:
+    joints: JointModel,
+    com: wp.array[wp.vec3],
+    mass: wp.array[float],
+    world: wp.array[wp.int32],
+    gravity: wp.array[wp.vec3],
+    share: wp.array[float],
+    # In:
+    body_q: wp.array[wp.transform],
+    joint_q: wp.array[float],
+    dofs: wp.array[wp.int32],
+    joint_of: wp.array[wp.int32],
+    coordinate: wp.array[wp.int32],
+    start: wp.array[wp.int32],
+    links: wp.array[wp.int32],
+    # Out:
+    compensation: wp.array[float],
+):
+    """Generalized force of the compensation of the links that an axis carries; one thread an axis.
+
+    Those whose actuators do not compensate have no links.
+    """
+    i = wp.tid()
+    total = float(0.0)
+    joint = joint_of[i]
+    first = joints.dof_start[joint]
+    linear = joints.dof_dim[joint, 0]
+    base = joints.parent_frame[joint]
+    if joints.parent[joint] >= 0:
+        base = wp.transform_multiply(body_q[joints.parent[joint]], base)
+    turned = wp.transform_get_rotation(base)
+    for k in range(first + linear, dofs[i]):
+        angle = joint_q[coordinate[i] + k - dofs[i]]
+        turned = turned * wp.quat_from_axis_angle(joints.axis[k], angle)
+    axis = wp.quat_rotate(turned, joints.axis[dofs[i]])
+    end = wp.transform_multiply(body_q[joints.child[joint]], joints.child_frame[joint])
+    anchor = wp.transform_get_translation(end)
+    for k in range(start[i], start[i + 1]):
+        link = links[k]
+        lift = -share[link] * mass[link] * gravity[world[link]]
+        if dofs[i] < first + linear:
+            total += wp.dot(axis, lift)
+        else:
+            arm = wp.transform_point(body_q[link], com[link]) - anchor
+            total += wp.dot(axis, wp.cross(arm, lift))
+    compensation[i] = total
 
 
 @wp.kernel(**KERNEL)
@@ -104,14 +163,19 @@ def push_axes(
     tendons: TendonModel,
     tendon_start: wp.array[wp.int32],
     tendon_items: wp.array[wp.vec2i],
+    compensation: wp.array[float],
     # Out:
+    ranged: wp.array[ActuatorLaw],
     pushes: wp.array[AxisPush],
 ):
     """Sums what actuators push a degree of freedom with; one thread for each that has some.
 
     Length and velocity of a transmission are gear (q + ref) and gear v. A force range shares the
     mechanism of the drive's effort limit where one actuator has one and nothing else drives the
-    axis; of others it counts as reached or not at the start of the step.
+    axis; others keep to theirs in ``ranged``, where kernels are compiled for that, and else count
+    as having reached them or not at the start of the step.
+
+    Compensation of gravity by actuators moves from the links to what the limit of the axis bounds.
 
     The tension of a tendon depends on several axes. Each gets its share at the start of the step,
     and of c c^T times the slope the sums of the rows (Gershgorin): the step is stable, however
@@ -140,14 +204,26 @@ def push_axes(
         gear = actuators.gear[row][0]
         length = gear * (q + at)
         velocity = gear * qd
-        law = law_of(actuators, row, input_of(actuators, row, ctrl, h), length, velocity)
+        law = law_in_step(actuators, row, ctrl, length, velocity, h)
         is_limited = has_limits and (actuators.limits[row] & LIMITS_FORCE) != 0
-        if is_limited and not shares:
+        if is_limited and not shares and ranged.shape[0] == 0:
             law = at_limit(law, length, velocity)
         stiffness = gear * gear * law.stiffness
         damping = gear * gear * law.damping
         force = gear * law.force - stiffness * at
-        if has_effort or (is_limited and shares):
+        if ranged.shape[0] > 0:
+            ranged[k] = ActuatorLaw()
+        if is_limited and not shares and ranged.shape[0] > 0:
+            one = ActuatorLaw()
+            one.force = force
+            one.stiffness = stiffness
+            one.damping = damping
+            one.least = wp.min(gear * law.least, gear * law.most)
+            one.most = wp.max(gear * law.least, gear * law.most)
+            ranged[k] = one
+            push.first = start[i]
+            push.count = start[i + 1] - start[i]
+        elif has_effort or (is_limited and shares):
             push.drive += force
             push.drive_stiffness += stiffness
             push.drive_damping += damping
@@ -158,7 +234,11 @@ def push_axes(
             push.force += force
             push.stiffness += stiffness
             push.damping += damping
-        push.damping += gear * gear * own_damping(actuators, row, qd)
+        push.force += gear * law.own_force
+        push.damping += gear * gear * (own_damping(actuators, row, qd) + law.own_damping)
+    if compensation.shape[0] > 0 and has_effort:
+        push.force -= compensation[i]
+        push.drive += compensation[i]
     for k in range(tendon_start[i], tendon_start[i + 1]):
         tendon = tendon_items[k][0]
         coefficient = tendons.coefficient[tendon_items[k][1]]
@@ -252,6 +332,28 @@ def push_bodies(
             period = wp.length(about)
         force = wp.quat_rotate(base_axes, along)
         torque = wp.quat_rotate(base_axes, about)
+    elif kind == SLIDER_CRANK or kind == CRANK_ON_WORLD:
+        pin = point
+        slider = base
+        if kind == CRANK_ON_WORLD:
+            pin = wp.transform_get_translation(base)
+            slider = frame
+        rod = actuators.crank[row]
+        away = pin - wp.transform_get_translation(slider)
+        axis = wp.quat_rotate(wp.transform_get_rotation(slider), wp.vec3(0.0, 0.0, 1.0))
+        reach = wp.dot(axis, away)
+        square = reach * reach + rod * rod - wp.length_sq(away)
+        length = gear[0] * reach
+        force = gear[0] * axis
+        if square > 0.0:
+            root = wp.sqrt(square)
+            length = gear[0] * (reach - root)
+            force = gear[0] * (axis * (1.0 - reach / root) + away / root)
+        if kind == CRANK_ON_WORLD:
+            # the slider gets the reaction, at the pin, which is as good as the rod's end
+            force = -force
+            point = pin
+            arm = pin - wp.transform_point(pose, com[link])
     else:
         force = wp.quat_rotate(axes, along)
         torque = wp.quat_rotate(axes, about)
@@ -269,8 +371,7 @@ def push_bodies(
         turned = wp.transform_get_rotation(other_pose)
         mobility += mobility_of(force, other_moment, turned, inv_mass[other], inv_inertia[other])
 
-    drive = input_of(actuators, row, ctrl, h)
-    law = law_of(actuators, row, drive, length, velocity)
+    law = law_in_step(actuators, row, ctrl, length, velocity, h)
     if period > 0.0 and law.stiffness > 0.0:
         # the nearest of the turns that are the same pose
         turn = 2.0 * wp.pi * period
@@ -280,6 +381,7 @@ def push_bodies(
     push = law.force - law.stiffness * coasting - law.damping * velocity
     push /= 1.0 + h * mobility * (law.damping + h * law.stiffness)
     push = wp.clamp(push, law.least, law.most)
+    push += (law.own_force - law.own_damping * velocity) / (1.0 + h * mobility * law.own_damping)
     work.force[i] = push * force
     work.torque[i] = push * torque
     work.point[i] = point
@@ -331,8 +433,11 @@ def reset_activations(
     mask: wp.array[wp.bool],
     # Out:
     activation: wp.array[float],
+    motor: wp.array[MotorState],
 ):
     """Sets the activations of the selected worlds to zero; one thread an actuator."""
     i = wp.tid()
     if mask.shape[0] == 0 or is_selected(world[i], mask):
         activation[i] = 0.0
+        if motor.shape[0] > 0:
+            motor[i] = MotorState()

@@ -234,7 +234,7 @@ def make_begin(
                 if wp.static(effects.coordinates):
                     if measure_start(body, scale, model, joints, work, tree, history):
                         is_open = True
-                if wp.static(effects.armature):
+                if wp.static(effects.axis_rates):
                     begin_armature(
                         tree.joint[body],
                         scale,
@@ -261,7 +261,7 @@ def make_begin(
         history: wp.ref[History],
     ) -> bool:
         """Measures a joint outside of the trees, once the blocks are; whether it is open."""
-        if wp.static(effects.armature):
+        if wp.static(effects.axis_rates):
             begin_armature(
                 loops.joints[i],
                 scale,

@@ -862,7 +862,7 @@ def make_colored(effects: Effects) -> Colored:
                 body_qd_out,
             )
 
-    @kernel(effects.armature)
+    @kernel(effects.axis_rates)
     def end_armatures(
         # Model:
         joints: JointModel,
@@ -896,7 +896,7 @@ def make_colored(effects: Effects) -> Colored:
                     history,
                 )
 
-    @kernel(effects.armature and effects.loops)
+    @kernel(effects.axis_rates and effects.loops)
     def end_loop_armatures(
         # Model:
         joints: JointModel,

@@ -234,6 +234,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         dof: int,
         q: wp.float64,
         moved: float,
+        start_velocity: float,
         turn_away: wp.vec3,
         rest_away: wp.vec3,
         h: float,
@@ -268,6 +269,9 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             middle = wp.float32(q) - 0.5 * moved
             total += (push.force - push.stiffness * middle) * moved
             given = (push.drive - push.drive_stiffness * middle) * moved
+            if wp.static(effects.force_ranges):
+                pull, _k = axis_rows.ranged(control, index, wp.float64(middle), 0.0, h)
+                given += pull * moved
             most = wp.max(wp.abs(push.least), wp.abs(push.most))
             if wp.isfinite(most):
                 given = wp.min(given, most * wp.abs(moved))
@@ -275,6 +279,13 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         if wp.static(effects.springs):
             away = axis_rows.away_from(joints.rest_q, joints, joint, dof, q, rest_away)
             total += joints.stiffness[index] * moved * (away + 0.5 * moved)
+        if wp.static(effects.limit_impedance):
+            if joints.limit_mobility[index] > 0.0:
+                # what returns to it beyond the inertia is given by the limit
+                pull, _k = axis_rows.yielding_limit(
+                    joints, index, wp.float32(q), moved, start_velocity, h
+                )
+                return total + wp.max(pull * moved, 0.0)
         if wp.static(effects.limits and effects.compliance):
             at = wp.float32(q)
             lower = at - joints.limit_lower[index]
@@ -341,7 +352,17 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             if wp.static(effects.coordinates):
                 q = coordinate[first + dof]
                 out.before += axis_work(
-                    joint, dof, q, moved, turn_away, rest_away, h, joints, control, history
+                    joint,
+                    dof,
+                    q,
+                    moved,
+                    tree.start_velocity[index],
+                    turn_away,
+                    rest_away,
+                    h,
+                    joints,
+                    control,
+                    history,
                 )
             if wp.static(effects.armature):
                 inertia = joints.armature[index]
@@ -629,7 +650,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                         inner = body_qd_out[body] - wp.spatial_vector(v, sum.angular)
                         velocity += sum.share * inner
                     body_qd_out[body] = velocity
-        if wp.static(effects.armature):
+        if wp.static(effects.axis_rates):
             for i in range(first, end):
                 body = bodies[i]
                 if work.inv_mass[body] > 0.0:

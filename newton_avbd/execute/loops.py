@@ -444,7 +444,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 return pull, k_rod, friction, stop
         if wp.static(effects.coordinates):
             start_velocity = float(0.0)
-            if wp.static(effects.armature):
+            if wp.static(effects.axis_rates):
                 start_velocity = tree.start_velocity[index]
             pull, k = linear_force(
                 joints, control, joint, dof, q, moved, start_velocity, turn_away, rest_away, h

@@ -563,7 +563,7 @@ def make_phases(effects: Effects) -> Phases:
                     release_impacts(worlds.bodies[i], worlds, rows, tree, loops)
                 for i in range(body_start, body_end):
                     leave_impacts(worlds.bodies[i], scale, work, rows, history)
-        if wp.static(effects.armature):
+        if wp.static(effects.axis_rates):
             end_armatures(
                 world, scale, body_qd, joints, worlds, work, tree, loops, history, body_qd_out
             )

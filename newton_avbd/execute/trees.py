@@ -500,6 +500,7 @@ def make_trees(
     angular_lock = joint_functions.angular_lock
     axes = axis_rows.make_axis(effects)
     linear_force, law_of, next_piece = axes.linear_force, axes.law_of, axes.next_piece
+    compliant_limit = axes.compliant_limit
 
     @wp.func
     def frames_of(joint: int, body: int, joints: wp.ref[JointModel]):
@@ -1255,7 +1256,7 @@ def make_trees(
                 q = tree.coordinate[k]
                 moved = wp.float32(q - tree.start_coordinate[k])
                 start_velocity = float(0.0)
-                if wp.static(effects.armature):
+                if wp.static(effects.axis_rates):
                     start_velocity = tree.start_velocity[index]
                 if joints.type[joint] != ROD:
                     pull, stiffness = linear_force(
@@ -1366,6 +1367,7 @@ def make_trees(
     @wp.func(inline=effects.inline)
     def substitute(
         body: int,
+        h: float,
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
@@ -1411,9 +1413,21 @@ def make_trees(
                         tree.axes[k].step = q
                     if wp.static(effects.limits and effects.compliance):
                         index = joints.dof_start[joint] + dofs - 1 - i
-                        side = axis_rows.limit_side(joints, index, wp.float32(at))
-                        if side != axis_rows.limit_side(joints, index, wp.float32(at) + q):
-                            wrong += 1
+                        if wp.static(effects.limit_impedance):
+                            moved = wp.float32(at - tree.start_coordinate[k])
+                            rate = tree.start_velocity[index]
+                            _f, k_then = compliant_limit(
+                                joints, index, wp.float32(at), moved, rate, h
+                            )
+                            _f, k_now = compliant_limit(
+                                joints, index, wp.float32(at) + q, moved + q, rate, h
+                            )
+                            if (k_then > 0.0) != (k_now > 0.0):
+                                wrong += 1
+                        else:
+                            side = axis_rows.limit_side(joints, index, wp.float32(at))
+                            if side != axis_rows.limit_side(joints, index, wp.float32(at) + q):
+                                wrong += 1
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]
         else:
@@ -1574,7 +1588,7 @@ def make_trees(
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                wrong += substitute(body, joints, work, tree)
+                wrong += substitute(body, h, joints, work, tree)
                 turned_most = wp.max(
                     turned_most, wp.length_sq(wp.spatial_bottom(tree.update[body]))
                 )

@@ -16,6 +16,7 @@ and damping are never negative and the step stays stable, however large they are
 import warp as wp
 
 from ..data import ActuatorLaw, ActuatorModel, vec10
+from .motor import MOTOR, motor_law
 
 NO_DYNAMICS = wp.constant(0)
 INTEGRATOR = wp.constant(1)
@@ -47,6 +48,10 @@ BALL_JOINT = wp.constant(4)
 """Torque in the axes of the link."""
 BALL_JOINT_IN_PARENT = wp.constant(5)
 """Torque in the axes of the parent's anchor."""
+SLIDER_CRANK = wp.constant(6)
+"""From the site of the crank, and the link with the slider gets the reaction."""
+CRANK_ON_WORLD = wp.constant(7)
+"""The same of a crank on the world: from the site of the slider."""
 LEAST = wp.constant(1.0e-15)
 """MuJoCo's ``mjMINVAL``: what it divides by at least."""
 
@@ -93,17 +98,24 @@ def next_activation(
 
 
 @wp.func
+def control_of(actuators: wp.ref[ActuatorModel], row: int, ctrl: wp.array[float]) -> float:
+    """Control of an actuator within its range."""
+    control = ctrl[row]
+    if (actuators.limits[row] & LIMITS_CONTROL) != 0:
+        most = actuators.ctrlrange[row]
+        # of numbers that are not finite clamping would make some that are
+        control = control - control + wp.clamp(control, most[0], most[1])
+    return control
+
+
+@wp.func
 def input_of(actuators: wp.ref[ActuatorModel], row: int, ctrl: wp.array[float], h: float) -> float:
     """What drives an actuator in the step, its control or activation; the latter goes on.
 
     As in MuJoCo the force is that of the activation at the start of the step, or with ``actearly``
     of that at its end.
     """
-    control = ctrl[row]
-    if (actuators.limits[row] & LIMITS_CONTROL) != 0:
-        most = actuators.ctrlrange[row]
-        # of numbers that are not finite clamping would make some that are
-        control = control - control + wp.clamp(control, most[0], most[1])
+    control = control_of(actuators, row, ctrl)
     if actuators.dynamics[row] == NO_DYNAMICS:
         return control
     activation = actuators.activation[row]
@@ -240,6 +252,26 @@ def law_of(
     if law.damping < 0.0:
         law.force -= law.damping * velocity
         law.damping = 0.0
+    return law
+
+
+@wp.func
+def law_in_step(
+    actuators: wp.ref[ActuatorModel],
+    row: int,
+    ctrl: wp.array[float],
+    length: float,
+    velocity: float,
+    h: float,
+) -> ActuatorLaw:
+    """What an actuator pushes its transmission with in the step, by its length and velocity at the
+    start; its activation goes on. The velocity at the end of the step counts for the law."""
+    law = ActuatorLaw()
+    if actuators.gain[row] == MOTOR:
+        control = control_of(actuators, row, ctrl)
+        law = motor_law(actuators, row, control, length, velocity, h)
+    else:
+        law = law_of(actuators, row, input_of(actuators, row, ctrl, h), length, velocity)
     if (actuators.limits[row] & LIMITS_FORCE) != 0:
         most = actuators.forcerange[row]
         law.least = most[0]

@@ -17,7 +17,7 @@ and stands in the matrix; an axis that then turns out to be off its piece takes 
 next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). Should
 the number of these not fall for a while, one axis at a time does (block principal pivoting, which
 always ends: Portugal, Judice, Vicente, Math. Comput. 63, 1994). With compliance a limit is a spring
-and damper instead.
+and damper instead, or where an MJCF file authors it one with MuJoCo's impedance.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import newton
 import warp as wp
 
-from ..data import AxisLaw, ControlInput, History, JointModel
+from ..data import AxisLaw, ControlInput, History, JointModel, vec5
 from ..effects import Effects
 from .joint import BALL, NO_LIMIT, ROD
 
@@ -35,6 +35,8 @@ POSITION_VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.POSITION_VELOCIT
 
 MOST_RECOVERED = wp.constant(2.0e-2)
 """Most that the recovery moves a coordinate in a step [m or rad]."""
+LEAST_IMPEDANCE = wp.constant(1.0e-4)
+"""MuJoCo's ``mjMINIMP``, and as far from 1 is its ``mjMAXIMP``."""
 LEANING = wp.constant(2)
 """Side of a stop that has let go of a coordinate, which has not moved away from it since."""
 LEAN = wp.constant(3.0e-7)
@@ -97,6 +99,21 @@ def pushed_within(control: wp.ref[ControlInput], dof: int, q: wp.float64, moved:
     push = control.pushes[dof]
     force = push.drive - push.drive_stiffness * wp.float32(q) - push.drive_damping * moved / h
     return force, push.drive_stiffness + push.drive_damping / h
+
+
+@wp.func
+def ranged(control: wp.ref[ControlInput], dof: int, q: wp.float64, moved: float, h: float):
+    """As :func:`pushed_within`, of those that keep to force ranges of their own."""
+    push = control.pushes[dof]
+    total = float(0.0)
+    stiffness = float(0.0)
+    for k in range(push.first, push.first + push.count):
+        law = control.ranged[k]
+        force = law.force - law.stiffness * wp.float32(q) - law.damping * moved / h
+        total += wp.clamp(force, law.least, law.most)
+        if force > law.least and force < law.most:
+            stiffness += law.stiffness + law.damping / h
+    return total, stiffness
 
 
 @wp.func
@@ -165,6 +182,62 @@ def soft_limit(joints: wp.ref[JointModel], dof: int, q: float, moved: float, h: 
     ke = joints.limit_ke[dof]
     kd = joints.limit_kd[dof]
     return -ke * beyond - kd * moved / h, ke + kd / h
+
+
+@wp.func
+def impedance_at(prm: vec5, beyond: float) -> float:
+    """MuJoCo's d(r), the share of what returns to a limit that the limit makes up for.
+
+    Args:
+        prm: ``solimp``: the shares at the limit and from a width on, the width, and midpoint and
+            power of the way between.
+        beyond: How far beyond the limit the coordinate is [m or rad].
+    """
+    least = wp.clamp(prm[0], LEAST_IMPEDANCE, 1.0 - LEAST_IMPEDANCE)
+    most = wp.clamp(prm[1], LEAST_IMPEDANCE, 1.0 - LEAST_IMPEDANCE)
+    middle = wp.clamp(prm[3], LEAST_IMPEDANCE, 1.0 - LEAST_IMPEDANCE)
+    power = wp.max(prm[4], 1.0)
+    if prm[2] <= 0.0:
+        return 0.5 * (least + most)
+    x = wp.min(beyond / prm[2], 1.0)
+    share = 1.0 - wp.pow(1.0 - x, power) / wp.pow(1.0 - middle, power - 1.0)
+    if x <= middle:
+        share = wp.pow(x, power) / wp.pow(middle, power - 1.0)
+    return least + share * (most - least)
+
+
+@wp.func
+def yielding_limit(
+    joints: wp.ref[JointModel], dof: int, q: float, moved: float, start_velocity: float, h: float
+):
+    """Generalized force of a limit with MuJoCo's impedance [N or N m] and its curvature.
+
+    A limit that the coordinate has passed at the start of the step pushes back with
+
+        F = max(0, -d/((1 - d) A) (a + b v + k r)),  k = d K
+
+    of acceleration a and velocity v away from it, at the end of the step, and of how far inside of
+    it, r, the coordinate is then; with the inverse inertia A of the axis in the reference pose.
+    MuJoCo minimises the same ("Constraint model"; f = -(a1 - aref)/R).
+    """
+    start = q - moved
+    margin = joints.limit_margin[dof]
+    inside = start - joints.limit_lower[dof] - margin
+    side = 1.0
+    if inside >= 0.0:
+        inside = joints.limit_upper[dof] - margin - start
+        side = -1.0
+    if inside >= 0.0:
+        return 0.0, 0.0
+    share = impedance_at(joints.limit_impedance[dof], -inside)
+    inertia = share / ((1.0 - share) * joints.limit_mobility[dof])
+    rates = joints.limit_rates[dof]
+    ke = share * rates[0]
+    force = side * (start_velocity / h - moved / (h * h) - rates[1] * moved / h - ke * moved)
+    force = inertia * (force - ke * inside)
+    if force <= 0.0:
+        return 0.0, 0.0
+    return side * force, inertia * (1.0 / (h * h) + rates[1] / h + ke)
 
 
 @wp.func
@@ -241,6 +314,7 @@ class AxisFunctions:
 
     linear_force: wp.Function
     limited_drive: wp.Function
+    compliant_limit: wp.Function
     stops: wp.Function
     law_of: wp.Function
     next_piece: wp.Function
@@ -248,6 +322,21 @@ class AxisFunctions:
 
 def make_axis(effects: Effects) -> AxisFunctions:
     """Device functions: the law F(q) of an axis, and its solution."""
+
+    @wp.func
+    def compliant_limit(
+        joints: wp.ref[JointModel],
+        dof: int,
+        q: float,
+        moved: float,
+        start_velocity: float,
+        h: float,
+    ):
+        """Generalized force of a compliant limit [N or N m] and its curvature."""
+        if wp.static(effects.limit_impedance):
+            if joints.limit_mobility[dof] > 0.0:
+                return yielding_limit(joints, dof, q, moved, start_velocity, h)
+        return soft_limit(joints, dof, q, moved, h)
 
     @wp.func
     def linear_force(
@@ -285,7 +374,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
             force += pull
             stiffness += k
         if wp.static(effects.limits and effects.compliance):
-            pull, k = soft_limit(joints, index, wp.float32(q), moved, h)
+            pull, k = compliant_limit(joints, index, wp.float32(q), moved, start_velocity, h)
             force += pull
             stiffness += k
         return force, stiffness
@@ -314,6 +403,10 @@ def make_axis(effects: Effects) -> AxisFunctions:
             more, k = pushed_within(control, index, q, moved, h)
             pull += more
             stiffness += k
+            if wp.static(effects.force_ranges):
+                more, k = ranged(control, index, q, moved, h)
+                pull += more
+                stiffness += k
             least = wp.max(least, control.pushes[index].least)
             most = wp.min(most, control.pushes[index].most)
         return pull, stiffness, least, most
@@ -439,4 +532,4 @@ def make_axis(effects: Effects) -> AxisFunctions:
                 limit = 0
         return wp.vec3i(side, limit, slip)
 
-    return AxisFunctions(linear_force, limited_drive, stops, law_of, next_piece)
+    return AxisFunctions(linear_force, limited_drive, compliant_limit, stops, law_of, next_piece)

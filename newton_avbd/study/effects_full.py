@@ -90,6 +90,8 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.add_articulation([rod])
     target = mujoco.ActuatorTarget
     mujoco.add_actuator_motor(builder, target.joint(first))
+    for _ in range(2):
+        mujoco.add_actuator_motor(builder, target.joint(first), forcerange=(-9.0, 9.0))
     mujoco.add_actuator_motor(builder, target.joint(joints[3]), gear=(1.0, 0.0, 0.0))
     mujoco.add_tendon_fixed(builder, [(first, 1.0), (second, -1.0)], stiffness=1.0)
     # these close loops: within a tree, and from a body that so hangs from its child

@@ -1,0 +1,41 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Inertia along joint axes in the reference pose, by which MuJoCo scales what is soft."""
+
+import newton
+import numpy as np
+import warp as wp
+
+from .actuators import Actuators, reflected_armature
+from .rows.joint import KINDS
+
+
+def reference_inertia(model: newton.Model) -> dict[int, tuple[float, float, float]]:
+    """Inertia of each degree of freedom of an articulation at q = 0, armature included.
+
+    Returns:
+        Diagonal entry of the mass matrix, that of its inverse, and the norm of the inverse's
+        column, which is how a unit force accelerates all; by degree of freedom.
+    """
+    state = model.state()
+    joint_q = model.joint_q.numpy().copy()  # on a CPU it is the array itself
+    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
+    for joint, kind in enumerate(kinds):
+        if KINDS[newton.JointType(kind)].has_axes:
+            joint_q[starts[joint] : starts[joint + 1]] = 0.0
+    pose = wp.array(joint_q, dtype=float, device=model.device)
+    newton.eval_fk(model, pose, model.joint_qd, state)
+    found: dict[int, tuple[float, float, float]] = {}
+    if not model.articulation_count:
+        return found
+    armature = reflected_armature(model, Actuators.of_model(model).axes)
+    matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
+    first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
+    for k in range(model.articulation_count):
+        dofs = np.arange(first[k], first[k + 1])
+        matrix = matrices[k, : dofs.size, : dofs.size] + np.diag(armature[dofs])
+        inverse = np.linalg.pinv(matrix)
+        for i, dof in enumerate(dofs.tolist()):
+            norm = float(np.linalg.norm(inverse[:, i]))
+            found[dof] = (float(matrix[i, i]), float(inverse[i, i]), norm)
+    return found
