@@ -1397,6 +1397,8 @@ def make_trees(
                     law = tree.laws[k]
                     if axis.pivot > 0.0:
                         q = axis.step
+                    elif wp.static(effects.effort_limits):
+                        q = axis_rows.limited_step(law, q, axis.inv_pivot)
                     held = axis.pivot * q + met - axis.push
                     law.next = next_piece(law, q, held)
                     tree.laws[k].next = law.next

@@ -308,6 +308,36 @@ def law_force(law: AxisLaw):
     return force + law.drive, law.drive_stiffness
 
 
+@wp.func
+def limit_at(law: AxisLaw, step: float) -> int:
+    """Limit that the drive is at after a step: 1 the upper, -1 the lower, 0 none."""
+    force = law.drive - law.drive_stiffness * step
+    if force >= law.most:
+        return 1
+    return wp.where(force <= law.least, -1, 0)
+
+
+@wp.func
+def limited_step(law: AxisLaw, step: float, inv_pivot: float) -> float:
+    """Step of a coordinate that nothing holds, with the drive within its limits [m or rad].
+
+    Takes the step on the piece that elimination assumed, and the inverse of its pivot. The other
+    axes keep to their pieces: what is left is one equation, piecewise linear and monotone.
+    """
+    if limit_at(law, step) == law.piece[1]:
+        return step
+    rest = step / inv_pivot - law.drive
+    pivot = 1.0 / inv_pivot
+    if law.piece[1] != 0:
+        rest = step / inv_pivot - wp.where(law.piece[1] < 0, law.least, law.most)
+        pivot += law.drive_stiffness
+    found = (rest + law.drive) / pivot
+    limit = limit_at(law, found)
+    if limit != 0:
+        found = (rest + wp.where(limit < 0, law.least, law.most)) / (pivot - law.drive_stiffness)
+    return found
+
+
 @dataclass(frozen=True)
 class AxisFunctions:
     """Device functions of what acts along axes, compiled for what a scene has."""
@@ -490,6 +520,10 @@ def make_axis(effects: Effects) -> AxisFunctions:
             if wp.isfinite(least) or wp.isfinite(most):
                 limit = known[1]
         law.piece = wp.vec3i(side, limit, slip)
+        if wp.static(effects.effort_limits):
+            if is_held(law):
+                # where it is held the force of the drive is known
+                law.piece = wp.vec3i(side, limit_at(law, held_step(law)), slip)
         return law
 
     @wp.func
@@ -522,14 +556,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
                 # a stop pushes back; one that would have to pull lets go
                 side = LEANING * side
         if wp.static(effects.effort_limits):
-            force = law.drive - law.drive_stiffness * step
-            if limit == 0:
-                if force >= law.most:
-                    limit = 1
-                elif force <= law.least:
-                    limit = -1
-            elif (limit > 0 and force < law.most) or (limit < 0 and force > law.least):
-                limit = 0
+            limit = limit_at(law, step)
         return wp.vec3i(side, limit, slip)
 
     return AxisFunctions(linear_force, limited_drive, compliant_limit, stops, law_of, next_piece)
