@@ -302,10 +302,16 @@ def held_step(law: AxisLaw) -> float:
 @wp.func
 def law_force(law: AxisLaw):
     """Generalized force of drive and friction on their pieces, and its curvature."""
-    force = float(law.piece[2]) * law.friction
-    if law.piece[1] != 0:
-        return force + wp.where(law.piece[1] < 0, law.least, law.most), 0.0
-    return force + law.drive, law.drive_stiffness
+    force = float(law.piece[2]) * law.friction + drive_force(law, law.piece[1], 0.0)
+    return force, wp.where(law.piece[1] == 0, law.drive_stiffness, 0.0)
+
+
+@wp.func
+def drive_force(law: AxisLaw, limit: int, step: float) -> float:
+    """Generalized force of the drive after a step, where it is at a limit or at none."""
+    if limit != 0:
+        return wp.where(limit < 0, law.least, law.most)
+    return law.drive - law.drive_stiffness * step
 
 
 @wp.func
@@ -326,11 +332,8 @@ def limited_step(law: AxisLaw, step: float, inv_pivot: float) -> float:
     """
     if limit_at(law, step) == law.piece[1]:
         return step
-    rest = step / inv_pivot - law.drive
-    pivot = 1.0 / inv_pivot
-    if law.piece[1] != 0:
-        rest = step / inv_pivot - wp.where(law.piece[1] < 0, law.least, law.most)
-        pivot += law.drive_stiffness
+    rest = step / inv_pivot - drive_force(law, law.piece[1], 0.0)
+    pivot = 1.0 / inv_pivot + wp.where(law.piece[1] == 0, 0.0, law.drive_stiffness)
     found = (rest + law.drive) / pivot
     limit = limit_at(law, found)
     if limit != 0:
