@@ -183,13 +183,16 @@ def test_a_vertical_slider_sags_by_its_weight_over_the_stiffness() -> None:
     assert np.abs(sim.velocity).max() < 1.0e-4
 
 
-def test_drives_at_their_limits_settle() -> None:
-    """Twelve motors of a body with four legs get other targets ten times a second, at 60 Hz.
+@pytest.mark.parametrize("friction", [0.0, 1.0])
+@pytest.mark.parametrize(("rate", "most"), [(60, 6.0), (240, 3.5)])
+def test_drives_at_their_limits_settle(rate: int, most: float, friction: float) -> None:
+    """Twelve motors of a body with four legs get other targets ten times a second.
 
-    Most are at an effort limit or a stop, and go from one to the other within a step. Without
-    contacts a step settles in less than its ten sweeps; an axis that took its next piece only from
-    sweep to sweep went round between its two stops in each of them. What a sweep leaves where all
-    pieces are right is the square of a turn, so that joints stay closed to 0.01 mm.
+    Most are at an effort limit or a stop, and go from one to the other within a step. Nine steps of
+    ten settle within their ten sweeps, at some five sweeps a step at 60 Hz (half a turn of the hips
+    within a step takes Newton's method so many) and three at 240 Hz. Sweeps that only took the next
+    piece of each axis went round without an end: ten a step with friction, at 60 Hz. Joints stay
+    closed to the rounding of the poses.
     """
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     trunk = add_link(builder, mass=7.0, inertia=(0.03, 0.1, 0.11))
@@ -214,21 +217,21 @@ def test_drives_at_their_limits_settle() -> None:
                     effort_limit=effort,
                     limit_lower=-limit,
                     limit_upper=limit,
+                    friction=friction,
                 )
             )
             parent, at = link, (0.0, 0.0, -0.1)
     builder.add_articulation(joints)
-    sim = simulate(builder, dt=1.0 / 60.0)
+    sim = simulate(builder, dt=1.0 / rate)
     rng = np.random.default_rng(0)
     targets = np.zeros(19)
     sweeps = []
-    for step in range(120):
-        if step % 6 == 0:
+    for step in range(4 * rate):
+        if step % (rate // 10) == 0:
             targets[7:] = rng.uniform(-1.0, 1.0, 12) * np.tile([1.0, 1.0, 0.26], 4)
             set_control(sim, joint_target_q=targets)
         sim.step()
         sweeps.append(int(sim.solver.report().sweeps[0]))
-        assert anchor_gaps(sim)[1:].max() < 1.0e-5
-    assert np.mean(sweeps) < 6.0
-    assert np.mean(np.array(sweeps) < 10) > 0.95
-    assert sim.solver.status.bounded_steps[0] == 0
+        assert anchor_gaps(sim)[1:].max() < 1.0e-6
+    assert np.mean(sweeps) < most
+    assert np.mean(np.array(sweeps) >= 10) < 0.1

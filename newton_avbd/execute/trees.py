@@ -1407,15 +1407,15 @@ def make_trees(
                     if axis.pivot > 0.0:
                         q = axis.step
                     held = axis.pivot * q + met - axis.push
-                    if wp.static(effects.effort_limits):
+                    if wp.static(effects.bounded_axes):
                         if axis.pivot > 0.0:
                             curvature += q * (axis.pivot * q + 2.0 * met)
                             held_work += held * q
                         else:
                             curvature += axis.inv_pivot * axis.push * axis.push
                             if not is_searched:
-                                q = axis_rows.limited_step(law, q, axis.inv_pivot)
-                    law.next = next_piece(law, q, held)
+                                q = axis_rows.free_step(law, q, axis.inv_pivot)
+                    law.next = next_piece(law, q, held, not is_searched)
                     tree.laws[k].next = law.next
                     if not (law.next == law.piece):
                         wrong += 1
@@ -1426,7 +1426,7 @@ def make_trees(
                 if wp.static(effects.coordinates):
                     at = tree.coordinate[k]
                     tree.coordinate[k] = at + wp.float64(q)
-                    if wp.static(effects.kinds.gimbals or effects.effort_limits):
+                    if wp.static(effects.kinds.gimbals or effects.bounded_axes):
                         tree.axes[k].step = q
                     if wp.static(effects.limits and effects.compliance):
                         index = joints.dof_start[joint] + dofs - 1 - i
@@ -1449,7 +1449,7 @@ def make_trees(
             tree.update[body] = update + tree.closing[body]
         else:
             half = tree.update[body] - pushed
-            if wp.static(effects.effort_limits):
+            if wp.static(effects.bounded_axes):
                 curvature = wp.dot(half, half)
             tree.update[body] = other_half(work.factor[body], half)
         if wp.static(effects.closures):
@@ -1468,9 +1468,10 @@ def make_trees(
     ) -> float:
         """Share of a tree's update at which the energy along it is least; limits are those there.
 
-        The energy is convex where only drives and their limits are not quadratic: its slope is that
-        of the model, (s - 1) d^T H d, but for drives that are not on their assumed pieces. So the
-        iteration goes downhill (Newton's method with an exact search, as in MuJoCo's solver).
+        The energy is convex where only drives, their limits and friction are not quadratic: its
+        slope is that of the model, (s - 1) d^T H d, but for those that are not on their assumed
+        pieces. So the iteration goes downhill (Newton's method with an exact search, as in MuJoCo's
+        solver).
         """
         low = float(0.0)
         share = float(1.0)
@@ -1484,13 +1485,9 @@ def make_trees(
                     dofs = linear_count(joints, joint) + angular_count(joints, joint)
                     for k in range(start, start + dofs):
                         law = tree.laws[k]
-                        q = share * tree.axes[k].step
-                        assumed = axis_rows.drive_force(law, law.piece[1], q)
-                        limit = axis_rows.limit_at(law, q)
-                        tree.laws[k].next = wp.vec3i(law.next[0], limit, law.next[2])
-                        slope += tree.axes[k].step * (
-                            assumed - axis_rows.drive_force(law, limit, q)
-                        )
+                        step = tree.axes[k].step
+                        slope += step * axis_rows.excess_force(law, step, share)
+                        tree.laws[k].next = axis_rows.piece_before(law, share * step, share)
             if slope <= 0.0:
                 if search == 0:
                     return 1.0
@@ -1591,7 +1588,7 @@ def make_trees(
                     index = joints.dof_start[joint] + dof
                     law = tree.laws[tree.axis_start[body] + dof]
                     piece = law.piece
-                    if wp.static(effects.effort_limits):
+                    if wp.static(effects.bounded_axes):
                         piece[1] = law.next[1]
                     if left > 0 and not (law.next == piece):
                         piece = law.next
@@ -1651,7 +1648,7 @@ def make_trees(
         largest = float(4.0 * mismatch * mismatch)
         is_newton = bool(True)
         is_searched = bool(False)
-        if wp.static(effects.effort_limits):
+        if wp.static(effects.bounded_axes):
             is_searched = has_dual and tree.patience[worlds.bodies[first]] < PATIENCE
         wrong = int(0)
         curvature = float(0.0)
@@ -1660,11 +1657,9 @@ def make_trees(
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                misplaced, curved, worked = substitute(
-                    body, is_searched, h, joints, work, tree
-                )
+                misplaced, curved, worked = substitute(body, is_searched, h, joints, work, tree)
                 wrong += misplaced
-                if wp.static(effects.effort_limits):
+                if wp.static(effects.bounded_axes):
                     curvature += curved
                     held_work += worked
                 turned_most = wp.max(
@@ -1675,7 +1670,7 @@ def make_trees(
         share = float(1.0)
         if turned_most > MOST_TURN * MOST_TURN:
             share = MOST_TURN / wp.sqrt(turned_most)
-        if wp.static(effects.effort_limits):
+        if wp.static(effects.bounded_axes):
             if is_searched and wrong > 0:
                 least = least_energy(first, end, curvature, held_work, joints, worlds, tree)
                 share = wp.min(share, least)

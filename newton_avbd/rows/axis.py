@@ -324,21 +324,57 @@ def limit_at(law: AxisLaw, step: float) -> int:
 
 
 @wp.func
-def limited_step(law: AxisLaw, step: float, inv_pivot: float) -> float:
-    """Step of a coordinate that nothing holds, with the drive within its limits [m or rad].
+def step_of_drive(law: AxisLaw, rest: float, pivot: float) -> float:
+    """Root q of pivot q = rest + F(q) [m or rad], with F the force of the drive within limits."""
+    step = (rest + law.drive) / (pivot + law.drive_stiffness)
+    limit = limit_at(law, step)
+    if limit != 0:
+        step = (rest + drive_force(law, limit, step)) / pivot
+    return step
+
+
+@wp.func
+def free_step(law: AxisLaw, step: float, inv_pivot: float) -> float:
+    """Step of a coordinate that no stop holds, by its own law [m or rad].
 
     Takes the step on the piece that elimination assumed, and the inverse of its pivot. The other
     axes keep to their pieces: what is left is one equation, piecewise linear and monotone.
     """
-    if limit_at(law, step) == law.piece[1]:
+    slip = float(law.piece[2])
+    moved = step - law.hold
+    if limit_at(law, step) == law.piece[1] and slip * moved * law.friction <= 0.0:
         return step
+    pivot = 1.0 / inv_pivot - wp.where(law.piece[1] == 0, law.drive_stiffness, 0.0)
     rest = step / inv_pivot - drive_force(law, law.piece[1], 0.0)
-    pivot = 1.0 / inv_pivot + wp.where(law.piece[1] == 0, 0.0, law.drive_stiffness)
-    found = (rest + law.drive) / pivot
-    limit = limit_at(law, found)
-    if limit != 0:
-        found = (rest + wp.where(limit < 0, law.least, law.most)) / (pivot - law.drive_stiffness)
+    found = step_of_drive(law, rest, pivot)
+    if slip * (found - law.hold) * law.friction > 0.0:
+        # friction would push along
+        rest -= slip * law.friction
+        pull = rest + drive_force(law, limit_at(law, law.hold), law.hold) - pivot * law.hold
+        found = law.hold
+        if wp.abs(pull) > law.friction:
+            found = step_of_drive(law, rest - wp.sign(pull) * law.friction, pivot)
     return found
+
+
+@wp.func
+def piece_before(law: AxisLaw, step: float, share: float) -> wp.vec3i:
+    """The next piece where only a share of the step is made: limits and stops are those there."""
+    side = law.next[0]
+    if share < 1.0 and not is_stopped(law) and step > law.lower and step < law.upper:
+        side = law.piece[0]
+    return wp.vec3i(side, limit_at(law, step), law.next[2])
+
+
+@wp.func
+def excess_force(law: AxisLaw, step: float, share: float) -> float:
+    """What drive and friction push with on their assumed pieces after a share of a step, beyond
+    what they push with there."""
+    q = share * step
+    excess = drive_force(law, law.piece[1], q) - drive_force(law, limit_at(law, q), q)
+    if law.friction > 0.0 and (share < 1.0 or law.piece[2] != 0):
+        excess += law.friction * (float(law.piece[2]) + wp.sign(q - law.hold))
+    return excess
 
 
 @dataclass(frozen=True)
@@ -492,6 +528,8 @@ def make_axis(effects: Effects) -> AxisFunctions:
         limit = 0
         slip = 1
         law = AxisLaw()
+        law.least = -wp.inf
+        law.most = wp.inf
         if wp.static(effects.stops):
             lower, upper = stops(joints, index, q, moved, recovery, h)
             law.lower = lower
@@ -530,13 +568,14 @@ def make_axis(effects: Effects) -> AxisFunctions:
         return law
 
     @wp.func
-    def next_piece(law: AxisLaw, step: float, held: float) -> wp.vec3i:
+    def next_piece(law: AxisLaw, step: float, held: float, is_own: bool) -> wp.vec3i:
         """The piece that an axis should be on, where another than ``law.piece``, the next to it.
 
         Args:
             law: The law.
-            step: Step of the coordinate on that piece [m or rad].
+            step: Step of the coordinate [m or rad].
             held: What holds it there [N or N m], where something does.
+            is_own: Whether the step is that of :func:`free_step`, not that of the assumed piece.
         """
         side = law.piece[0]
         limit = law.piece[1]
@@ -546,9 +585,9 @@ def make_axis(effects: Effects) -> AxisFunctions:
             if not is_stopped(law) and slip == 0:
                 if wp.abs(held) >= law.friction:
                     slip = wp.where(held < 0.0, -1, 1)
-            elif law.friction > 0.0 and float(slip) * moved > 0.0:
-                # friction that would push along: it holds, or at a stop is the other one
-                slip = wp.where(is_stopped(law), -slip, 0)
+            elif law.friction > 0.0 and float(slip) * moved >= 0.0:
+                # friction that would push along: it holds, or is the other one
+                slip = wp.where(moved != 0.0 and (is_stopped(law) or is_own), -slip, 0)
         if wp.static(effects.stops):
             if not is_stopped(law):
                 if step < law.lower - wp.where(side == -LEANING, law.slack, 0.0):
