@@ -184,15 +184,17 @@ def test_a_vertical_slider_sags_by_its_weight_over_the_stiffness() -> None:
 
 
 @pytest.mark.parametrize("friction", [0.0, 1.0])
-@pytest.mark.parametrize(("rate", "most"), [(60, 6.0), (240, 3.5)])
-def test_drives_at_their_limits_settle(rate: int, most: float, friction: float) -> None:
+@pytest.mark.parametrize(("rate", "most", "cut_off"), [(60, 6.0, 0.25), (240, 3.5, 0.03)])
+def test_drives_at_their_limits_settle(
+    rate: int, most: float, cut_off: float, friction: float
+) -> None:
     """Twelve motors of a body with four legs get other targets ten times a second.
 
-    Most are at an effort limit or a stop, and go from one to the other within a step. Nine steps of
-    ten settle within their ten sweeps, at some five sweeps a step at 60 Hz (half a turn of the hips
-    within a step takes Newton's method so many) and three at 240 Hz. Sweeps that only took the next
-    piece of each axis went round without an end: ten a step with friction, at 60 Hz. Joints stay
-    closed to the rounding of the poses.
+    Most are at an effort limit or a stop, and go from one to the other within a step. It settles in
+    some five of its ten sweeps at 60 Hz (a hip turns by half a radian within a step, which takes
+    Newton's method so many), in three at 240 Hz. Sweeps that only took the next piece of each axis
+    went round without an end: with friction 99 % of the steps were cut off at 60 Hz, 30 % at
+    240 Hz. Joints stay closed to the rounding of the poses.
     """
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     trunk = add_link(builder, mass=7.0, inertia=(0.03, 0.1, 0.11))
@@ -234,4 +236,4 @@ def test_drives_at_their_limits_settle(rate: int, most: float, friction: float) 
         sweeps.append(int(sim.solver.report().sweeps[0]))
         assert anchor_gaps(sim)[1:].max() < 1.0e-6
     assert np.mean(sweeps) < most
-    assert np.mean(np.array(sweeps) >= 10) < 0.1
+    assert np.mean(np.array(sweeps) >= 10) < cut_off

@@ -1415,7 +1415,7 @@ def make_trees(
                             curvature += axis.inv_pivot * axis.push * axis.push
                             if not is_searched:
                                 q = axis_rows.free_step(law, q, axis.inv_pivot)
-                    law.next = next_piece(law, q, held, not is_searched)
+                    law.next = next_piece(law, q, held)
                     tree.laws[k].next = law.next
                     if not (law.next == law.piece):
                         wrong += 1
@@ -1473,7 +1473,6 @@ def make_trees(
         pieces. So the iteration goes downhill (Newton's method with an exact search, as in MuJoCo's
         solver).
         """
-        low = float(0.0)
         share = float(1.0)
         for search in range(SEARCHES):
             slope = (share - 1.0) * curvature + held_work
@@ -1491,7 +1490,6 @@ def make_trees(
             if slope <= 0.0:
                 if search == 0:
                     return 1.0
-                low = share
                 share += 1.0 / float(1 << (search + 1))
             else:
                 share -= 1.0 / float(1 << (search + 1))

@@ -335,26 +335,15 @@ def step_of_drive(law: AxisLaw, rest: float, pivot: float) -> float:
 
 @wp.func
 def free_step(law: AxisLaw, step: float, inv_pivot: float) -> float:
-    """Step of a coordinate that no stop holds, by its own law [m or rad].
+    """Step of a coordinate that nothing holds, with its drive within limits [m or rad].
 
     Takes the step on the piece that elimination assumed, and the inverse of its pivot. The other
     axes keep to their pieces: what is left is one equation, piecewise linear and monotone.
     """
-    slip = float(law.piece[2])
-    moved = step - law.hold
-    if limit_at(law, step) == law.piece[1] and slip * moved * law.friction <= 0.0:
+    if limit_at(law, step) == law.piece[1]:
         return step
     pivot = 1.0 / inv_pivot - wp.where(law.piece[1] == 0, law.drive_stiffness, 0.0)
-    rest = step / inv_pivot - drive_force(law, law.piece[1], 0.0)
-    found = step_of_drive(law, rest, pivot)
-    if slip * (found - law.hold) * law.friction > 0.0:
-        # friction would push along
-        rest -= slip * law.friction
-        pull = rest + drive_force(law, limit_at(law, law.hold), law.hold) - pivot * law.hold
-        found = law.hold
-        if wp.abs(pull) > law.friction:
-            found = step_of_drive(law, rest - wp.sign(pull) * law.friction, pivot)
-    return found
+    return step_of_drive(law, step / inv_pivot - drive_force(law, law.piece[1], 0.0), pivot)
 
 
 @wp.func
@@ -568,14 +557,13 @@ def make_axis(effects: Effects) -> AxisFunctions:
         return law
 
     @wp.func
-    def next_piece(law: AxisLaw, step: float, held: float, is_own: bool) -> wp.vec3i:
+    def next_piece(law: AxisLaw, step: float, held: float) -> wp.vec3i:
         """The piece that an axis should be on, where another than ``law.piece``, the next to it.
 
         Args:
             law: The law.
             step: Step of the coordinate [m or rad].
             held: What holds it there [N or N m], where something does.
-            is_own: Whether the step is that of :func:`free_step`, not that of the assumed piece.
         """
         side = law.piece[0]
         limit = law.piece[1]
@@ -585,9 +573,9 @@ def make_axis(effects: Effects) -> AxisFunctions:
             if not is_stopped(law) and slip == 0:
                 if wp.abs(held) >= law.friction:
                     slip = wp.where(held < 0.0, -1, 1)
-            elif law.friction > 0.0 and float(slip) * moved >= 0.0:
-                # friction that would push along: it holds, or is the other one
-                slip = wp.where(moved != 0.0 and (is_stopped(law) or is_own), -slip, 0)
+            elif law.friction > 0.0 and float(slip) * moved > 0.0:
+                # friction that would push along: it holds, or at a stop is the other one
+                slip = wp.where(is_stopped(law), -slip, 0)
         if wp.static(effects.stops):
             if not is_stopped(law):
                 if step < law.lower - wp.where(side == -LEANING, law.slack, 0.0):
