@@ -494,6 +494,12 @@ class Effects:
         return self.stops or self.joint_friction or self.effort_limits
 
     @property
+    def bounded_axes(self) -> bool:
+        """Whether something pushes along joint axes up to a bound: friction, or drives with a limit
+        of effort."""
+        return self.joint_friction or self.effort_limits
+
+    @property
     def balanced(self) -> bool:
         """Whether sweeps may end before they have settled, and the energy of such steps is
         bounded."""

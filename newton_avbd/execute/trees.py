@@ -51,7 +51,10 @@ ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
 
 PATIENCE = wp.constant(3)
-"""Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on."""
+"""Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on. After
+the first of them updates are searched along where something on the axes has a bound."""
+SEARCHES = wp.constant(8)
+"""Bisections of the share of an update at which the energy along it is least."""
 HIDDEN = wp.constant(2.0e-2)
 """Move of a body with contacts that counts as none, as a share of the penetration that is left
 alone: 1e-3 g h^2."""
@@ -1367,16 +1370,23 @@ def make_trees(
     @wp.func(inline=effects.inline)
     def substitute(
         body: int,
+        is_searched: bool,
         h: float,
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
-    ) -> int:
+    ):
         """Finds the update of the body by that of its parent.
 
-        Returns how many of its axes are off the pieces of their laws that elimination assumed.
+        Where the update ``is_searched`` along, it is that of the assumed pieces.
+
+        Returns how many of its axes are off the pieces of their laws that elimination assumed, the
+        body's share of the curvature d^T H d along the update d of the tree, and the work of what
+        holds its axes.
         """
         wrong = int(0)
+        curvature = float(0.0)
+        held_work = float(0.0)
         pushed = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.closures):
             pushed = rows_push(body, tree.closures)
@@ -1398,6 +1408,14 @@ def make_trees(
                     if axis.pivot > 0.0:
                         q = axis.step
                     held = axis.pivot * q + met - axis.push
+                    if wp.static(effects.bounded_axes):
+                        if axis.pivot > 0.0:
+                            curvature += q * (axis.pivot * q + 2.0 * met)
+                            held_work += held * q
+                        else:
+                            curvature += axis.inv_pivot * axis.push * axis.push
+                            if not is_searched:
+                                q = axis_rows.free_step(law, q, axis.inv_pivot)
                     law.next = next_piece(law, q, held)
                     tree.laws[k].next = law.next
                     if not (law.next == law.piece):
@@ -1409,7 +1427,7 @@ def make_trees(
                 if wp.static(effects.coordinates):
                     at = tree.coordinate[k]
                     tree.coordinate[k] = at + wp.float64(q)
-                    if wp.static(effects.kinds.gimbals):
+                    if wp.static(effects.kinds.gimbals or effects.bounded_axes):
                         tree.axes[k].step = q
                     if wp.static(effects.limits and effects.compliance):
                         index = joints.dof_start[joint] + dofs - 1 - i
@@ -1431,10 +1449,52 @@ def make_trees(
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
             tree.update[body] = update + tree.closing[body]
         else:
-            tree.update[body] = other_half(work.factor[body], tree.update[body] - pushed)
+            half = tree.update[body] - pushed
+            if wp.static(effects.bounded_axes):
+                curvature = wp.dot(half, half)
+            tree.update[body] = other_half(work.factor[body], half)
         if wp.static(effects.closures):
             find_multipliers(body, tree.update[body], tree.closures)
-        return wrong
+        return wrong, curvature, held_work
+
+    @wp.func
+    def least_energy(
+        first: int,
+        end: int,
+        curvature: float,
+        held_work: float,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        tree: wp.ref[TreeWork],
+    ) -> float:
+        """Share of a tree's update at which the energy along it is least; limits are those there.
+
+        The energy is convex where only drives, their limits and friction are not quadratic: its
+        slope is that of the model, (s - 1) d^T H d, but for those that are not on their assumed
+        pieces. So the iteration goes downhill (Newton's method with an exact search, as in MuJoCo's
+        solver).
+        """
+        share = float(1.0)
+        for search in range(SEARCHES):
+            slope = (share - 1.0) * curvature + held_work
+            for i in range(first, end):
+                body = worlds.bodies[i]
+                if is_linked(joints, tree, body):
+                    joint = tree.joint[body]
+                    start = tree.axis_start[body]
+                    dofs = linear_count(joints, joint) + angular_count(joints, joint)
+                    for k in range(start, start + dofs):
+                        law = tree.laws[k]
+                        step = tree.axes[k].step
+                        slope += step * axis_rows.excess_force(law, step, share)
+                        tree.laws[k].next = axis_rows.piece_before(law, share * step, share)
+            if slope <= 0.0:
+                if search == 0:
+                    return 1.0
+                share += 1.0 / float(1 << (search + 1))
+            else:
+                share -= 1.0 / float(1 << (search + 1))
+        return share
 
     @wp.func(inline=effects.inline)
     def move(
@@ -1509,7 +1569,7 @@ def make_trees(
         history: wp.ref[History],
     ):
         """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
-        not led to fewer for a while."""
+        not led to fewer for a while. Limits of drives are then searched along the update."""
         root = worlds.bodies[first]
         if not has_dual or wrong < tree.fewest[root]:
             tree.fewest[root] = wrong
@@ -1526,10 +1586,13 @@ def make_trees(
                 for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
                     index = joints.dof_start[joint] + dof
                     law = tree.laws[tree.axis_start[body] + dof]
-                    history.piece[index] = law.piece
-                    if left > 0 and not (law.next == law.piece):
-                        history.piece[index] = law.next
+                    piece = law.piece
+                    if wp.static(effects.bounded_axes):
+                        piece[1] = law.next[1]
+                    if left > 0 and not (law.next == piece):
+                        piece = law.next
                         left -= 1
+                    history.piece[index] = piece
 
     @wp.func
     def sweep_tree(
@@ -1583,12 +1646,21 @@ def make_trees(
         # last step are off by in the first iteration; contacts converge by a factor.
         largest = float(4.0 * mismatch * mismatch)
         is_newton = bool(True)
+        is_searched = bool(False)
+        if wp.static(effects.bounded_axes):
+            is_searched = has_dual and tree.patience[worlds.bodies[first]] < PATIENCE
         wrong = int(0)
+        curvature = float(0.0)
+        held_work = float(0.0)
         turned_most = float(0.0)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:
-                wrong += substitute(body, h, joints, work, tree)
+                misplaced, curved, worked = substitute(body, is_searched, h, joints, work, tree)
+                wrong += misplaced
+                if wp.static(effects.bounded_axes):
+                    curvature += curved
+                    held_work += worked
                 turned_most = wp.max(
                     turned_most, wp.length_sq(wp.spatial_bottom(tree.update[body]))
                 )
@@ -1597,6 +1669,10 @@ def make_trees(
         share = float(1.0)
         if turned_most > MOST_TURN * MOST_TURN:
             share = MOST_TURN / wp.sqrt(turned_most)
+        if wp.static(effects.bounded_axes):
+            if is_searched and wrong > 0:
+                least = least_energy(first, end, curvature, held_work, joints, worlds, tree)
+                share = wp.min(share, least)
         for i in range(first, end):
             body = worlds.bodies[i]
             if work.inv_mass[body] > 0.0:

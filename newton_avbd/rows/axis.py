@@ -14,9 +14,13 @@ coefficient is too stiff:
 
 F never grows with q and is linear in pieces. In a tree the piece of each axis is taken to be known
 and stands in the matrix; an axis that then turns out to be off its piece takes the next one in the
-next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). Should
-the number of these not fall for a while, one axis at a time does (block principal pivoting, which
-always ends: Portugal, Judice, Vicente, Math. Comput. 63, 1994). With compliance a limit is a spring
+next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). A drive
+that leaves its limit, or reaches one, does so within the sweep: given the motion of the parent its
+axis has one equation left (:func:`free_step`). If a sweep does not lower the number of axes that are
+off, the next one goes along its update only as far as the energy falls (``least_energy`` in
+:mod:`..execute.trees`). If the number does not fall for longer, one stop or friction at a time takes
+its next piece (block principal pivoting, which always ends: Portugal, Judice, Vicente, Math. Comput.
+63, 1994). With compliance a limit is a spring
 and damper instead, or where an MJCF file authors it one with MuJoCo's impedance.
 """
 
@@ -302,10 +306,68 @@ def held_step(law: AxisLaw) -> float:
 @wp.func
 def law_force(law: AxisLaw):
     """Generalized force of drive and friction on their pieces, and its curvature."""
-    force = float(law.piece[2]) * law.friction
-    if law.piece[1] != 0:
-        return force + wp.where(law.piece[1] < 0, law.least, law.most), 0.0
-    return force + law.drive, law.drive_stiffness
+    force = float(law.piece[2]) * law.friction + drive_force(law, law.piece[1], 0.0)
+    return force, wp.where(law.piece[1] == 0, law.drive_stiffness, 0.0)
+
+
+@wp.func
+def drive_force(law: AxisLaw, limit: int, step: float) -> float:
+    """Generalized force of the drive after a step, where it is at a limit or at none."""
+    if limit != 0:
+        return wp.where(limit < 0, law.least, law.most)
+    return law.drive - law.drive_stiffness * step
+
+
+@wp.func
+def limit_at(law: AxisLaw, step: float) -> int:
+    """Limit that the drive is at after a step: 1 the upper, -1 the lower, 0 none."""
+    force = law.drive - law.drive_stiffness * step
+    if force >= law.most:
+        return 1
+    return wp.where(force <= law.least, -1, 0)
+
+
+@wp.func
+def step_of_drive(law: AxisLaw, rest: float, pivot: float) -> float:
+    """Root q of pivot q = rest + F(q) [m or rad], with F the force of the drive within limits."""
+    step = (rest + law.drive) / (pivot + law.drive_stiffness)
+    limit = limit_at(law, step)
+    if limit != 0:
+        step = (rest + drive_force(law, limit, step)) / pivot
+    return step
+
+
+@wp.func
+def free_step(law: AxisLaw, step: float, inv_pivot: float) -> float:
+    """Step of a coordinate that nothing holds, with its drive within limits [m or rad].
+
+    Takes the step on the piece that elimination assumed, and the inverse of its pivot. The other
+    axes keep to their pieces: what is left is one equation, piecewise linear and monotone.
+    """
+    if limit_at(law, step) == law.piece[1]:
+        return step
+    pivot = 1.0 / inv_pivot - wp.where(law.piece[1] == 0, law.drive_stiffness, 0.0)
+    return step_of_drive(law, step / inv_pivot - drive_force(law, law.piece[1], 0.0), pivot)
+
+
+@wp.func
+def piece_before(law: AxisLaw, step: float, share: float) -> wp.vec3i:
+    """The next piece where only a share of the step is made: limits and stops are those there."""
+    side = law.next[0]
+    if share < 1.0 and not is_stopped(law) and step > law.lower and step < law.upper:
+        side = law.piece[0]
+    return wp.vec3i(side, limit_at(law, step), law.next[2])
+
+
+@wp.func
+def excess_force(law: AxisLaw, step: float, share: float) -> float:
+    """What drive and friction push with on their assumed pieces after a share of a step, beyond
+    what they push with there."""
+    q = share * step
+    excess = drive_force(law, law.piece[1], q) - drive_force(law, limit_at(law, q), q)
+    if law.friction > 0.0 and (share < 1.0 or law.piece[2] != 0):
+        excess += law.friction * (float(law.piece[2]) + wp.sign(q - law.hold))
+    return excess
 
 
 @dataclass(frozen=True)
@@ -459,6 +521,8 @@ def make_axis(effects: Effects) -> AxisFunctions:
         limit = 0
         slip = 1
         law = AxisLaw()
+        law.least = -wp.inf
+        law.most = wp.inf
         if wp.static(effects.stops):
             lower, upper = stops(joints, index, q, moved, recovery, h)
             law.lower = lower
@@ -490,6 +554,10 @@ def make_axis(effects: Effects) -> AxisFunctions:
             if wp.isfinite(least) or wp.isfinite(most):
                 limit = known[1]
         law.piece = wp.vec3i(side, limit, slip)
+        if wp.static(effects.effort_limits):
+            if is_held(law):
+                # where it is held the force of the drive is known
+                law.piece = wp.vec3i(side, limit_at(law, held_step(law)), slip)
         return law
 
     @wp.func
@@ -498,7 +566,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
 
         Args:
             law: The law.
-            step: Step of the coordinate on that piece [m or rad].
+            step: Step of the coordinate [m or rad].
             held: What holds it there [N or N m], where something does.
         """
         side = law.piece[0]
@@ -522,14 +590,7 @@ def make_axis(effects: Effects) -> AxisFunctions:
                 # a stop pushes back; one that would have to pull lets go
                 side = LEANING * side
         if wp.static(effects.effort_limits):
-            force = law.drive - law.drive_stiffness * step
-            if limit == 0:
-                if force >= law.most:
-                    limit = 1
-                elif force <= law.least:
-                    limit = -1
-            elif (limit > 0 and force < law.most) or (limit < 0 and force > law.least):
-                limit = 0
+            limit = limit_at(law, step)
         return wp.vec3i(side, limit, slip)
 
     return AxisFunctions(linear_force, limited_drive, compliant_limit, stops, law_of, next_piece)
