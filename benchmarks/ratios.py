@@ -6,6 +6,7 @@ A time depends on the machine and on what else runs on it. The ratio of two that
 turns depends on neither, so far.
 """
 
+from newton_avbd.commands.terminal import start_warp
 from newton_avbd.study.bench import BENCHMARKS, Effort, compete, pinned
 from newton_avbd.study.mujoco_native import silence
 from newton_avbd.study.peers import MJ_STEP
@@ -29,6 +30,7 @@ def ratio(scene: str) -> float:
     Raises:
         RuntimeError: One of the two cannot run the scene.
     """
+    start_warp()
     silence()
     with pinned():
         ours, peer = compete(BENCHMARKS[scene], ["avbd", MJ_STEP], EFFORT)
