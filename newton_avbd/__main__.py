@@ -15,7 +15,7 @@ from typing import NoReturn
 
 from newton_avbd.commands import COMMANDS, examples, overview
 from newton_avbd.commands.terminal import INTERRUPTED, gathered_warnings, start_warp
-from newton_avbd.io.errors import UserError
+from newton_avbd.io.errors import UserError, missing_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -39,8 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         start_warp()
         with gathered_warnings():
             return module.main(args)
-    except UserError as error:
-        print(f"newton-avbd: {error}", file=sys.stderr)
+    except (UserError, ImportError) as error:
+        told = missing_of(error) if isinstance(error, ImportError) else error
+        print(f"newton-avbd: {told}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print("\nnewton-avbd: stopped by Ctrl-C", file=sys.stderr)

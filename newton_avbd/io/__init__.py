@@ -13,7 +13,7 @@ from newton_avbd.study import scenes
 
 from . import examples, robots, solvers
 from .assets import SUFFIXES, open_asset
-from .errors import UserError, require
+from .errors import UserError, missing_of, require
 from .simulation import ModelSimulation, Request, Simulation
 from .timing import StepTimer
 
@@ -51,6 +51,8 @@ def open_scene(name: str, request: Request) -> Simulation:
         raise UserError("solver kamino has no iterations to set")
     try:
         return _open(name, request)
+    except ImportError as error:
+        raise missing_of(error) from error
     except NotImplementedError as error:
         raise UserError(f"{name} cannot run with {request.solver}: {error}") from error
 

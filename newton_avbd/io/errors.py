@@ -37,6 +37,12 @@ def missing(module: str) -> UserError:
     return UserError(f"this needs the Python package {top}: pip install {what}")
 
 
+def missing_of(error: ImportError) -> UserError:
+    """Error for what could not be imported; Newton's importers wrap the one that names it."""
+    cause = error if error.name else error.__cause__
+    return missing(getattr(cause, "name", None) or "newton")
+
+
 def require(*modules: str) -> None:
     """Check that modules are installed, without importing them.
 
