@@ -11,6 +11,7 @@ import subprocess
 import sys
 import warnings
 
+import newton
 import newton.viewer
 import numpy as np
 import pytest
@@ -260,6 +261,18 @@ def test_missing_extra_names_the_command_that_installs_it(monkeypatch, capsys, t
     assert "pip install 'newton-avbd[view]'" in capsys.readouterr().err
     assert main(["compare", "fall", "--png", str(tmp_path / "a.png")]) == 2
     assert "pip install 'newton-avbd[study]'" in capsys.readouterr().err
+
+
+def test_a_scene_that_needs_an_extra_names_it(monkeypatch, capsys):
+    """Newton's importers name no module in their error, but in its cause."""
+
+    def fail(builder, *args, **options):
+        raise ImportError("install USD") from ModuleNotFoundError("no pxr", name="pxr")
+
+    monkeypatch.setattr(newton.ModelBuilder, "add_usd", fail)
+    for command in (["run", "cartpole"], ["effects", "cartpole"]):
+        assert main(command) == 2
+        assert "pip install 'newton-avbd[scenes]'" in capsys.readouterr().err
 
 
 def test_module_runs_as_a_program():

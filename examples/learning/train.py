@@ -17,6 +17,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
@@ -129,6 +130,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--output", type=Path, help="file for the policy")
     args = parser.parse_args()
+    torch.set_num_threads(1)  # networks this small gain nothing from more
     worlds = WORLDS[args.engine]
     envs = VecNormalize(make(args.engine, worlds, args.seed), gamma=0.99)
     policy = PPO(
