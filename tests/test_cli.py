@@ -227,6 +227,17 @@ def test_ctrl_c_leaves_what_is_done(frames, monkeypatch, capsys):
     assert len(result["courses"][1]["speed"]) == frames + 1
 
 
+def test_ctrl_c_ends_a_study_with_its_summary(monkeypatch, capfd):
+    def interrupt(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("newton_avbd.commands.robots.try_robot", interrupt)
+    assert main(["robots", "nv_ant"]) == 130
+    printed = capfd.readouterr()
+    assert "0 of 0 robots pass" in printed.out
+    assert "stopped by Ctrl-C" in printed.err
+
+
 def test_warnings_of_one_kind_take_one_line(monkeypatch, capsys):
     monkeypatch.setattr(sys, "warnoptions", [])
     with gathered_warnings():
