@@ -5,85 +5,89 @@
 
 import argparse
 import difflib
+import importlib
 import importlib.metadata
+import os
 import sys
 from collections.abc import Sequence
+from types import ModuleType
 from typing import NoReturn
 
-import warp as wp
-
-from newton_avbd.commands import (
-    accuracy,
-    compare,
-    effects,
-    falls,
-    growth,
-    large,
-    learning,
-    robots,
-    run,
-    stability,
-)
-from newton_avbd.io import UserError
-from newton_avbd.study import bench, properties
+from newton_avbd.commands import COMMANDS, examples, overview
+from newton_avbd.commands.terminal import INTERRUPTED, gathered_warnings, start_warp
+from newton_avbd.io.errors import UserError, missing_of
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a command.
+    """Run a command; without one, list them.
 
     Args:
         argv: Arguments without the program's name; None for those of the process. What follows
             ``--`` goes to a Newton example.
 
     Returns:
-        Exit status: 0, 1 where a scene fails its own test, 2 where the command cannot be done.
+        Exit status: 0, 1 where a scene fails its own test, 2 where the command cannot be done,
+        130 after Ctrl-C.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    split = arguments.index("--") if "--" in arguments else len(arguments)
-    args, unknown = _parser().parse_known_args(arguments[:split])
-    if unknown:
-        _reject(args.parser, unknown[0])
-    args.arguments = tuple(arguments[split + 1 :])
-    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     try:
-        return args.main(args)
-    except UserError as error:
-        print(f"newton-avbd: {error}", file=sys.stderr)
+        name = _command(arguments[:1])
+        if name is None:
+            return 0
+        module = importlib.import_module(COMMANDS[name].module)
+        args = _parse(name, module, arguments[1:])
+        start_warp()
+        with gathered_warnings():
+            return module.main(args)
+    except (UserError, ImportError) as error:
+        told = missing_of(error) if isinstance(error, ImportError) else error
+        print(f"newton-avbd: {told}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        return 130
+        print("\nnewton-avbd: stopped by Ctrl-C", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read standard output has ended, as `head` does; nothing may be flushed to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
 
 
-def _parser() -> argparse.ArgumentParser:
+def _command(first: list[str]) -> str | None:
+    """Name of the command that the first argument asks for; None where the list is printed."""
     parser = argparse.ArgumentParser(
         prog="newton-avbd",
+        usage="newton-avbd COMMAND ...",
         description="Simulate rigid bodies in Newton by Augmented Vertex Block Descent.",
+        epilog=overview(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=_versions())
-    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    for name, module, summary in (
-        ("run", run, "simulate a scene"),
-        ("compare", compare, "simulate a scene with two solvers and compare them"),
-        ("robots", robots, "try the robots of installed packages, and say which move right"),
-        ("effects", effects, "say which effects a scene calls for, why, and what they cost"),
-        ("bench", bench, "measure time and quality on a set of scenes"),
-        ("accuracy", accuracy, "measure what accuracy costs in time"),
-        ("growth", growth, "measure how time and memory grow with a scene"),
-        ("learning", learning, "step tasks of dm_control and gymnasium, with MuJoCo beside"),
-        ("large", large, "measure one large world, of any size"),
-        ("stability", stability, "run cases that are hard to keep stable"),
-        ("falls", falls, "drop, spin and throw robots, and measure energy that appears"),
-        ("properties", properties, "try solvers on what a scene can author"),
-    ):
-        command = commands.add_parser(
-            name,
-            help=summary,
-            description=summary,
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.add_arguments(command)
-        command.set_defaults(main=module.main, parser=command)
-    return parser
+    parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
+    name: str | None = parser.parse_args(first).command
+    if name is None:
+        parser.print_help()
+    elif name not in COMMANDS:
+        close = difflib.get_close_matches(name, COMMANDS)
+        hint = f"did you mean {' or '.join(close)}?" if close else f"try: {', '.join(COMMANDS)}"
+        parser.error(f"there is no command {name!r}; {hint}")
+    return name
+
+
+def _parse(name: str, module: ModuleType, arguments: list[str]) -> argparse.Namespace:
+    """Arguments of a command, with what follows ``--`` in ``arguments``."""
+    parser = argparse.ArgumentParser(
+        prog=f"newton-avbd {name}",
+        description=COMMANDS[name].summary,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    module.add_arguments(parser)
+    parser.epilog = "\n\n".join(filter(None, (examples(name), parser.epilog)))
+    split = arguments.index("--") if "--" in arguments else len(arguments)
+    args, unknown = parser.parse_known_args(arguments[:split])
+    if unknown:
+        _reject(parser, unknown[0])
+    args.arguments = tuple(arguments[split + 1 :])
+    return args
 
 
 def _versions() -> str:

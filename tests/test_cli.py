@@ -6,14 +6,20 @@ import importlib.metadata
 import importlib.util
 import json
 import os
+import shlex
 import subprocess
 import sys
+import warnings
 
+import newton
 import newton.viewer
 import numpy as np
 import pytest
 
-from newton_avbd.__main__ import main
+from newton_avbd.__main__ import _parse, main
+from newton_avbd.commands import COMMANDS, view
+from newton_avbd.commands.terminal import gathered_warnings, progress
+from newton_avbd.io import ModelSimulation
 
 PNG = b"\x89PNG"
 
@@ -152,7 +158,10 @@ def test_compare_opens_an_example_with_both_solvers(capsys):
         (["run", "fall", "--solver", "kamino", "--iterations", "3"], "no iterations"),
         (["run", "fall", "--viewer", "usd", "--png", "a.png"], "--png goes with"),
         (["run", "missing.urdf"], "missing.urdf: no such file"),
-        (["compare", "fall", "--frames", "1", "--png", "/no/folder/a.png"], "/no/folder/a.png"),
+        (["compare", "fall", "--frames", "1", "--png", "/no/folder/a.png"], "mkdir -p /no/folder"),
+        (["bench", "stack", "--json", "/no/folder/a.json"], "mkdir -p /no/folder"),
+        (["learning", "hopper"], "Did you mean"),
+        (["falls", "missing.urdf"], "no robot or file"),
     ],
 )
 def test_what_cannot_be_done_is_told_in_a_sentence(arguments, message, capsys):
@@ -170,6 +179,7 @@ def test_what_cannot_be_done_is_told_in_a_sentence(arguments, message, capsys):
         (["run", "fall", "--frames", "0"], "invalid positive int value: '0'"),
         (["run", "fall", "--dt", "inf"], "invalid positive float value: 'inf'"),
         (["jump"], "run"),
+        (["rnu"], "did you mean run?"),
     ],
 )
 def test_unknown_arguments_show_the_known_ones(arguments, message, capsys):
@@ -179,12 +189,101 @@ def test_unknown_arguments_show_the_known_ones(arguments, message, capsys):
     assert message in capsys.readouterr().err
 
 
+def test_every_command_lists_examples_that_its_parser_takes():
+    for name, command in COMMANDS.items():
+        assert command.examples
+        for typed, _ in command.examples:
+            _parse(name, importlib.import_module(command.module), shlex.split(typed))
+
+
+def test_without_a_command_they_are_listed(capsys):
+    assert main([]) == 0
+    printed = capsys.readouterr().out
+    assert all(f"  {name} " in printed for name in COMMANDS)
+
+
+@pytest.mark.parametrize("frames", [0, 2])
+def test_ctrl_c_leaves_what_is_done(frames, monkeypatch, capsys):
+    advance = ModelSimulation.advance
+    calls = iter(range(100))
+
+    def advance_until(simulation):
+        if next(calls) == calls_until:
+            raise KeyboardInterrupt
+        advance(simulation)
+
+    monkeypatch.setattr(ModelSimulation, "advance", advance_until)
+    calls_until = frames
+    assert main(["run", "fall"]) == 130
+    table = rows(capsys.readouterr().out)
+    # Free fall from rest for so many frames.
+    speed = float(table["largest speed at the end"].split()[0])
+    assert speed == pytest.approx(9.81 * frames / 60, abs=1.0e-3)
+    # In the second of two simulations: the frame that it cuts short is left out.
+    calls, calls_until = iter(range(100)), 2 * frames + 1
+    assert main(["compare", "fall", "--against", "xpbd", "--json"]) == 130
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["time"]) == len(result["distance_max"]) == frames + 1
+    assert len(result["courses"][1]["speed"]) == frames + 1
+
+
+def test_ctrl_c_ends_a_study_with_its_summary(monkeypatch, capfd):
+    def interrupt(*args, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("newton_avbd.commands.robots.try_robot", interrupt)
+    assert main(["robots", "nv_ant"]) == 130
+    printed = capfd.readouterr()
+    assert "0 of 0 robots pass" in printed.out
+    assert "stopped by Ctrl-C" in printed.err
+
+
+def test_warnings_of_one_kind_take_one_line(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "warnoptions", [])
+    with gathered_warnings():
+        for number in range(5):
+            warnings.warn(f"mesh 'part{number}.obj' has {number} triangles", stacklevel=1)
+        warnings.warn("another", stacklevel=1)
+    first, second = capsys.readouterr().err.splitlines()
+    assert "part0.obj" in first and "4 more of this kind" in first
+    assert second == "newton-avbd: warning: another"
+
+
+def test_progress_is_shown_on_a_terminal_only(capsys):
+    assert list(progress(range(3), 3, "frames")) == [0, 1, 2]
+    assert capsys.readouterr().err == ""
+
+
+def test_viewer_auto_takes_what_is_there(monkeypatch, capsys):
+    installed = {"pyglet", "imgui_bundle", "viser"}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: name in installed or None)
+    monkeypatch.setattr(view, "_has_display", lambda: True)
+    assert view.choose_viewer() == "gl"
+    monkeypatch.setattr(view, "_has_display", lambda: False)
+    assert view.choose_viewer() == "viser"
+    installed.clear()
+    assert main(["run", "fall", "--viewer", "auto"]) == 2
+    assert "pip install 'newton-avbd[view]'" in capsys.readouterr().err
+
+
 def test_missing_extra_names_the_command_that_installs_it(monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert main(["run", "fall", "--png", str(tmp_path / "a.png")]) == 2
     assert "pip install 'newton-avbd[view]'" in capsys.readouterr().err
     assert main(["compare", "fall", "--png", str(tmp_path / "a.png")]) == 2
     assert "pip install 'newton-avbd[study]'" in capsys.readouterr().err
+
+
+def test_a_scene_that_needs_an_extra_names_it(monkeypatch, capsys):
+    """Newton's importers name no module in their error, but in its cause."""
+
+    def fail(builder, *args, **options):
+        raise ImportError("install USD") from ModuleNotFoundError("no pxr", name="pxr")
+
+    monkeypatch.setattr(newton.ModelBuilder, "add_usd", fail)
+    for command in (["run", "cartpole"], ["effects", "cartpole"]):
+        assert main(command) == 2
+        assert "pip install 'newton-avbd[scenes]'" in capsys.readouterr().err
 
 
 def test_module_runs_as_a_program():

@@ -1,4 +1,149 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The commands of ``newton-avbd``, one module each."""
+"""The commands of ``newton-avbd``, one module each, and what ``--help`` says of them."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command.
+
+    Attributes:
+        module: Where its ``add_arguments`` and ``main`` are.
+        summary: What it does.
+        examples: What to type after ``newton-avbd NAME``, and what that does.
+    """
+
+    module: str
+    summary: str
+    examples: tuple[tuple[str, str], ...]
+
+
+PURPOSES: dict[str, dict[str, Command]] = {
+    "simulate": {
+        "run": Command(
+            "newton_avbd.commands.run",
+            "simulate a scene, a robot or a file",
+            (
+                ("quadruped --viewer auto", "watch it, in a window or a browser"),
+                ("quadruped --png quadruped.png", "a picture, without a window"),
+                ("robot.urdf --solver mujoco", "a file of your own, by another solver"),
+            ),
+        ),
+        "compare": Command(
+            "newton_avbd.commands.compare",
+            "simulate a scene with two solvers and compare them",
+            (
+                ("pyramid --against xpbd", "a table"),
+                ("domino_spiral --png spiral.png", "with plots over time"),
+                ("robot.xml --against mujoco --ctrl sine", "drive the actuators of an MJCF file"),
+            ),
+        ),
+        "effects": Command(
+            "newton_avbd.commands.effects",
+            "say which effects a scene calls for, why, and what they cost",
+            (
+                ("robot:nv_ant", "which, and why"),
+                ("robot:nv_ant --measure", "and what each costs in time"),
+            ),
+        ),
+    },
+    "try robots": {
+        "robots": Command(
+            "newton_avbd.commands.robots",
+            "try the robots of installed packages, and say which move right",
+            (
+                ("--list", "names of all robots"),
+                ("nv_ant panda", "try two of them"),
+                ("gymnasium --output out", "try those of a package, and write a page"),
+            ),
+        ),
+        "falls": Command(
+            "newton_avbd.commands.falls",
+            "drop, spin and throw robots, and measure energy that appears",
+            (
+                ("nv_ant --kinds fallen --seeds 2", "drop a robot twice"),
+                ("robot.urdf --solver avbd mujoco", "a file of your own, by two solvers"),
+                ("--replay out/nv_ant-fallen-1.json", "repeat a fall that failed"),
+            ),
+        ),
+        "learning": Command(
+            "newton_avbd.commands.learning",
+            "step tasks of dm_control and gymnasium, with MuJoCo beside",
+            (
+                ("gymnasium:hopper", "one task"),
+                ("--episodes 2 --controls 100", "all tasks, shorter"),
+            ),
+        ),
+    },
+    "measure": {
+        "bench": Command(
+            "newton_avbd.study.bench",
+            "measure time and quality on a set of scenes",
+            (
+                ("pyramid --quick", "one scene, rough"),
+                ("stack --solvers avbd,mj_step --json out.json", "two solvers, to a file"),
+            ),
+        ),
+        "accuracy": Command(
+            "newton_avbd.commands.accuracy",
+            "measure what accuracy costs in time",
+            (
+                ("--quick", "some scenes, in two minutes"),
+                ("--quick --output out", "with plots; a second run goes on where this ended"),
+            ),
+        ),
+        "growth": Command(
+            "newton_avbd.commands.growth",
+            "measure how time and memory grow with a scene",
+            (("boxes --most 1000", "one scene, up to a thousand bodies"),),
+        ),
+        "large": Command(
+            "newton_avbd.commands.large",
+            "measure one large world, of any size",
+            (("--bodies 1000 --steps 10", "all scenes, of a thousand bodies"),),
+        ),
+        "stability": Command(
+            "newton_avbd.commands.stability",
+            "run cases that are hard to keep stable",
+            (
+                ("--quick", "all but those that take minutes"),
+                ("heavy --solver avbd xpbd --output out", "some, by two solvers, with a page"),
+            ),
+        ),
+        "properties": Command(
+            "newton_avbd.study.properties",
+            "try solvers on what a scene can author",
+            (("joint_friction --solvers avbd xpbd", "some properties, by two solvers"),),
+        ),
+    },
+}
+"""The commands by what they are for, in the order in which they are shown."""
+
+COMMANDS: dict[str, Command] = {
+    name: command for group in PURPOSES.values() for name, command in group.items()
+}
+"""The commands by name."""
+
+
+def overview() -> str:
+    """The short list of commands by purpose, as text for a terminal."""
+    lines = []
+    for purpose, group in PURPOSES.items():
+        lines.append(f"{purpose}:")
+        lines += [f"  {name:<12} {command.summary}" for name, command in group.items()]
+    lines += [
+        "start with:",
+        "  newton-avbd run quadruped --viewer auto",
+        "`newton-avbd COMMAND --help` lists arguments, scenes and examples.",
+    ]
+    return "\n".join(lines)
+
+
+def examples(name: str) -> str:
+    """The examples of a command, as text for a terminal."""
+    typed = [(f"newton-avbd {name} {text}", what) for text, what in COMMANDS[name].examples]
+    width = max(len(line) for line, _ in typed)
+    return "examples:\n" + "\n".join(f"  {line:<{width}}  {what}" for line, what in typed)

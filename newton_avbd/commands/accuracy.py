@@ -15,6 +15,9 @@ from newton_avbd.study.accuracy_solvers import MEASURED
 from newton_avbd.study.bench import chosen, describe_machine, pinned
 from newton_avbd.study.mujoco_native import silence
 
+from .options import make_folder
+from .terminal import interruptible, progress, say
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
@@ -44,7 +47,7 @@ def main(args: argparse.Namespace) -> int:
     """Measure, print a line for each setting and tables at the end, write the page.
 
     Returns:
-        Exit status: 0.
+        Exit status: 0, or 130 after Ctrl-C.
 
     Raises:
         UserError: A scene or a solver does not exist, the folder cannot be written, or it holds
@@ -59,16 +62,16 @@ def main(args: argparse.Namespace) -> int:
     solvers = chosen("solver", named, tuple(MEASURED))
     scenes = [ACCURACY_SCENES[name] for name in names]
     silence()
+    make_folder(args.output)
     try:
-        if args.output:
-            args.output.mkdir(parents=True, exist_ok=True)
         with pinned() as core:
             machine = describe_machine(core)
             results = Results(machine, QUICK if args.quick else FULL, args.output)
             points = []
-            for point in run(scenes, solvers, results):
-                print(accuracy_page.line(point), flush=True)
-                points.append(point)
+            with interruptible() as interruption:
+                for point in progress(run(scenes, solvers, results), None, "settings"):
+                    say(accuracy_page.line(point))
+                    points.append(point)
         print(f"\n{accuracy_page.summary(scenes, points)}")
         if args.output:
             for scene in scenes:
@@ -79,4 +82,4 @@ def main(args: argparse.Namespace) -> int:
             print(f"wrote {args.output / 'results.md'}", file=sys.stderr)
     except OSError as error:
         raise UserError(f"cannot write to {args.output}: {error}") from error
-    return 0
+    return interruption.status(0)

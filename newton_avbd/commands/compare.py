@@ -18,8 +18,9 @@ from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.measure import Probe, deepest_penetration, distances
 from newton_avbd.study.overlaps import describe_overlaps
 
-from .options import add_scene_arguments, use_device
-from .output import length, progress, say_notes, table
+from .options import add_scene_arguments, check_writable, device_notes, use_device
+from .output import length, table
+from .terminal import Interruption, gathered_warnings, interruptible, progress, say_notes
 
 COLORS = ("#0072b2", "#d55e00")
 """Colors of the two solvers in a plot, told apart by every kind of color vision."""
@@ -88,6 +89,14 @@ class Comparison:
     distance_max: list[float] = field(default_factory=list)
     distance_median: list[float] = field(default_factory=list)
 
+    def keep(self, count: int) -> None:
+        """Keep ``count`` frames: Ctrl-C may have cut the record of one more short."""
+        series = [self.time, self.distance_max, self.distance_median]
+        for course in self.courses:
+            series += [course.penetration, course.energy, course.speed, course.overlap]
+        for values in series:
+            del values[count:]
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
@@ -109,30 +118,33 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Simulate with both solvers, print a table or JSON, draw; returns the exit status."""
+    check_writable(args.png)
     use_device(args.device)
     if args.png:
         require("matplotlib")
-    pair = tuple(
-        open_scene(
-            args.scene,
-            Request(solver, args.iterations, args.dt, None, args.arguments, args.ctrl),
+    with gathered_warnings():
+        pair = tuple(
+            open_scene(
+                args.scene,
+                Request(solver, args.iterations, args.dt, None, args.arguments, args.ctrl),
+            )
+            for solver in (args.solver, args.against)
         )
-        for solver in (args.solver, args.against)
-    )
-    comparison = _compare(pair, (args.solver, args.against), args.frames)
+    say_notes(device_notes(args.device))
+    comparison, interruption = _compare(pair, (args.solver, args.against), args.frames)
     if args.json:
         print(json.dumps(dataclasses.asdict(comparison), indent=2))
     else:
         print(_report(comparison))
     if args.png:
         _plot(comparison, args.png)
-    return 0
+    return interruption.status(0)
 
 
 def _compare(
     pair: tuple[Simulation, ...], names: tuple[str, str], frames: int | None
-) -> Comparison:
-    """Advance two simulations side by side and record both."""
+) -> tuple[Comparison, Interruption]:
+    """Advance two simulations side by side and record both, until Ctrl-C."""
     one, other = pair
     if one.model.body_count != other.model.body_count or one.frame_dt != other.frame_dt:
         raise UserError(f"{one.name} is another scene for {names[1]} than for {names[0]}")
@@ -157,13 +169,15 @@ def _compare(
         comparison.distance_median.append(float(np.median(apart)) if apart.size else 0.0)
 
     record()
-    for _ in progress(range(frames), frames, one.name):
-        for simulation in pair:
-            simulation.advance()
-        record()
+    with interruptible() as interruption:
+        for _ in progress(range(frames), frames, one.name):
+            for simulation in pair:
+                simulation.advance()
+            record()
+    comparison.keep(len(comparison.distance_median))
     for course, simulation in zip(courses, pair, strict=True):
         course.close(simulation)
-    return comparison
+    return comparison, interruption
 
 
 def _report(comparison: Comparison) -> str:
@@ -194,7 +208,7 @@ def _report(comparison: Comparison) -> str:
         rows.append(row("the example's own test", lambda c: c.test or "none"))
     apart = [("apart after", "most", "median")]
     last = len(comparison.time) - 1
-    for frame in sorted({max(1, last * part // 4) for part in range(1, 5)}):
+    for frame in sorted({max(min(1, last), last * part // 4) for part in range(1, 5)}):
         apart.append(
             (
                 f"{comparison.time[frame]:.3g} s",

@@ -11,7 +11,8 @@ from newton_avbd.study.bench import pinned
 from newton_avbd.study.effects import Stepper, difference
 
 from .options import add_scene_arguments, use_device
-from .output import progress, table
+from .output import table
+from .terminal import gathered_warnings, interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +29,8 @@ def main(args: argparse.Namespace) -> int:
     """Print the table of effects, and what each costs in time; returns the exit status."""
     use_device(args.device)
     request = Request(iterations=args.iterations, dt=args.dt, arguments=args.arguments)
-    simulation = open_scene(args.scene, request)
+    with gathered_warnings():
+        simulation = open_scene(args.scene, request)
     solver = simulation.solver
     if not isinstance(solver, SolverAVBD):
         raise UserError(f"{args.scene} has no SolverAVBD in it, but a {type(solver).__name__}")
@@ -42,15 +44,15 @@ def main(args: argparse.Namespace) -> int:
     with pinned():
         whole = Stepper(simulation, {})
         rows = [("without", "a step saves", "of it", "sweeps")]
-        for name in whole.removable:
-            stripped = Stepper(simulation, {name: False})
-            saved, share = difference(whole, stripped)
-            rows.append(
-                (name, f"{1e6 * saved:.1f} us", f"{100 * share:.0f} %", f"{stripped.sweeps:.3g}")
-            )
+        with interruptible() as interruption:
+            for name in progress(whole.removable, len(whole.removable), "without", str):
+                stripped = Stepper(simulation, {name: False})
+                saved, share = difference(whole, stripped)
+                cells = f"{1e6 * saved:.1f} us", f"{100 * share:.0f} %", f"{stripped.sweeps:.3g}"
+                rows.append((name, *cells))
     print(
         f"\nA step after {frames} frames, replayed from a graph: {1e6 * whole.seconds():.1f} us, "
         f"{whole.sweeps:.3g} sweeps in the mean world. Without an effect it may sweep more or less."
     )
     print(table(rows))
-    return 0
+    return interruption.status(0)

@@ -239,3 +239,6 @@ def _seeds(text: str) -> range:
     if not seeds:
         raise ValueError
     return seeds
+
+
+_seeds.__name__ = "N or FIRST:END"  # argparse names the reader when it rejects a value

@@ -11,8 +11,9 @@ from newton_avbd.io import UserError, require
 from newton_avbd.study import growth
 from newton_avbd.study.bench import chosen, describe_machine, pinned
 
-from .options import positive, use_device
+from .options import make_folder, positive, use_device
 from .output import table
+from .terminal import interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -40,30 +41,36 @@ def main(args: argparse.Namespace) -> int:
     """Measure, print a table, write plots and numbers.
 
     Returns:
-        Exit status: 0.
+        Exit status: 0, or 130 after Ctrl-C.
 
     Raises:
         UserError: A scene does not exist, or the folder cannot be written.
     """
     if args.output:
         require("matplotlib")
+    make_folder(args.output)
     names = chosen("scene that grows", args.scenes, tuple(growth.FAMILIES))
     use_device(args.device)
     with pinned() as core:
         machine = describe_machine(core)
-        points = [
-            growth.measure(name, size) for name in names for size in growth.sizes(name, args.most)
-        ]
+        pairs = [(name, size) for name in names for size in growth.sizes(name, args.most)]
+        points = []
+        with interruptible() as interruption:
+            for name, size in progress(pairs, len(pairs), "scenes", _named):
+                points.append(growth.measure(name, size))
     print(table(growth.rows(points)))
     print(f"\nGrowth from {growth.LARGE:,} bodies on, as a power of the bodies:")
     print(table(growth.exponents(points)))
     if args.output:
         try:
-            args.output.mkdir(parents=True, exist_ok=True)
             text = json.dumps(growth.as_json(machine, points), indent=1)
             (args.output / "growth.json").write_text(text + "\n")
             for quantity in growth.QUANTITIES:
                 growth.write_plot(points, quantity, args.output / f"{quantity}.svg")
         except OSError as error:
             raise UserError(f"cannot write to {args.output}: {error}") from error
-    return 0
+    return interruption.status(0)
+
+
+def _named(scene: tuple[str, int]) -> str:
+    return f"{scene[0]} of {scene[1]:,} bodies"

@@ -14,8 +14,9 @@ from newton_avbd.io import UserError
 from newton_avbd.study.bench import chosen, describe_machine
 from newton_avbd.study.large import LARGE_SCENES, measure
 
-from .options import positive, use_device
+from .options import check_writable, positive, use_device
 from .output import length, table
+from .terminal import interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -57,26 +58,29 @@ def main(args: argparse.Namespace) -> int:
     """Measure, print a line for each world.
 
     Returns:
-        Exit status: 0.
+        Exit status: 0, or 130 after Ctrl-C.
 
     Raises:
         UserError: A scene or the device does not exist, or the file cannot be written.
     """
     names = chosen("scene of a large world", args.scenes, tuple(LARGE_SCENES))
+    check_writable(args.json)
     use_device(args.device)
     machine = describe_machine(None) | {"device": wp.get_device().name}
     print("\n".join(f"{name}: {value}" for name, value in machine.items()), end="\n\n", flush=True)
-    results = [
-        measure(
-            name,
-            bodies,
-            iterations=args.iterations,
-            steps=args.steps,
-            parallel=args.parallel,
-        )
-        for name in names
-        for bodies in args.bodies
-    ]
+    pairs = [(name, bodies) for name in names for bodies in args.bodies]
+    results = []
+    with interruptible() as interruption:
+        for name, bodies in progress(pairs, len(pairs), "scenes", lambda pair: pair[0]):
+            results.append(
+                measure(
+                    name,
+                    bodies,
+                    iterations=args.iterations,
+                    steps=args.steps,
+                    parallel=args.parallel,
+                )
+            )
     heads = ["", "bodies", "contacts", "colors", "clashes", "step", "detection", "memory"]
     rows = [[*heads, "sunk", "fastest"]]
     for result in results:
@@ -105,4 +109,4 @@ def main(args: argparse.Namespace) -> int:
             args.json.write_text(json.dumps(record, indent=1) + "\n")
         except OSError as error:
             raise UserError(f"cannot write {args.json}: {error}") from error
-    return 0
+    return interruption.status(0)

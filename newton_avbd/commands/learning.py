@@ -4,7 +4,6 @@
 """``newton-avbd learning``: tasks of dm_control and gymnasium, moved by SolverAVBD and MuJoCo."""
 
 import argparse
-import sys
 import warnings
 
 from newton_avbd.io import UserError, require
@@ -12,8 +11,9 @@ from newton_avbd.study import learning
 from newton_avbd.study.bench import chosen, describe_machine, pinned
 
 from .options import positive
-from .output import progress, table
+from .output import table
 from .robots import silence
+from .terminal import interruptible, progress, say_notes
 
 HEAD = ("", "step", "AVBD steps/s", "MuJoCo", "AVBD return", "MuJoCo", "AVBD length", "MuJoCo")
 
@@ -54,19 +54,20 @@ def main(args: argparse.Namespace) -> int:
     lost = 0
     with pinned() as core:
         machine = describe_machine(core)
-        for name in progress(names, len(names), "tasks"):
-            try:
-                with silence():
-                    ours, theirs, dt = _run(name, args.episodes, args.controls)
-            except UserError as error:
-                print(f"newton-avbd: {name} is left out: {error}", file=sys.stderr)
-                continue
-            lost += ours.lost
-            rows.append(_row(name, dt, ours, theirs))
+        with interruptible() as interruption:
+            for name in progress(names, len(names), "tasks", str):
+                try:
+                    with silence():
+                        ours, theirs, dt = _run(name, args.episodes, args.controls)
+                except UserError as error:
+                    say_notes([f"{name} is left out: {error}"])
+                    continue
+                lost += ours.lost
+                rows.append(_row(name, dt, ours, theirs))
     for name, value in machine.items():
         print(f"{name}: {value}")
     print(f"\n{table(rows)}")
-    return int(lost > 0)
+    return interruption.status(int(lost > 0))
 
 
 def _run(

@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Arguments that ``run``, ``compare`` and ``effects`` share."""
+"""Arguments that commands share."""
 
 import argparse
+import os
 from collections.abc import Sequence
+from pathlib import Path
 
 import warp as wp
 
@@ -58,3 +60,42 @@ def use_device(name: str | None) -> None:
     except (RuntimeError, ValueError) as error:
         known = ", ".join(str(device) for device in wp.get_devices())
         raise UserError(f"there is no device {name!r}; there are: {known}") from error
+
+
+def device_notes(name: str | None) -> list[str]:
+    """What the user should know of the device that was not chosen, a sentence each."""
+    if name is None and not wp.is_cuda_available():
+        return ["there is no CUDA device, so it runs on the CPU"]
+    return []
+
+
+def check_writable(*paths: Path | None) -> None:
+    """Check before the work that its results can be written; None is nothing to write.
+
+    Raises:
+        UserError: The folder of a file does not exist, or the file cannot be written.
+    """
+    for path in filter(None, paths):
+        folder = path.parent
+        if not folder.is_dir():
+            raise UserError(f"cannot write {path}: there is no folder {folder}: mkdir -p {folder}")
+        if path.is_dir():
+            raise UserError(f"cannot write {path}: it is a folder, name a file in it")
+        if not os.access(path if path.exists() else folder, os.W_OK):
+            raise UserError(f"cannot write {path}: permission denied")
+
+
+def make_folder(folder: Path | None) -> None:
+    """Make the folder for results; None is none.
+
+    Raises:
+        UserError: It cannot be made, or nothing can be written there.
+    """
+    if folder is None:
+        return
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror or error}") from error
+    if not os.access(folder, os.W_OK):
+        raise UserError(f"cannot write to {folder}: permission denied")

@@ -1,13 +1,9 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tables and progress on a terminal."""
+"""Tables on a terminal."""
 
-import sys
-from collections.abc import Iterable, Iterator, Sequence
-from typing import TypeVar
-
-Item = TypeVar("Item")
+from collections.abc import Sequence
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:
@@ -24,21 +20,3 @@ def table(rows: Sequence[Sequence[str]]) -> str:
 def length(value: float) -> str:
     """Write a length [m] in millimeters, as small as float32 makes sense."""
     return f"{1e3 * value + 0.0:.4g} mm"
-
-
-def say_notes(notes: Sequence[str]) -> None:
-    """Write what the user should know of a scene to standard error."""
-    for note in notes:
-        print(f"newton-avbd: {note}", file=sys.stderr)
-
-
-def progress(frames: Iterable[Item], total: int, label: str) -> Iterator[Item]:
-    """Yield ``frames`` and show on standard error how far they are, if that is a terminal."""
-    shown = sys.stderr.isatty()
-    for frame, item in enumerate(frames):
-        if shown:
-            filled = "#" * (30 * frame // total)
-            print(f"\r{label} [{filled:<30}] {frame}/{total}", end="", file=sys.stderr, flush=True)
-        yield item
-    if shown:
-        print("\r\033[K", end="", file=sys.stderr, flush=True)

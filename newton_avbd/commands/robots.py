@@ -24,6 +24,7 @@ from newton_avbd.study.robot_run import Record
 from newton_avbd.study.robot_trial import Report, try_robot
 
 from . import view
+from .terminal import interruptible
 
 PICTURE_SIZE = (192, 108)
 """Width and height of a robot's picture [px]."""
@@ -79,7 +80,7 @@ def main(args: argparse.Namespace) -> int:
         _make_folder(args.output)
     known = read_reports(args.output, stem) if args.output else {}
     reports: list[Report] = []
-    with TemporaryDirectory() as folder:
+    with interruptible() as interruption, TemporaryDirectory() as folder:
         for number, robot in enumerate(chosen, 1):
             report = Report(robot.name, robot.package)
             shown = partial(show, f"{robot.name} ({number} of {len(chosen)})")
@@ -100,7 +101,7 @@ def main(args: argparse.Namespace) -> int:
                 order = [known[other.name] for other in robots() if other.name in known]
                 _write(args.output, order, stem)
     print(f"\n{summary(reports)}")
-    return int(any(report.failures for report in reports))
+    return interruption.status(int(any(report.failures for report in reports)))
 
 
 def chosen_robots(names: list[str]) -> list[Robot]:

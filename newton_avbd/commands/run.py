@@ -17,8 +17,9 @@ from newton_avbd.study.measure import Probe, deepest_penetration
 from newton_avbd.study.overlaps import describe_overlaps
 
 from . import view
-from .options import add_scene_arguments, use_device
-from .output import length, progress, say_notes, table
+from .options import add_scene_arguments, check_writable, device_notes, use_device
+from .output import length, table
+from .terminal import gathered_warnings, interruptible, progress, say_notes
 
 TOUCHING = 1.0e-4
 """Gap below which a contact counts as touching [m]: what resting bodies keep of it or less."""
@@ -28,7 +29,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
     add_scene_arguments(parser)
     parser.add_argument(
-        "--viewer", choices=view.VIEWERS, default="null", help="viewer (default: %(default)s)"
+        "--viewer",
+        choices=(view.AUTO, *view.VIEWERS),
+        default="null",
+        help="viewer (default: %(default)s); auto: a window, or a browser where there is none",
     )
     parser.add_argument(
         "--png", type=Path, metavar="FILE", help="picture of the last frame; needs no window"
@@ -37,7 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def main(args: argparse.Namespace) -> int:
     """Simulate, then print a table; returns the exit status."""
+    check_writable(args.png)
     use_device(args.device)
+    if args.viewer == view.AUTO:
+        args.viewer = view.choose_viewer()
     viewer = _make_viewer(args)
     request = Request(
         solver=args.solver,
@@ -47,20 +54,23 @@ def main(args: argparse.Namespace) -> int:
         arguments=args.arguments,
     )
     camera = view.camera(viewer) if args.png else None
-    simulation = open_scene(args.scene, request)
+    with gathered_warnings():
+        simulation = open_scene(args.scene, request)
     probe = Probe(simulation.model)
-    say_notes([*simulation.notes, *describe_overlaps(probe.overlaps)])
+    notes = [*device_notes(args.device), *simulation.notes]
+    say_notes([*notes, *describe_overlaps(probe.overlaps)])
     if args.viewer == "gl" and isinstance(simulation, ModelSimulation):
         view.look_at(viewer, simulation.model, simulation.state)
     # A window that is watched stays open until it is closed.
     endless = args.viewer in view.WINDOWS and args.frames is None
     frames = args.frames or simulation.frames
     count: Iterable[int] = itertools.count() if endless else range(frames)
-    if args.viewer == "null":
-        for _ in progress(count, frames, simulation.name):
-            simulation.advance()
-    else:
-        _watch(simulation, viewer, count)
+    with interruptible() as interruption:
+        if args.viewer == "null":
+            for _ in progress(count, frames, simulation.name):
+                simulation.advance()
+        else:
+            _watch(simulation, viewer, count)
     if args.png:
         # where an example has put its camera it stays
         if args.viewer == "null" and view.camera(viewer) == camera:
@@ -69,9 +79,10 @@ def main(args: argparse.Namespace) -> int:
         view.save_picture(viewer, args.png)
     if viewer is not None:
         viewer.close()
-    verdict = simulation.verdict()
+    # An example's test judges where it ends.
+    verdict = None if interruption.happened else simulation.verdict()
     print(_report(simulation, probe, args.solver, verdict))
-    return 0 if verdict in (None, "passed") else 1
+    return interruption.status(0 if verdict in (None, "passed") else 1)
 
 
 def _make_viewer(args: argparse.Namespace) -> Any:

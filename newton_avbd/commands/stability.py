@@ -16,8 +16,9 @@ from newton_avbd.study.hard_cases import CASES, GROUPS
 from newton_avbd.study.long_run import LONG_RUNS, run_long
 from newton_avbd.study.stability_page import line, write_page
 
-from .options import positive, use_device
+from .options import make_folder, positive, use_device
 from .output import length
+from .terminal import interruptible, progress, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,11 +68,13 @@ def main(args: argparse.Namespace) -> int:
         return _run_long(args.cases, args.long, args.iterations)
     if args.output:
         require("matplotlib")
+    make_folder(args.output)
     outcomes: list[Outcome] = []
-    for case in _chosen(args.cases, args.quick):
-        for solver in args.solver:
+    pairs = [(case, solver) for case in _chosen(args.cases, args.quick) for solver in args.solver]
+    with interruptible() as interruption:
+        for case, solver in progress(pairs, len(pairs), "cases", lambda pair: pair[0].name):
             outcome = try_case(case, solver, iterations=args.iterations, budget=args.budget)
-            print(line(case, outcome), flush=True)
+            say(line(case, outcome))
             outcomes.append(outcome)
     if args.output:
         try:
@@ -79,7 +82,8 @@ def main(args: argparse.Namespace) -> int:
         except OSError as error:
             raise UserError(f"cannot write to {args.output}: {error}") from error
     ours = [outcome for outcome in outcomes if outcome.solver == "avbd"]
-    return int(any(outcome.failures(CASES[outcome.case].bounds) for outcome in ours))
+    failed = any(outcome.failures(CASES[outcome.case].bounds) for outcome in ours)
+    return interruption.status(int(failed))
 
 
 def _run_long(names: list[str], steps: int, iterations: int | None) -> int:

@@ -14,9 +14,13 @@ import numpy as np
 import warp as wp
 
 from newton_avbd.io import UserError, require
+from newton_avbd.io.errors import is_installed, missing
 
 VIEWERS = ("null", "gl", "usd", "rerun", "viser")
 """Names of the viewers; ``null`` shows nothing."""
+
+AUTO = "auto"
+"""Stands for the viewer that works here."""
 
 WINDOWS = ("gl", "rerun", "viser")
 """Those that are watched while the simulation runs."""
@@ -60,15 +64,35 @@ def make_viewer(name: str, scene: str, *, headless: bool = False) -> Any:
     return newton.viewer.ViewerNull(num_frames=sys.maxsize)
 
 
+def choose_viewer() -> str:
+    """The viewer to watch with: a window, or a page in the browser where none can be opened.
+
+    Raises:
+        UserError: Nothing that shows a simulation is installed.
+    """
+    if _has_display() and is_installed("pyglet", "imgui_bundle"):
+        return "gl"
+    if is_installed("viser"):
+        return "viser"
+    raise missing("viser")
+
+
+def _has_display() -> bool:
+    return sys.platform != "linux" or bool(os.environ.get("DISPLAY"))
+
+
 def _make_gl(headless: bool) -> Any:
     require("pyglet")
     if not headless:
         require("imgui_bundle")
     import pyglet
 
-    if sys.platform == "linux" and not os.environ.get("DISPLAY"):
+    if not _has_display():
         if not headless:
-            raise UserError("there is no display to open a window on; --png draws without one")
+            raise UserError(
+                "there is no display to open a window on; --viewer viser shows the scene in a "
+                "browser, --png FILE draws a picture"
+            )
         pyglet.options["headless"] = True  # draw by EGL
     width, height = PICTURE_SIZE
     try:

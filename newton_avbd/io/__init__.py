@@ -13,7 +13,7 @@ from newton_avbd.study import scenes
 
 from . import examples, robots, solvers
 from .assets import SUFFIXES, open_asset
-from .errors import UserError, require
+from .errors import UserError, missing_of, require
 from .simulation import ModelSimulation, Request, Simulation
 from .timing import StepTimer
 
@@ -51,6 +51,8 @@ def open_scene(name: str, request: Request) -> Simulation:
         raise UserError("solver kamino has no iterations to set")
     try:
         return _open(name, request)
+    except ImportError as error:
+        raise missing_of(error) from error
     except NotImplementedError as error:
         raise UserError(f"{name} cannot run with {request.solver}: {error}") from error
 
@@ -85,7 +87,9 @@ def _open(name: str, request: Request) -> Simulation:
         return open_asset(Path(name), request)
     close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
     hint = f" Did you mean {' or '.join(close)}?" if close else ""
-    raise UserError(f"there is no scene {name!r}.{hint}\n{list_scenes()}")
+    raise UserError(
+        f"there is no scene {name!r}, and no such file.{hint} `newton-avbd run --help` lists all."
+    )
 
 
 def _open_own(scene: scenes.Scene, request: Request) -> ModelSimulation:

@@ -15,7 +15,7 @@ import newton
 
 from newton_avbd.study.robot_pose import stand
 
-from .assets import read_asset, simulate
+from .assets import SUFFIXES, read_asset, simulate
 from .errors import UserError
 from .simulation import ModelSimulation, Request
 
@@ -147,8 +147,9 @@ def find_robot(name: str) -> Robot:
     ]
     close = alike or difflib.get_close_matches(wanted, known)
     hint = f" Did you mean {' or '.join(PREFIX + name for name in close)}?" if close else ""
+    what = "robot or file" if wanted.endswith(SUFFIXES) else "robot"
     raise UserError(
-        f"there is no robot {wanted!r}.{hint} `newton-avbd robots --list` shows all."
+        f"there is no {what} {wanted!r}.{hint} `newton-avbd robots --list` shows all."
         + "".join(f"\n{line}" for line in not_installed())
     )
 

@@ -10,6 +10,7 @@ steps captured in a graph, or for MuJoCo a bare ``mj_step``, which tells solvers
 """
 
 import argparse
+import difflib
 import json
 import math
 import os
@@ -24,6 +25,8 @@ from statistics import median
 
 import numpy as np
 
+from newton_avbd.commands.options import check_writable
+from newton_avbd.commands.terminal import interruptible, progress, say
 from newton_avbd.io.errors import UserError
 from newton_avbd.study import report
 from newton_avbd.study.coldstart import cold_start
@@ -145,7 +148,7 @@ def main(args: argparse.Namespace) -> int:
     """Run the benchmark.
 
     Returns:
-        Exit status: 0, whether targets are met or not.
+        Exit status: 0, whether targets are met or not; 130 after Ctrl-C.
 
     Raises:
         UserError: A scene or solver does not exist.
@@ -154,24 +157,26 @@ def main(args: argparse.Namespace) -> int:
     scenes = chosen("benchmark scene", args.scenes, tuple(BENCHMARKS))
     named = args.solvers.split(",") if args.solvers else []
     solvers = chosen("solver", named, (*PEERS, MJ_STEP))
+    check_writable(args.json)
     silence()
     with pinned() as core:
         machine = describe_machine(core)
         print("\n".join(f"{name}: {value}" for name, value in machine.items()), end="\n\n")
         results = []
-        for scene in scenes:
-            benchmark = BENCHMARKS[scene]
-            found = compete(benchmark, [s for s in benchmark.solvers if s in solvers], effort)
-            print(report.scene_table(scene, found), end="\n\n", flush=True)
-            results += found
-        if effort.cold_starts:
+        with interruptible() as interruption:
+            for scene in progress(scenes, len(scenes), "scenes", str):
+                benchmark = BENCHMARKS[scene]
+                found = compete(benchmark, [s for s in benchmark.solvers if s in solvers], effort)
+                say(f"{report.scene_table(scene, found)}\n")
+                results += found
+        if effort.cold_starts and not interruption.happened:
             found = start_cold([s for s in COLD_START_SOLVERS if s in solvers], effort.cold_starts)
             print(report.cold_start_table(found), end="\n\n")
             results += found
     print(report.target_table(results))
     if args.json is not None:
         args.json.write_text(json.dumps(report.as_json(machine, results), indent=1) + "\n")
-    return 0
+    return interruption.status(0)
 
 
 def compete(benchmark: Benchmark, solvers: list[str], effort: Effort) -> list[Result]:
@@ -265,7 +270,10 @@ def chosen(kind: str, names: list[str], known: tuple[str, ...]) -> tuple[str, ..
     """
     for name in names:
         if name not in known:
-            raise UserError(f"there is no {kind} {name!r}; there are: {', '.join(known)}")
+            alike = [other for other in known if name and name.lower() in other.lower()]
+            close = alike or difflib.get_close_matches(name, known)
+            hint = f". Did you mean {' or '.join(close)}?" if close else ""
+            raise UserError(f"there is no {kind} {name!r}; there are: {', '.join(known)}{hint}")
     return tuple(name for name in known if name in names or not names)
 
 

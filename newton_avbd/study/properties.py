@@ -13,6 +13,8 @@ from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
+from newton_avbd.commands.options import check_writable
+from newton_avbd.commands.terminal import interruptible, progress, say
 from newton_avbd.io.errors import UserError
 from newton_avbd.study.properties_body import BODIES
 from newton_avbd.study.properties_contact import CONTACTS
@@ -85,21 +87,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Try solvers on properties, print each outcome and write the page; returns 0."""
+    """Try solvers on properties, print each outcome and write the page; 0, or 130 after Ctrl-C."""
     chosen = _choose(args.names)
     known = _read(args.json)
-    for property_ in chosen:
-        for solver in args.solvers:
-            outcome = judge(property_, solver)
-            known[property_.name, solver] = outcome
-            print(f"{property_.name:36} {solver:7} {outcome.verdict}", flush=True)
-        # now and not at the end: some solvers take half an hour for all
-        if args.json:
-            entries = [asdict(outcome) for outcome in _in_order(known)]
-            _write(args.json, f"{json.dumps(entries, indent=1)}\n")
+    check_writable(args.json, args.output)
+    with interruptible() as interruption:
+        for property_ in progress(chosen, len(chosen), "properties", lambda tried: tried.name):
+            for solver in args.solvers:
+                outcome = judge(property_, solver)
+                known[property_.name, solver] = outcome
+                say(f"{property_.name:36} {solver:7} {outcome.verdict}")
+            # now and not at the end: some solvers take half an hour for all
+            if args.json:
+                entries = [asdict(outcome) for outcome in _in_order(known)]
+                _write(args.json, f"{json.dumps(entries, indent=1)}\n")
     if args.output:
         _write(args.output, page(_in_order(known)))
-    return 0
+    return interruption.status(0)
 
 
 def _in_order(known: dict[tuple[str, str], Outcome]) -> list[Outcome]:

@@ -60,9 +60,12 @@ def cold_start_table(results: list[Result]) -> str:
 
 
 def target_table(results: list[Result]) -> str:
-    """What SolverAVBD must reach, what it reached, and whether that is enough."""
+    """What SolverAVBD must reach on these scenes, what it reached, and whether that is enough."""
     rows = [["target", "must reach", "reached", ""]]
+    scenes = {result.scene for result in results}
     for target in TARGETS:
+        if target.scene not in scenes:
+            continue
         reached = target.reached(results)
         verdict = "not measured"
         if reached is not None:

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Say which scenes are slower than the stored baseline by more than a tenth.
+
+    python -m benchmarks.check                # all scenes
+    python -m benchmarks.check pyramid stack  # some
+    python -m benchmarks.check --write        # store what is measured as the baseline
+
+Compared are ratios to ``mj_step`` in the same run with ratios of the baseline. A scene that is
+slower is measured again, since noise passes and a regression stays. Exit status 1 where one is
+slower each time.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from newton_avbd.study.bench import describe_machine
+
+from .ratios import SCENES, ratio
+
+BASELINE = Path(__file__).parent / "baseline.json"
+ALLOWED = 1.1
+"""Largest ratio to the baseline."""
+
+ATTEMPTS = 3
+
+
+def slower(measured: float, known: float) -> bool:
+    """Whether a ratio is above the baseline's by more than is allowed."""
+    return measured > ALLOWED * known
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.check", description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help="default: all")
+    parser.add_argument("--write", action="store_true", help="store the baseline instead")
+    args = parser.parse_args(argv)
+    if unknown := [name for name in args.scenes if name not in SCENES]:
+        parser.error(f"there is no scene {unknown[0]!r}; there are: {', '.join(SCENES)}")
+    stored = json.loads(BASELINE.read_text()) if BASELINE.exists() else {"ratios": {}}
+    known: dict[str, float] = stored["ratios"]
+    failed = []
+    for scene in args.scenes or SCENES:
+        measured = ratio(scene)
+        if args.write:
+            known[scene] = round(measured, 4)
+            print(f"{scene:<16} {measured:.3f} mj_steps", flush=True)
+            continue
+        if scene not in known:
+            print(f"{scene:<16} {measured:.3f} mj_steps, not in the baseline", flush=True)
+            continue
+        for _ in range(ATTEMPTS - 1):
+            if slower(measured, known[scene]):
+                measured = min(measured, ratio(scene))
+        change = measured / known[scene] - 1.0
+        verdict = "SLOWER" if slower(measured, known[scene]) else "ok"
+        failed += [scene] if verdict == "SLOWER" else []
+        print(
+            f"{scene:<16} {measured:.3f} mj_steps, baseline {known[scene]:.3f}, "
+            f"{change:+.0%}  {verdict}",
+            flush=True,
+        )
+    if args.write:
+        ordered = {scene: known[scene] for scene in SCENES if scene in known}
+        content = {"machine": describe_machine(None), "unit": "mj_steps", "ratios": ordered}
+        BASELINE.write_text(json.dumps(content, indent=1) + "\n")
+    elif failed:
+        print(f"slower by more than {ALLOWED - 1:.0%} than the baseline: {', '.join(failed)}")
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

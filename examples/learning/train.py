@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Train a hopper with PPO of stable-baselines3, in SolverAVBD or in MuJoCo, and try it in both.
+
+    pip install 'newton-avbd[learning]' stable-baselines3 'gymnasium[mujoco]' 'mujoco~=3.17.0'
+    python examples/learning/train.py --engine avbd --minutes 10
+    python examples/learning/train.py --engine mujoco --minutes 10
+
+Prints steps a second and the return while it learns, and at the end the mean return of the policy
+over ten episodes in each engine. Ctrl-C ends the training, and the policy is tried as it is.
+"""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.env_util import make_vec_env
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
+
+from newton_avbd.environments import RobotVectorEnv
+
+ENGINES = ("avbd", "mujoco")
+WORLDS = {"avbd": 64, "mujoco": 8}
+"""Environments in a batch: MuJoCo's run one after the other."""
+
+CONTROLS = 2048
+"""Controls of all environments between two updates of the policy."""
+
+
+class BatchOfWorlds(VecEnv):
+    """Environments of this package as stable-baselines3 calls them."""
+
+    def __init__(self, envs: RobotVectorEnv) -> None:
+        self._envs = envs
+        super().__init__(envs.num_envs, envs.single_observation_space, envs.single_action_space)
+        self._returns, self._lengths = np.zeros(self.num_envs), np.zeros(self.num_envs, int)
+
+    def reset(self) -> Any:
+        seed = next((seed for seed in self._seeds if seed is not None), None)
+        self._reset_seeds()
+        self._returns[:], self._lengths[:] = 0.0, 0
+        return self._envs.reset(seed=seed)[0]
+
+    def step_async(self, actions: np.ndarray) -> None:
+        self._actions = actions
+
+    def step_wait(self) -> Any:
+        observations, rewards, terminations, truncations, last = self._envs.step(self._actions)
+        self._returns += rewards
+        self._lengths += 1
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
+        for world in np.flatnonzero(terminations | truncations):
+            infos[world] = {
+                "terminal_observation": last["final_obs"][world],
+                "TimeLimit.truncated": bool(truncations[world]),
+                "episode": {"r": self._returns[world], "l": self._lengths[world], "t": 0.0},
+            }
+            self._returns[world], self._lengths[world] = 0.0, 0
+        return observations, rewards, terminations | truncations, infos
+
+    def close(self) -> None:
+        self._envs.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [getattr(self._envs, attr_name, None)] * self.num_envs
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        raise NotImplementedError
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
+        raise NotImplementedError
+
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
+        return [False] * self.num_envs
+
+
+class Clock(BaseCallback):
+    """Ends the training after some minutes, and says how it goes."""
+
+    def __init__(self, minutes: float) -> None:
+        super().__init__()
+        self._seconds = 60.0 * minutes
+
+    def _on_training_start(self) -> None:
+        self._start, self._said = time.perf_counter(), 0.0
+
+    def _on_step(self) -> bool:
+        elapsed = time.perf_counter() - self._start
+        if elapsed > self._said + 10.0 and self.model.ep_info_buffer:
+            self._said = elapsed
+            mean = np.mean([episode["r"] for episode in self.model.ep_info_buffer])
+            rate = self.num_timesteps / elapsed
+            print(f"{elapsed:4.0f} s  {rate:7,.0f} controls/s  return {mean:6.0f}", flush=True)
+        return elapsed < self._seconds
+
+
+def make(engine: str, count: int, seed: int) -> VecEnv:
+    """Hoppers moved by an engine."""
+    if engine == "mujoco":
+        return make_vec_env("Hopper-v5", n_envs=count, seed=seed)
+    envs = BatchOfWorlds(RobotVectorEnv("hopper", count))
+    envs.seed(seed)
+    return envs
+
+
+def returns(policy: PPO, normalizer: VecNormalize, engine: str, episodes: int = 10) -> np.ndarray:
+    """Returns of a policy without noise, one episode an environment, shape (episodes,)."""
+    envs = make(engine, episodes, seed=1000)
+    observations, total = envs.reset(), np.zeros(episodes)
+    running = np.ones(episodes, bool)
+    while running.any():
+        known = normalizer.normalize_obs(observations)
+        observations, rewards, ended, _ = envs.step(policy.predict(known, deterministic=True)[0])
+        total += running * rewards
+        running &= ~ended
+    return total
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("--engine", choices=ENGINES, default="avbd")
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--output", type=Path, help="file for the policy")
+    args = parser.parse_args()
+    torch.set_num_threads(1)  # networks this small gain nothing from more
+    worlds = WORLDS[args.engine]
+    envs = VecNormalize(make(args.engine, worlds, args.seed), gamma=0.99)
+    policy = PPO(
+        "MlpPolicy",
+        envs,
+        n_steps=CONTROLS // worlds,
+        batch_size=256,
+        n_epochs=8,
+        learning_rate=3.0e-4,
+        gae_lambda=0.95,
+        gamma=0.99,
+        seed=args.seed,
+        device="cpu",
+    )
+    try:
+        policy.learn(total_timesteps=10**9, callback=Clock(args.minutes))
+    except KeyboardInterrupt:
+        print("stopped; this is the policy until then")
+    if args.output:
+        policy.save(args.output)
+        envs.save(str(args.output.with_suffix(".normalizer")))
+    envs.training = False
+    print(f"trained in {args.engine}, seed {args.seed}, gymnasium {gymnasium.__version__}")
+    for engine in ENGINES:
+        found = returns(policy, envs, engine)
+        print(f"return in {engine:<7} {found.mean():6.0f} ± {found.std():.0f}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
