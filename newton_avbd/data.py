@@ -615,6 +615,8 @@ class IslandSum:
     """Mass [kg]."""
     com: wp.vec3
     """Mass times COM [kg m], in the end the COM [m]."""
+    moved: wp.vec3
+    """Mass times how far its inertial targets move the COM [kg m], in the end that itself [m]."""
     momentum: wp.vec3
     """Missing momentum times h [kg m], in the end the shift that makes up for it [m]."""
     angular: wp.vec3
