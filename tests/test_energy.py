@@ -172,16 +172,11 @@ def test_joints_stay_closed_where_islands_get_their_momentum_back(parallel: str)
 
 @pytest.mark.parametrize("parallel", DRIVERS)
 def test_joints_are_closed_where_sweeps_are_cut_off(parallel: str) -> None:
-    """A humanoid that hits the ground at 4 m/s, 60 Hz, three sweeps a step."""
+    """Five sweeps a step of 1/60 s, thrown at a wall at 10 m/s: joints were open by 0.014 mm."""
     robot = newton.ModelBuilder()
     add_humanoid(robot)
-    add_ground(robot)
-    for k in range(robot.body_count):
-        robot.body_qd[k] = (0.0, 0.0, -4.0, 0.0, 0.0, 0.0)
-    sim = Simulation(robot, dt=1.0 / 60.0, iterations=3, parallel=parallel)
-    joints = Joints.of(sim.model)
-    most = 0.0
-    for _ in range(60):
-        sim.step()
-        most = max(most, joints.separation(sim.pose).max())
-    assert most < 1.0e-6
+    chosen = starts(bare(robot), ("spin12", "thrown"), range(3, 4))
+    setup = Setup(dt=1.0 / 60.0, seconds=0.5, iterations=5, parallel=parallel)
+    for fall in run_falls("humanoid", robot, chosen, setup, lambda done, total: None):
+        assert fall.finite
+        assert fall.separation < 1.0e-6
