@@ -643,8 +643,8 @@ class Balance:
     momentum: wp.vec3
     """Momentum after the step [N s], in the end the velocity of the COM [m/s]."""
     angular: wp.vec3
-    """Angular momentum about the COM after the step [N m s], in the end the angular velocity, or the
-    one by which the island turns as a rigid body [rad/s]."""
+    """Angular momentum about the COM after the step [N m s], in the end the angular velocity, or
+    that by which the island turns as a rigid body [rad/s]."""
     free_momentum: wp.vec3
     """Momentum after the step if nothing fixed pushes [N s], in the end the velocity of the COM
     that is to be [m/s]."""

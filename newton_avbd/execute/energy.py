@@ -163,8 +163,8 @@ def settle(sum: Balance, h: float) -> Balance:
         size = wp.trace(sum.start_inertia)
         out.free_momentum = momentum / sum.mass
         inverse = wp.inverse(sum.start_inertia / size) / size
-        # the spin that turns it is cut off after a fixed-point step, and would gain energy by half the
-        # square of its change; the one that belongs to the momentum after the turn does not
+        # the solve for what turns it is cut off, and as a velocity that would gain energy by half the
+        # square of its change; the spin that belongs to the momentum after the turn does not
         out.angular = target_spin(sum.start_inertia, inverse, angular, h)
         turn = exp_quat(h * out.angular)
         spin = inverse * wp.quat_rotate_inv(turn, angular)
