@@ -163,7 +163,7 @@ def settle(sum: Balance, h: float) -> Balance:
         size = wp.trace(sum.start_inertia)
         out.free_momentum = momentum / sum.mass
         inverse = wp.inverse(sum.start_inertia / size) / size
-        # the solve for what turns it is cut off, and as a velocity that would gain energy by half the
+        # the solve for what turns it is cut off, and as a velocity would gain energy by half the
         # square of its change; the spin that belongs to the momentum after the turn does not
         out.angular = target_spin(sum.start_inertia, inverse, angular, h)
         turn = exp_quat(h * out.angular)
