@@ -615,6 +615,8 @@ class IslandSum:
     """Mass [kg]."""
     com: wp.vec3
     """Mass times COM [kg m], in the end the COM [m]."""
+    moved: wp.vec3
+    """Mass times how far its inertial targets move the COM [kg m], in the end that itself [m]."""
     momentum: wp.vec3
     """Missing momentum times h [kg m], in the end the shift that makes up for it [m]."""
     angular: wp.vec3
@@ -641,8 +643,8 @@ class Balance:
     momentum: wp.vec3
     """Momentum after the step [N s], in the end the velocity of the COM [m/s]."""
     angular: wp.vec3
-    """Angular momentum about the COM after the step [N m s], in the end the angular velocity
-    [rad/s]."""
+    """Angular momentum about the COM after the step [N m s], in the end the angular velocity, or
+    that by which the island turns as a rigid body [rad/s]."""
     free_momentum: wp.vec3
     """Momentum after the step if nothing fixed pushes [N s], in the end the velocity of the COM
     that is to be [m/s]."""

@@ -119,7 +119,9 @@ def test_limit_violation_is_the_way_past_it(kind, options, offset, turns, past) 
 
 
 @pytest.mark.parametrize(
-    "axes", [(X, Y), (X, Z), (X, Y, Z), (X, Z, Y), (Z, X, Y)], ids=lambda axes: str(len(axes))
+    "axes",
+    [(X, Y), (X, Z), (X, Y, Z), (X, Z, Y), (Z, X, Y), (X, 0.6 * X + 0.8 * Y, 0.8 * Z - 0.6 * Y)],
+    ids=lambda axes: str(len(axes)),
 )
 def test_limits_hold_for_each_of_several_angles(axes) -> None:
     """Angles 0.3, -0.5, 0.7, of which the last is 0.1 past its limit, then the first 0.05."""
@@ -133,6 +135,22 @@ def test_limits_hold_for_each_of_several_angles(axes) -> None:
     assert joint("d6", angular_axes=first).limit_violation(body_q) == pytest.approx(
         [0.05], abs=1e-6
     )
+
+
+@pytest.mark.parametrize("last", [Z, -Z, 0.8 * Z - 0.6 * Y], ids=["right", "left", "skew"])
+def test_rates_are_those_that_newton_makes_the_velocity_of(last) -> None:
+    builder = newton.ModelBuilder()
+    body = builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    axes = [dof(a) for a in (X, Y, last)]
+    builder.add_articulation([builder.add_joint_d6(-1, body, angular_axes=axes)])
+    model = builder.finalize(device="cpu")
+    model.joint_q.assign([0.3, -0.5, 0.7])
+    model.joint_qd.assign([1.0, 2.0, 3.0])
+    state = model.state()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    q, qd = state.body_q.numpy().astype(float), state.body_qd.numpy().astype(float)
+    found = Joints.of(model).rates(q, qd, np.zeros((1, 3)))
+    assert found[0, 3:] == pytest.approx([1.0, 2.0, 3.0], abs=1.0e-5)
 
 
 def test_joints_that_hold_nothing_are_left_out() -> None:

@@ -29,6 +29,7 @@ from ..data import (
     BodyWork,
     ContactRow,
     History,
+    IslandWork,
     JointModel,
     LoopWork,
     RowWork,
@@ -41,6 +42,7 @@ from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
 from .bodies import has_rows, target_turn
 from .fluid import feel_fluid
+from .islands import is_free_island
 from .loops import has_loops
 from .slopes import constants, end_axis, lead, next_slope, second_order
 from .trees import is_linked
@@ -177,6 +179,51 @@ def is_beyond(
     goes_to = wp.float32(at + (at - history.coordinate[dof].start))
     lower = joints.limit_lower[dof] - LIMIT_JOLT
     return goes_to < lower or goes_to > joints.limit_upper[dof] + LIMIT_JOLT
+
+
+@wp.func
+def lead_spin(
+    world: int,
+    scale: WorldScale,
+    body_q: wp.array[wp.transform],
+    model: wp.ref[BodyModel],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    islands: wp.ref[IslandWork],
+    history: wp.ref[History],
+):
+    """Has :func:`.islands.keep_spin` restore the angular momentum of a step of second order.
+
+    A free island lacks sum r x m v + I w at the start, and what wrenches add, less that at the end,
+    each with its own poses. By the arms of the start alone what holds bodies together would not
+    cancel: constraints act where bodies end, and these have not moved along their velocities. How
+    far the island's COM has moved [m] goes to its ``momentum``.
+    """
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, -1):
+            root = islands.parent[body]
+            total = islands.sum[root]
+            if body == root:
+                total.momentum = wp.vec3(0.0)
+            share = model.mass[body] / total.mass
+            total.momentum += share * wp.spatial_top(work.increment[body])
+            islands.sum[root] = total
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = worlds.bodies[i]
+        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, -1):
+            velocity = history.last[body].velocity
+            push = scale.h * work.wrench[body]
+            v = wp.spatial_top(velocity) + model.inv_mass[body] * wp.spatial_top(push)
+            free = work.lead[body] + wp.spatial_vector(scale.step * v, wp.vec3(0.0))
+            work.target[body] = free
+            moved = wp.spatial_top(work.increment[body])
+            moved -= islands.sum[islands.parent[body]].momentum
+            momentum = spin_momentum(model, body, wp.transform_get_rotation(body_q[body]), velocity)
+            momentum += wp.spatial_bottom(push)
+            # keep_spin has the arms of the end
+            momentum -= model.mass[body] * wp.cross(moved, v)
+            work.momentum[body] = momentum
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,8 @@ from .scale import (
     last_update,
     make_count_passes,
     make_measure_world,
+    open_update,
     settled_update,
-    unsettled_update,
 )
 from .sweeps import make_sweep, make_sweep_block
 from .trees import is_linked, make_trees
@@ -825,6 +825,7 @@ def make_colored(effects: Effects) -> Colored:
                 tree,
                 loops,
                 islands,
+                True,
                 history,
             )
             if wp.static(effects.restitution):
@@ -991,8 +992,8 @@ def make_colored(effects: Effects) -> Colored:
             last = worlds.update[world] * worlds.update[world]
             if colors.passes[world] > 0:
                 last = colors.recovered[count_sweeps(world, colors.recovered), world]
-            unsettled = unsettled_update(scale)
-            if last > unsettled * unsettled:
+            allowed = open_update(scale)
+            if last > allowed * allowed:
                 first = worlds.rank[block]
                 for i in range(first, worlds.block_end[first]):
                     body = worlds.bodies[i]

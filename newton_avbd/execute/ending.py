@@ -28,7 +28,7 @@ from ..rows.dahl import keep_dahl
 from ..rows.joint import ROD
 from .beginning import UNKNOWN, is_in_tree, make_coasting
 from .bodies import has_rows, pose_sum, report_held
-from .islands import is_alone
+from .islands import is_alone, is_free_island, turn_with_island
 from .loops import has_loops
 from .piles import lasting_share, row_count, row_of
 from .slopes import end_axis
@@ -190,9 +190,13 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         tree: wp.ref[TreeWork],
         loops: wp.ref[LoopWork],
         islands: wp.ref[IslandWork],
+        has_islands: bool,
         history: wp.ref[History],
     ) -> wp.spatial_vector:
-        """Velocity of the body of this rank, which moves, from its increment itself."""
+        """Velocity of the body of this rank, which moves, from its increment itself.
+
+        Where islands have been given their momentum back, joints go along.
+        """
         body = worlds.bodies[rank]
         increment = work.increment[body]
         coasting = coasting_increment(work, body_qd, body, step)
@@ -225,6 +229,10 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
                     free = wp.spatial_bottom(work.target[body])
                     spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
             velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
+        if wp.static(effects.joints and effects.pairs and not effects.ramp):
+            if has_islands and is_free_island(islands, body, -1):
+                if not has_no_joints(rank, worlds, tree, loops):
+                    turn_with_island(body, work, tree, islands)
         return velocity
 
     @wp.func

@@ -163,19 +163,28 @@ def settle(sum: Balance, h: float) -> Balance:
         size = wp.trace(sum.start_inertia)
         out.free_momentum = momentum / sum.mass
         inverse = wp.inverse(sum.start_inertia / size) / size
-        out.free_angular = target_spin(sum.start_inertia, inverse, angular, h)
+        # the solve for what turns it is cut off, and as a velocity would gain energy by half the
+        # square of its change; the spin that belongs to the momentum after the turn does not
+        out.angular = target_spin(sum.start_inertia, inverse, angular, h)
+        turn = exp_quat(h * out.angular)
+        spin = inverse * wp.quat_rotate_inv(turn, angular)
+        out.free_angular = wp.quat_rotate(turn, spin)
         rigid = 0.5 * wp.dot(momentum, out.free_momentum)
-        rigid += 0.5 * wp.dot(out.free_angular, sum.start_inertia * out.free_angular)
+        rigid += 0.5 * wp.dot(spin, sum.start_inertia * spin)
     else:
         inner = wp.max(sum.after - old, 1.0e-30)
         out.share = wp.min(wp.sqrt(wp.max(most - rigid, 0.0) / inner), 1.0)
     if sum.is_anchored:
         out.free_momentum = wp.vec3(0.0)
         out.free_angular = wp.vec3(0.0)
+        if out.is_rigid:
+            out.angular = wp.vec3(0.0)
     elif sum.is_touched and rigid > most:
         kept = wp.sqrt(most / rigid)
         out.free_momentum *= kept
         out.free_angular *= kept
+        if out.is_rigid:
+            out.angular *= kept
     return out
 
 
@@ -611,7 +620,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 root = islands.parent[body]
                 sum = islands.balance[root]
                 if sum.is_rigid:
-                    turn = exp_quat(scale.h * sum.free_angular)
+                    turn = exp_quat(scale.h * sum.angular)
                     r = work.com[body] - work.com[root] - sum.start_com / sum.mass
                     shift = wp.quat_rotate(turn, r) - r + scale.h * sum.free_momentum
                     pose = moved_pose(body, body_q[body], shift, turn, model)

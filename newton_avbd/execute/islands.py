@@ -11,9 +11,11 @@ known in closed form and leaves all slips as they are.
 
 import warp as wp
 
-from ..algebra.so3 import world_inertia
-from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, WorldWork
+from ..algebra.so3 import exp_quat, turned_from, world_inertia
+from ..blocks.tree import combined_turn
+from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, TreeWork, WorldWork
 from .fluid import resistance
+from .trees import turn_by
 
 
 @wp.func
@@ -136,6 +138,7 @@ def keep_momentum(
                 total.bodies += 1
                 total.mass += model.mass[body]
                 total.com += model.mass[body] * work.com[body]
+                total.moved += model.mass[body] * wp.spatial_top(work.target[body])
                 largest = wp.max(largest, total.bodies)
     store_sum(islands, island, total)
     if largest < 2:
@@ -150,6 +153,7 @@ def keep_momentum(
                 total = islands.sum[root]
                 if body == root:
                     total.com = total.com / total.mass
+                    total.moved = total.moved / total.mass
                 island = root
             missing = work.target[body] - work.increment[body]
             momentum = model.mass[body] * wp.spatial_top(missing)
@@ -188,9 +192,42 @@ def keep_momentum(
 
 
 @wp.func
+def turn_with_island(
+    body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork], islands: wp.ref[IslandWork]
+):
+    """Turns a body that joints hold as :func:`keep_momentum` has turned its free island.
+
+    That turn is rigid to first order, and joints would open by its product with how far the step
+    has moved and turned the body. So the body goes to where a rigid turn of the island about its
+    COM at the end of the step takes it. Velocities have been read off before.
+    """
+    total = islands.sum[islands.parent[body]]
+    turn = total.angular
+    r = work.com[body] - total.com
+    moved = wp.spatial_top(work.increment[body])
+    linear = wp.cross(turn, r)
+    end = r + moved - linear - total.moved
+    shift = -turned_from(exp_quat(-turn), end) - linear
+    rest = wp.spatial_bottom(work.increment[body]) - turn - tree.turn[body]
+    rest = combined_turn(rest, turn)
+    work.increment[body] = wp.spatial_vector(moved + shift, tree.turn[body] + rest)
+    turn_by(body, rest, tree)
+
+
+@wp.func
+def end_arm(body: int, is_led: bool, total: IslandSum, work: wp.ref[BodyWork]) -> wp.vec3:
+    """From the COM of an island to that of a body [m], at the start or at the end of the step."""
+    r = work.com[body] - total.com
+    if is_led:
+        r += wp.spatial_top(work.increment[body]) - total.momentum
+    return r
+
+
+@wp.func
 def keep_spin(
     world: int,
     h: float,
+    is_led: bool,
     body_q: wp.array[wp.transform],
     model: wp.ref[BodyModel],
     worlds: wp.ref[WorldWork],
@@ -207,6 +244,8 @@ def keep_spin(
     Args:
         world: The world.
         h: Time step [s].
+        is_led: Whether it is of second order: arms are then those of the end, see
+            :func:`.bdf2.lead_spin`.
         body_q: Poses after the step.
         model: The bodies.
         worlds: Which of them are in the world.
@@ -234,7 +273,7 @@ def keep_spin(
                 free -= work.lead[body]
             inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
             missing = wp.spatial_top(free) / h - wp.spatial_top(body_qd[body])
-            r = work.com[body] - total.com
+            r = end_arm(body, is_led, total, work)
             total.angular += model.mass[body] * wp.cross(r, missing)
             total.angular += work.momentum[body] - inertia * wp.spatial_bottom(body_qd[body])
             total.inertia += inertia + point_inertia(model.mass[body], r)
@@ -250,6 +289,6 @@ def keep_spin(
                     total.angular = rigid_turn(total)
                     islands.sum[root].angular = total.angular
                 island = root
-            r = work.com[body] - total.com
+            r = end_arm(body, is_led, total, work)
             spin = wp.spatial_vector(wp.cross(total.angular, r), total.angular)
             body_qd[body] = body_qd[body] + spin

@@ -138,4 +138,4 @@ def keep_island_spin(
     """Gives an island its angular momentum back; one thread a body, which does it for a root."""
     root = wp.tid()
     if worlds.body_start[root + 1] - worlds.body_start[root] > 1:
-        keep_spin(root, h, body_q, model, worlds, work, islands, body_qd)
+        keep_spin(root, h, False, body_q, model, worlds, work, islands, body_qd)

@@ -23,7 +23,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
-from .bdf2 import make_bdf2
+from .bdf2 import lead_spin, make_bdf2
 from .beginning import make_begin, make_coasting
 from .breaking import make_break_joints
 from .closures import make_closures
@@ -42,8 +42,8 @@ from .scale import (
     last_update,
     make_count_passes,
     make_measure_world,
+    open_update,
     settled_update,
-    unsettled_update,
 )
 from .sweeps import make_sweep, make_sweep_block, make_sweep_world
 from .trees import is_linked, make_trees, parent_slot
@@ -517,6 +517,7 @@ def make_phases(effects: Effects) -> Phases:
     def end_velocities(
         world: int,
         has_impacts: bool,
+        has_islands: bool,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -550,6 +551,7 @@ def make_phases(effects: Effects) -> Phases:
                     tree,
                     loops,
                     islands,
+                    has_islands,
                     history,
                 )
                 if wp.static(effects.bdf2):
@@ -607,8 +609,8 @@ def make_phases(effects: Effects) -> Phases:
         Takes the square of the last update of all sweeps [m^2].
         """
         if wp.static(effects.joints):
-            unsettled = unsettled_update(scale)
-            if update > unsettled * unsettled:
+            allowed = open_update(scale)
+            if update > allowed * allowed:
                 # after impacts that no iteration settles joints are closed all the same
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                     body = worlds.bodies[i]
@@ -672,7 +674,22 @@ def make_phases(effects: Effects) -> Phases:
             body_q_out[body] = pose
         if wp.static(effects.gyroscopic and effects.pairs and not effects.fluid):
             if has_islands:
-                keep_spin(world, scale.step, body_q_out, model, worlds, work, islands, body_qd_out)
+                is_led = bool(False)
+                if wp.static(effects.bdf2):
+                    if scale.step < scale.h:
+                        is_led = True
+                        lead_spin(world, scale, body_q, model, worlds, work, islands, history)
+                keep_spin(
+                    world,
+                    scale.step,
+                    is_led,
+                    body_q_out,
+                    model,
+                    worlds,
+                    work,
+                    islands,
+                    body_qd_out,
+                )
         if wp.static(effects.balanced):
             if has_not_settled:
                 bound_world(

@@ -24,6 +24,8 @@ ROUNDED = wp.constant(1.0e-7)
 STRUCK_SHARE = wp.constant(5.0e-3)
 """Share of the reach by which a sweep without gravity still moves something where impacts go on:
 at 5 m/s and 60 Hz about what :data:`STRUCK` says with the earth's."""
+OPEN = wp.constant(1.0e-5)
+"""Update [m] of the last sweep of a step that may leave joints open by several times as much."""
 JOINT_PASSES = wp.constant(8)
 """Most sweeps that close open joints. In a tree one leaves the square of how far they were open."""
 LOOP_PASSES = wp.constant(24)
@@ -102,6 +104,12 @@ def last_update(scale: WorldScale) -> float:
 def unsettled_update(scale: WorldScale) -> float:
     """Update [m] of a last sweep beyond which joints are closed again."""
     return wp.max(scale.slop, settled_update(scale))
+
+
+@wp.func
+def open_update(scale: WorldScale) -> float:
+    """Update [m] of the last sweep of a step beyond which the joints of trees are put together."""
+    return wp.max(wp.min(scale.slop, OPEN), settled_update(scale))
 
 
 @wp.func

@@ -259,6 +259,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             end_velocities(
                 world,
                 has_impacts,
+                has_islands,
                 scale,
                 body_q,
                 body_qd,

@@ -40,12 +40,14 @@ class Bounds:
         penetration: Deepest penetration in any sample [m].
         joint: Largest distance between the anchors of a joint along what it locks [m].
         gain: Energy gained, as the height to which it would lift all bodies [m].
+        share: The same as a share of the energy that was there; see :attr:`Outcome.share`.
         drift: Largest value of :attr:`Case.drift`.
     """
 
     penetration: float | None = None
     joint: float | None = None
     gain: float | None = None
+    share: float | None = 1.0e-3
     drift: float | None = None
 
 
@@ -228,6 +230,9 @@ class Outcome:
         penetration: See :class:`Bounds`, as the next three.
         joint: None without joints.
         gain: None where the case bounds none: something then does work.
+        share: The gain as a share of what was there: kinetic energy where the gain counts from, by
+            how much the potential energy falls from there, and what lifts each body by its radius
+            of gyration. None where the gain is.
         drift: None where the case bounds none.
         milliseconds: Median time of a step, collision detection included [ms].
         seconds: Simulated time [s].
@@ -244,6 +249,7 @@ class Outcome:
     penetration: float = math.nan
     joint: float | None = None
     gain: float | None = None
+    share: float | None = None
     drift: float | None = None
     milliseconds: float = math.nan
     seconds: float = 0.0
@@ -258,7 +264,7 @@ class Outcome:
         if not self.finite:
             return [self.note or "not finite"]
         failures = [self.note] if self.note else []
-        for name in ("penetration", "joint", "gain", "drift"):
+        for name in ("penetration", "joint", "gain", "share", "drift"):
             bound, value = getattr(bounds, name), getattr(self, name)
             if bound is not None and value is not None and not value <= bound:
                 failures.append(name)
@@ -304,10 +310,12 @@ def _run(trial: Trial, solver: str, budget: float) -> Outcome:
     penetrations: list[float] = []
     separations: list[float] = []
     gain = drift = 0.0
+    supply = _Supply(trial)
     durations, begin, note, finite = [], time.monotonic(), "", True
     for step, dt in enumerate(sizes):
         if case.act is not None and case.act(trial, step):
             lowest = trial.energy()
+            supply.put_in(trial)
         start = time.perf_counter()
         trial.step(dt)
         durations.append(time.perf_counter() - start)
@@ -316,6 +324,7 @@ def _run(trial: Trial, solver: str, budget: float) -> Outcome:
             finite, note = False, f"not finite after {trial.time:.3g} s"
             break
         gain = max(gain, (energy - lowest) / weight)
+        supply.watch(trial)
         lowest = lowest if case.stores else min(lowest, energy)
         drift = max(drift, trial.moved() if case.drift is None else case.drift(trial))
         if step == 0:
@@ -338,6 +347,7 @@ def _run(trial: Trial, solver: str, budget: float) -> Outcome:
         penetration=max(penetrations, default=0.0),
         joint=max(separations, default=0.0) if len(joints.child) else None,
         gain=None if case.bounds.gain is None else gain,
+        share=None if case.bounds.gain is None else gain * weight / supply.energy,
         drift=None if case.bounds.drift is None else drift,
         milliseconds=1e3 * float(np.median(durations[1:] or durations)),
         seconds=trial.time,
@@ -347,6 +357,35 @@ def _run(trial: Trial, solver: str, budget: float) -> Outcome:
         penetrations=penetrations,
         separations=separations if len(joints.child) else [],
     )
+
+
+class _Supply:
+    """The energy that a run can spend, see :attr:`Outcome.share`."""
+
+    def __init__(self, trial: Trial):
+        moving, bodies = trial.bodies.moving, trial.bodies
+        size = np.trace(bodies.inertia, axis1=1, axis2=2)[moving] * bodies.mass[moving]
+        self._lift = G * float(np.sum(np.sqrt(0.5 * size)))
+        self._kinetic = self._fall = 0.0
+        self.put_in(trial)
+
+    def put_in(self, trial: Trial) -> None:
+        """Counts from the present state on."""
+        self._start = self._potential(trial)
+        self._kinetic = max(self._kinetic, trial.energy() - self._start)
+
+    def watch(self, trial: Trial) -> None:
+        """Takes a state in."""
+        self._fall = max(self._fall, self._start - self._potential(trial))
+
+    @property
+    def energy(self) -> float:
+        """What was there [J]."""
+        return self._kinetic + self._fall + self._lift
+
+    @staticmethod
+    def _potential(trial: Trial) -> float:
+        return float(np.sum(measure.potential_energy(trial.bodies, trial.poses())))
 
 
 def _step_sizes(case: Case) -> list[float]:

@@ -23,6 +23,9 @@ _LEAST = 1e-9
 _PARALLEL = 0.2
 """Sine of the angle below which two axes count as nearly parallel."""
 
+_SQUARE = 1e-4
+"""Cosine between axes from which they are not square to each other."""
+
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
@@ -46,6 +49,8 @@ class Joints:
             the other. With three free axes these, with two the locked one between them, with one
             that and two across; shape [n, 3, 3].
         sign: -1 where the last column is opposite to the joint's own axis, else 1, shape [n].
+        hinges: Rows: the three angular axes of a joint in which they are not square to each other,
+            which is a chain of hinges then; zero for others, shape [n, 3, 3].
         lower: Lower limits, three linear and three angular [m, rad], shape [n, 6].
         upper: Upper limits, likewise.
         armature: Inertia of rotors, likewise [kg, kg m^2].
@@ -61,6 +66,7 @@ class Joints:
     slide: Array
     basis: Array
     sign: Array
+    hinges: Array
     lower: Array
     upper: Array
     armature: Array
@@ -74,6 +80,7 @@ class Joints:
         count = len(chosen)
         slide, locked = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
         basis, sign = np.tile(np.eye(3), (count, 1, 1)), np.ones(count)
+        hinges = np.zeros((count, 3, 3))
         lower, upper = np.full((count, 6), -np.inf), np.full((count, 6), np.inf)
         axes = model.joint_axis.numpy().astype(float)
         armature, rotors = np.zeros((count, 6)), model.joint_armature.numpy().astype(float)
@@ -92,6 +99,8 @@ class Joints:
                 continue
             about = axes[start + linear : start + linear + angular]
             basis[row], sign[row] = _basis(about)
+            if angular == 3 and np.abs(about @ about.T - np.eye(3)).max() > _SQUARE:
+                hinges[row] = about
             for i, place in enumerate((0, 2) if angular == 2 else range(angular)):
                 low, high = (float(source[start + linear + i]) for source in limits)
                 # A pose does not tell full turns apart, so that wider limits say nothing.
@@ -107,6 +116,7 @@ class Joints:
             slide=slide,
             basis=basis,
             sign=sign,
+            hinges=hinges,
             lower=lower,
             upper=upper,
             armature=armature,
@@ -159,14 +169,18 @@ class Joints:
         # About three axes two triples of angles say the same; the joint may be at either.
         other = angles * [1.0, -1.0, 1.0] + np.pi
         other = np.arctan2(np.sin(other), np.cos(other))
+        cosine = np.abs(np.cos(angles[:, 1]))[:, None]
+        skew = self.hinges[:, 0].any(axis=1)
+        if skew.any():
+            angles[skew], other[skew], cosine[skew, 0] = self._hinged(turn)
         passed, beyond = self._passed(slid, angles), self._passed(slid, other)
         # Where the outer two are nearly parallel, what they turn against each other turns the
         # child by the cosine of the middle angle less. Their sum counts whole.
-        cosine = np.abs(np.cos(angles[:, 1]))[:, None]
         is_near = (self.angular == 3) & (cosine[:, 0] < _PARALLEL)
         for triple in (passed, beyond):
             triple[:, [3, 5]] *= np.where(is_near[:, None], cosine, 1.0)
         nearest = np.minimum(passed.max(axis=1), beyond.max(axis=1))
+        is_near &= ~skew
         nearest[is_near] = np.maximum(nearest, self._sum_passed(turn))[is_near]
         return np.where(self.angular == 3, nearest, passed.max(axis=1))
 
@@ -216,6 +230,14 @@ class Joints:
         middle = _product(_about(first, angles[:, 0]), _about(second, angles[:, 1]))
         axes[:, :, 1] = rotate(_about(first, angles[:, 0]), second)
         axes[:, :, 2] = rotate(middle, self.basis[:, :, 2] * self.sign[:, None])
+        skew = self.hinges[:, 0].any(axis=1)
+        if skew.any():
+            a, b, c = (self.hinges[skew, i] for i in range(3))
+            one, other, _ = self._hinged(turn)
+            chosen = self._is_nearer(one, other)[:, None]
+            first_two = np.where(chosen, one, other)
+            outer, inner = _about(a, first_two[:, 0]), _about(b, first_two[:, 1])
+            axes[skew] = np.stack([a, rotate(outer, b), rotate(_product(outer, inner), c)], axis=2)
         axes[self.angular == 2, :, 1] = 0.0
         axes[self.angular == 1, :, 1:] = 0.0
         axes[self.angular == 0] = 0.0
@@ -242,6 +264,43 @@ class Joints:
         )
         turn = _product(back, _product(child[:, 3:], self.child_frame[:, 3:]))
         return rotate(back, apart), turn
+
+    def _hinged(self, turn: Array) -> tuple[Array, Array, Array]:
+        """Both triples of angles [rad] of joints whose three axes a, b, c are not square, shape
+        [skew joints, 3], and the sine between a and c.
+
+        Of R = R_a R_b R_c, a . R c = a . R_b c has the middle angle; R c and R^T a have the others.
+        """
+        skew = self.hinges[:, 0].any(axis=1)
+        a, b, c = (self.hinges[skew, i] for i in range(3))
+        turn = turn[skew]
+        end, begin = rotate(turn, c), rotate(turn * _CONJUGATE, a)
+        both = _dot(a, b) * _dot(b, c)
+        along, across = _dot(a, c) - both, _dot(a, np.cross(b, c))
+        share = (_dot(a, end) - both) / np.hypot(along, across)
+        triples = []
+        for side in (1.0, -1.0):
+            q = np.arctan2(across, along) + side * np.arccos(np.clip(share, -1.0, 1.0))
+            u, v = rotate(_about(b, q), c), rotate(_about(b, -q), a)
+            first = np.arctan2(_dot(a, np.cross(u, end)), _dot(u, end) - _dot(a, u) * _dot(a, end))
+            last = np.arctan2(
+                _dot(c, np.cross(begin, v)), _dot(v, begin) - _dot(c, v) * _dot(c, begin)
+            )
+            triples.append(np.stack([first, np.arctan2(np.sin(q), np.cos(q)), last], axis=1))
+        return triples[0], triples[1], np.linalg.norm(np.cross(a, end), axis=1)
+
+    def _is_nearer(self, one: Array, other: Array) -> NDArray[np.bool_]:
+        """Whether skew joints are at ``one`` rather than at the ``other`` triple of angles: by how
+        far these are beyond their limits, and then by how large they are, shape [skew joints]."""
+        skew = self.hinges[:, 0].any(axis=1)
+        lower, upper = self.lower[skew, 3:], self.upper[skew, 3:]
+
+        def beyond(q: Array) -> Array:
+            return np.asarray(np.maximum(np.maximum(lower - q, q - upper), 0.0).max(axis=1))
+
+        less = beyond(one) - beyond(other)
+        smaller = np.abs(one).sum(axis=1) <= np.abs(other).sum(axis=1)
+        return np.asarray(np.where(less == 0.0, smaller, less < 0.0))
 
     def _matrix(self, turn: Array) -> Array:
         """Rotation matrices of ``turn`` in ``basis``, shape [n, 3, 3]."""
@@ -324,6 +383,11 @@ def _basis(axes: Array) -> tuple[Array, float]:
     third = np.cross(first, second)
     sign = 1.0 if len(axes) == 1 or third @ axes[-1] > 0.0 else -1.0
     return np.stack([first, second, third], axis=1), sign
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """Products of vectors, shape [n]."""
+    return np.asarray(np.sum(a * b, axis=1))
 
 
 def _about(axis: Array, angle: Array) -> Array:

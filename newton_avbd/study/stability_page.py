@@ -14,7 +14,7 @@ from newton_avbd.study.hard_cases import CASES, GROUPS
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 """Colors of solvers in a plot, told apart by every kind of color vision."""
 
-QUANTITIES = ("penetration", "joint", "gain", "drift")
+QUANTITIES = ("penetration", "joint", "gain", "share", "drift")
 """Columns that have a bound."""
 
 _STYLE = """\
@@ -32,6 +32,8 @@ _INTRODUCTION = """\
 <p>Scenes that are known to be hard, on a CPU. <em>Penetration</em> is the deepest in any sample;
 <em>joint</em> the largest distance between the anchors of a joint along what it locks;
 <em>gain</em> the energy that came from nowhere, as the height to which it would lift all bodies;
+<em>share</em> the same as a share of what was there: kinetic energy at the start, potential energy
+that is spent later, and what lifts each body by its radius of gyration;
 <em>drift</em> what the case says, or how far a body has moved from its start; <em>time</em> the
 median of a step with its collision detection. Bounds follow from the physics of each case, not
 from what a solver reaches; numbers above them are red.</p>"""
@@ -54,7 +56,11 @@ def value(case: Case, outcome: Outcome, name: str) -> str:
     number = getattr(outcome, name)
     if number is None:
         return "-"
-    return quantity(number, case.drift_unit if name == "drift" else "m")
+    return quantity(number, _unit(case, name))
+
+
+def _unit(case: Case, name: str) -> str:
+    return {"drift": case.drift_unit, "share": ""}.get(name, "m")
 
 
 def quantity(number: float, unit: str) -> str:
@@ -134,7 +140,7 @@ def _section(case: Case, outcomes: Sequence[Outcome]) -> str:
     """Table and picture of one case."""
     head = ["solver", *QUANTITIES, "time", ""]
     limits = [getattr(case.bounds, name) for name in QUANTITIES]
-    units = ["m", "m", "m", case.drift_unit]
+    units = [_unit(case, name) for name in QUANTITIES]
     bounds = ["-" if b is None else quantity(b, u) for b, u in zip(limits, units, strict=True)]
     rows = [["bound", *bounds, "", ""]]
     for outcome in outcomes:
