@@ -35,7 +35,7 @@ MOVE = 360
 """Steps of the motion that follows."""
 
 WEIGHED = 120
-"""Steps at the end of the hold over which contact forces are weighed, at rest if it comes to rest."""
+"""Steps at the end of the hold over which contact forces are weighed."""
 
 WAVES = 0.75
 """Frequency of the motion [Hz]."""

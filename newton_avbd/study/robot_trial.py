@@ -226,7 +226,9 @@ def judge(report: Report, ours: Record, reference: Record | None) -> list[str]:
     elif off > WEIGHT:
         failures.append(f"contacts bear {ours.support:.4g} N of {ours.demand:.4g} N")
     if reference is not None and ours.speed > max(MOVING, 2.0 * reference.speed):
-        failures.append(f"moves at {ours.speed:.2g} m/s where the reference has {reference.speed:.2g}")
+        failures.append(
+            f"moves at {ours.speed:.2g} m/s where the reference has {reference.speed:.2g}"
+        )
     return failures
 
 
