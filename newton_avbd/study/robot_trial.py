@@ -31,7 +31,7 @@ LAG = 0.02
 """How much further a drive may stay behind its target on average than the reference does, or than
 the law of the drive says, whichever is more [rad or m]."""
 
-WRONG = 0.05
+WRONG = 0.02
 """Largest share of a drive's force that may be not its law's. A drive that stays behind further
 than the reference does pushes as its law says all the same where its effort limit or a contact
 stops it, and contacts differ between solvers: feet stick in one and creep in the other, what falls
