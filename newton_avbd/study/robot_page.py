@@ -30,10 +30,10 @@ A robot passes if all numbers stay finite; every joint, welds included, stays cl
 1 mrad; limits are kept to 1 mrad; contact forces and momentum balance the weight to 1 %; nothing
 hangs in mid-air; after the hold nothing moves faster than 0.1 m/s, or than twice what it does with
 SolverMuJoCo; and the drives move right. A drive moves right if it follows its target as closely
-as with SolverMuJoCo, or as its law has it, to 20 mrad. It also does if it pushes as its law says,
-to 2 %: what the links beyond it gain in momentum, less gravity and contact forces, is the force of
-the law. (Two simulators need not make the same motion of a robot: a foot sticks in one and creeps
-in the other, and what falls over falls at another time.)
+as with SolverMuJoCo, or, where MuJoCo refuses the robot, as its law has it, to 20 mrad. It also
+does if it pushes as its law says, to 2 %: what the links beyond it gain in momentum, less gravity
+and contact forces, is the force of the law. (Two simulators need not make the same motion of a
+robot: a foot sticks in one and creeps in the other, and what falls over falls at another time.)
 
 Times are of one step while the robot holds its first pose, without collision detection, in
 microseconds: replayed from a graph for SolverAVBD, SolverXPBD and SolverVBD, bare calls for
