@@ -132,3 +132,26 @@ def test_only_light_links_are_looked_after() -> None:
     """A foot of a hundredth of the load is none: its contacts are as they are without a load."""
     assert standing("ball", load=1000.0)[0].solver.effects.flags.light_links
     assert not standing("ball", load=100.0 * FOOT)[0].solver.effects.flags.light_links
+
+
+def test_fingers_that_do_not_touch_leave_their_arm_free():
+    # Two fingers of 1 g side by side, 0.02 mm apart, at the end of an arm that a torque turns:
+    # their contact stays open, and the rate is T t / I of all three. As stiff as an arm to stop,
+    # it took half of that.
+    torque, seconds, end = 0.5, 0.1, 0.55
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    arm = add_link(builder, mass=2.0, inertia=np.diag([1.0e-3, 0.03, 0.03]), com=(0.25, 0.0, 0.0))
+    joints = [builder.add_joint_revolute(-1, arm, axis=(0.0, 0.0, 1.0))]
+    about = 0.03 + 2.0 * 0.25**2
+    for side in (-0.01001, 0.01001):
+        place = transform((end, side, 0.0))
+        finger = add_link(builder, mass=1.0e-3, inertia=1.0e-7 * np.eye(3), xform=place)
+        builder.add_shape_box(finger, hx=0.04, hy=0.01, hz=0.01, cfg=surface(density=0.0))
+        hold = {"parent_xform": place, "axis": (1.0, 0.0, 0.0), "target_ke": 10.0}
+        joints.append(builder.add_joint_revolute(arm, finger, **hold, target_kd=0.01))
+        about += 1.0e-7 + 1.0e-3 * (end**2 + side**2)
+    builder.add_articulation(joints)
+    sim = Simulation(builder)
+    sim.control.joint_f.assign(np.array([torque, 0.0, 0.0], np.float32))
+    sim.run(seconds)
+    assert sim.velocity[arm, 5] == pytest.approx(torque * seconds / about, rel=1.0e-4)

@@ -389,7 +389,9 @@ def make_colored(effects: Effects) -> Colored:
         body = wp.tid()
         world = worlds.of_body[body]
         scale = colors.scale[world]
-        depth = penalise_rows(world, body, scale, shapes, contacts, work, rows, tree, history)
+        depth = penalise_rows(
+            world, body, scale, shapes, contacts, worlds, work, rows, tree, history
+        )
         if depth > colors.deepest[world]:
             wp.atomic_max(colors.deepest, world, depth)
 

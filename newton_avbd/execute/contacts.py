@@ -25,6 +25,7 @@ from ..rows import condim as condim_rows
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
 from .weights import mass_to_stop
@@ -463,6 +464,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         scale: WorldScale,
         shapes: wp.ref[ShapeModel],
         contacts: wp.ref[ContactInput],
+        worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
         tree: wp.ref[TreeWork],
@@ -526,7 +528,9 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 if wp.static(effects.piles):
                     held = mass_to_hold(row, work, rows)
                 if wp.static(effects.light_links):
-                    held = wp.max(held, mass_to_stop(row, work, tree))
+                    # A contact that stays open between links that move at once holds nothing.
+                    if contact_rows.may_push(row, u) or not is_same_block(worlds, body, row.b):
+                        held = wp.max(held, mass_to_stop(row, work, tree))
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(
                         row, wp.max(mass, held), load, u, stiffness, damping, scale

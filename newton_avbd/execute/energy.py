@@ -271,7 +271,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             given = (whole - damping) * moved + wp.max(damping * moved, 0.0)
             most = axis_rows.most_effort(joints, index)
             if wp.isfinite(most):
-                given = wp.min(given, most * wp.abs(moved))
+                given = wp.clamp(given, -most * wp.abs(moved), most * wp.abs(moved))
             total += given
         if wp.static(effects.pushed_axes):
             push = control.pushes[index]
@@ -283,7 +283,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 given += pull * moved
             most = wp.max(wp.abs(push.least), wp.abs(push.most))
             if wp.isfinite(most):
-                given = wp.min(given, most * wp.abs(moved))
+                given = wp.clamp(given, -most * wp.abs(moved), most * wp.abs(moved))
             total += given
         if wp.static(effects.springs):
             away = axis_rows.away_from(joints.rest_q, joints, joint, dof, q, rest_away)

@@ -196,7 +196,7 @@ def make_phases(effects: Effects) -> Phases:
             for i in range(body_start, body_end):
                 body = worlds.bodies[i]
                 depth = penalise_rows(
-                    world, body, scale, shapes, contacts, work, rows, tree, history
+                    world, body, scale, shapes, contacts, worlds, work, rows, tree, history
                 )
                 deepest = wp.max(deepest, depth)
             if wp.static(effects.restitution):

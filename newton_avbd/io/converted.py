@@ -7,6 +7,7 @@ import importlib.util
 import subprocess
 import sys
 from dataclasses import replace
+from importlib import metadata
 from pathlib import Path
 
 from .errors import UserError
@@ -19,15 +20,25 @@ _SCRIPT = "import sys, {module}; print({module}.Converter().convert(sys.argv[1],
 
 
 def require_converters() -> None:
-    """Check that the converters are installed.
+    """Check that the converters are installed, and that they can load USD.
 
     Raises:
-        UserError: One of them is not; the message has the command that installs both.
+        UserError: They are not, or cannot; the message has the commands that help.
     """
     absent = [name for name in CONVERTERS.values() if importlib.util.find_spec(name) is None]
     if absent:
         packages = " ".join(name.replace("_", "-") for name in CONVERTERS.values())
         raise UserError(f"this needs the Python package {absent[0]}: pip install {packages}")
+    if {"usd-core", "usd-exchange"} <= _installed():
+        # Both bring the modules of USD, of different builds: the converters end with a fault.
+        raise UserError(
+            "the converters bring USD themselves (usd-exchange), and usd-core is in their way: "
+            "pip uninstall usd-core && pip install --force-reinstall --no-deps usd-exchange"
+        )
+
+
+def _installed() -> set[str]:
+    return {str(package.metadata["Name"]).lower() for package in metadata.distributions()}
 
 
 def can_convert(robot: Robot) -> bool:
@@ -54,6 +65,8 @@ def as_usd(robot: Robot, folder: Path) -> Robot:
     done = subprocess.run(
         [*command, str(robot.path), str(target)], capture_output=True, text=True, check=False
     )
+    if done.returncode < 0:
+        raise UserError(f"cannot be converted: the converter ended by signal {-done.returncode}")
     if done.returncode:
         lines = done.stderr.strip().splitlines()
         raise UserError(f"cannot be converted: {lines[-1] if lines else done.returncode}")

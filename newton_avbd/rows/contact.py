@@ -244,6 +244,14 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
 
 
 @wp.func
+def may_push(row: ContactRow, u: wp.vec3) -> bool:
+    """Whether the row pushed in the last step, or closes at the slip u [m]."""
+    if wp.dot(row.normal, row.force) > 0.0:
+        return True
+    return wp.dot(row.normal, u) + wp.max(row.gap, 0.0) <= 0.0
+
+
+@wp.func
 def expected_force(row: ContactRow, mass: float, u: wp.vec3, h: float) -> float:
     """Normal force [N] to expect: that of the last step, or what would stop the slip u [m]."""
     closed = -(wp.dot(row.normal, u) + wp.max(row.gap, 0.0))

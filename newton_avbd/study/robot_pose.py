@@ -48,7 +48,8 @@ def stand(builder: newton.ModelBuilder) -> Pose:
     """Set a robot up that an importer put into ``builder``.
 
     The joints go to the coordinate of the file, or to the nearest within their limits. A robot that
-    floats is lowered until it touches the ground, which is added where the file has none. Position
+    floats is lowered until it touches the ground, which is added where the file has none. One that
+    is bolted down does not collide with a ground that is added. Position
     drives hold the first pose with the file's gains, or, where it has none, with those of a mass on
     a critically damped spring of :data:`FREQUENCY`: ke = I w^2 and kd = 2 I w, where I is the
     inertia that the drive moves, see :func:`_inertias`. A limit of effort or velocity of zero,
@@ -133,7 +134,10 @@ def _enter_limits(builder: newton.ModelBuilder) -> None:
 
 
 def _meet_ground(builder: newton.ModelBuilder, floating: bool) -> None:
-    """Lower what floats to the ground; put a ground under what has none."""
+    """Lower what floats to the ground; put a ground under what has none.
+
+    What is bolted down keeps clear of a ground that is not its file's: that is there to be seen.
+    """
     own = grounds(builder)
     lowest = lowest_points(builder.finalize(device="cpu"))[:-1]
     bottom = float(np.min(lowest, initial=np.inf))
@@ -149,7 +153,9 @@ def _meet_ground(builder: newton.ModelBuilder, floating: bool) -> None:
         bottom = level
     if not own:
         under = bottom if floating or bottom < 0.0 else 0.0
-        builder.add_ground_plane(height=under if np.isfinite(under) else 0.0)
+        look = builder.default_shape_cfg.copy()
+        look.has_shape_collision = look.has_particle_collision = floating
+        builder.add_ground_plane(height=under if np.isfinite(under) else 0.0, cfg=look)
 
 
 def grounds(builder: newton.ModelBuilder) -> list[int]:

@@ -23,7 +23,13 @@ DT = 1.0 / 240.0
 """Step [s]."""
 
 HOLD = 480
-"""Steps for which the first pose is held."""
+"""Steps for which the first pose is held at least."""
+
+HOLD_MOST = 960
+"""Steps for which it is held at most: as long as the robot has not come to rest."""
+
+REST = 0.01
+"""Speed below which all bodies of a robot count as at rest [m/s]."""
 
 MOVE = 360
 """Steps of the motion that follows."""
@@ -63,7 +69,6 @@ class Record:
             the solver does not say.
         demand: The vertical force that Newton's second law calls for, over the same time [N].
         speed: Largest speed of a body at the end of the hold [m/s].
-        fastest: Largest speed of a body at any time of the hold [m/s].
         model: The model.
         state: Its last state.
     """
@@ -81,7 +86,6 @@ class Record:
     support: float = math.nan
     demand: float = math.nan
     speed: float = math.nan
-    fastest: float = 0.0
     model: newton.Model | None = None
     state: newton.State | None = None
 
@@ -121,14 +125,16 @@ def run_robot(
     joint_q, joint_qd = model.joint_q, model.joint_qd
     torques = None if observables is None else Torques(model, DT)
     lags: list[Array] = []
-    pushed, momentum = 0.0, 0.0
+    hold, pushed, momentum, restless = HOLD, 0.0, 0.0, 0.0
+    step = -1
     begin = time.monotonic()
-    for step in range(HOLD + MOVE):
-        if step >= HOLD:
-            control.joint_target_q.assign(targets[step - HOLD].astype(np.float32))
-        if step == HOLD - WEIGHED:
-            momentum = vertical_momentum(bodies, falling, state)
-        before = None if torques is None or step < HOLD else torques.momenta(state)
+    while step < hold + MOVE - 1:
+        step += 1
+        if step >= hold:
+            control.joint_target_q.assign(targets[step - hold].astype(np.float32))
+        if step == hold - WEIGHED:
+            momentum, pushed, restless = vertical_momentum(bodies, falling, state), 0.0, 0.0
+        before = None if torques is None or step < hold else torques.momenta(state)
         if pipeline is not None:
             pipeline.collide(state, contacts)
         if observables is None:
@@ -137,29 +143,32 @@ def run_robot(
             solver.step(state, following, control, contacts, DT, observables=observables)
         state, following = following, state
         if torques is not None and before is not None:
-            torques.add(before, state, targets[step - HOLD], contacts, observables)
-        if observables is not None and HOLD - WEIGHED <= step < HOLD:
-            pushed += support(model, falling, contacts, observables)
-        if step == HOLD - 1:
+            torques.add(before, state, targets[step - hold], contacts, observables)
+        if hold - WEIGHED <= step < hold:
+            restless = max(restless, largest_speed(state))
+            if observables is not None:
+                pushed += support(model, falling, contacts, observables)
+        if step == hold - 1:
+            if restless > REST and hold < HOLD_MOST:
+                hold += WEIGHED
+                continue
             gained = vertical_momentum(bodies, falling, state) - momentum
             record.demand = record.weight + gained / (WEIGHED * DT)
             record.support = math.nan if observables is None else pushed / WEIGHED
             record.speed = largest_speed(state)
-        if step % EVERY == 0 or step == HOLD + MOVE - 1:
-            shown(step, HOLD + MOVE)
+        if step % EVERY == 0 or step == hold + MOVE - 1:
+            shown(step, hold + MOVE)
             body_q = state.body_q.numpy().astype(float)
             if not np.isfinite(body_q).all() or not np.isfinite(state.body_qd.numpy()).all():
                 record.finite = False
                 break
             watch(record, joints, body_q, chosen)
-            if step < HOLD:
-                record.fastest = max(record.fastest, largest_speed(state))
-            else:
+            if step >= hold:
                 newton.eval_ik(model, state, joint_q, joint_qd)
                 q = joint_q.numpy()
-                lags.append(np.abs(q - targets[step - HOLD]))
+                lags.append(np.abs(q - targets[step - hold]))
         if time.monotonic() - begin > budget:
-            raise TimeoutError(f"gave up after {step + 1} of {HOLD + MOVE} steps in {budget:.0f} s")
+            raise TimeoutError(f"gave up after {step + 1} of {hold + MOVE} steps in {budget:.0f} s")
     status = getattr(solver, "status", None)
     record.finite &= not np.any(getattr(status, "held_steps", 0))
     if lags:
