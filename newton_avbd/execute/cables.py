@@ -1,0 +1,1080 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Newton's tendons in a step: their tensions are solved for between the sweeps over the bodies.
+
+A sweep moves each block to the minimum of its quadratic model under the tensions T that there are.
+After it the cables of a cluster are beyond their targets by C(x), and the blocks answer a change of
+the tensions by -W^T dT, where W dT is the wrench on their bodies:
+
+    C(x) - A dT = S T + (what they may keep),   A = W^T H^-1 W,
+
+with the blocks H as they have been factored, articulations as a whole, and the softness S of
+compliant segments. It is the dual update of the augmented Lagrangian with the exact inverse of what
+couples the rows in the place of a penalty, so that neither the number of segments nor the ratio of
+masses slows it. The next sweep moves the bodies. Where a pull turns with its segment, the block holds
+the curvature of that (geometric stiffness, T/L square to the segment), so that it stays stable.
+
+Which segments are slack and at which guides the cable slips is found by trying: the equations are
+solved as if it were known, and what contradicts the answer is changed (policy iteration).
+"""
+
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from ..algebra.block import half_solve, other_half
+from ..blocks.tree import carried, geometric_stiffness, handed_down
+from ..data import (
+    BodyWork,
+    CableGuide,
+    CableWork,
+    History,
+    IslandWork,
+    JointModel,
+    TreeWork,
+    WorldWork,
+)
+from ..effects import Effects
+from ..rows import cable as law
+from ..rows import joint as joint_rows
+from ..rows.cable import ANCHOR, FREELY, NO_RATIO, ROLLER, STICKS, TO_LEFT, TO_RIGHT, GuidePose
+from .launch import KERNEL
+from .resetting import is_selected
+from .trees import is_linked
+
+LEAST_REST = wp.constant(1.0e-6)
+"""Least material of a segment [m], as in SolverXPBD."""
+ROUNDING = wp.constant(wp.float64(1.0e-7))
+"""Change of a segment that counts as none, of its length."""
+HIDDEN = wp.constant(wp.float64(1.0e-9))
+"""What the equations are off by, of its length, that counts as none."""
+OPEN = wp.constant(wp.float64(1.0e-6))
+"""Stretch of an inextensible segment that is left alone, of its length."""
+PASSES = wp.constant(16)
+"""Most rounds over the cables of a cluster that share bodies."""
+TRIALS = wp.constant(8)
+"""Most trials of what is slack and what slips, beyond two for each segment."""
+SETTLED = wp.constant(wp.float64(1.0e-7))
+"""Change of a cable's tensions in a round that ends it, of the largest."""
+NO_PIVOT = wp.constant(wp.float64(1.0e-12))
+"""Pivot, of the diagonal, that rounding leaves of one that is zero: nothing moves such a row."""
+NONE = wp.constant(wp.float64(0.0))
+
+
+@wp.func
+def first_segment(cable: int, cables: wp.ref[CableWork]) -> int:
+    """First of the segments of a cable."""
+    return cables.guide_start[cable] - cable
+
+
+@wp.func
+def end_segment(cable: int, cables: wp.ref[CableWork]) -> int:
+    """End of them."""
+    return cables.guide_start[cable + 1] - cable - 1
+
+
+@wp.func
+def beyond_rest(seg: int, span: law.Span, pose_l: GuidePose, pose_r: GuidePose, cables: CableWork):
+    """Length of a segment beyond its material where nothing slips [m]."""
+    guide_l = cables.guides[cables.left[seg]]
+    guide_r = cables.guides[cables.right[seg]]
+    wound = law.unwound(guide_r, pose_r, cables.base_right[seg], span.right)
+    wound -= law.unwound(guide_l, pose_l, cables.base_left[seg], span.left)
+    return span.length - wp.float64(cables.rest[seg]) + wound
+
+
+@wp.func
+def is_inextensible(cable: int, cables: wp.ref[CableWork]) -> bool:
+    """Whether no segment of a cable gives way."""
+    for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+        if cables.active[seg] == 1 and cables.compliance[seg] > 0.0:
+            return False
+    return True
+
+
+@wp.func
+def is_joined(guide: int, cables: wp.ref[CableWork]) -> bool:
+    """Whether the cable slips at a guide, so that the tensions on both sides depend on each other."""
+    return not (cables.slip[guide] == STICKS)
+
+
+@wp.func
+def link_of(body: int, body_q: wp.array[wp.transform]) -> wp.transform:
+    """Pose of a link; the world's is the identity."""
+    if body < 0:
+        return wp.transform_identity()
+    return body_q[body]
+
+
+@wp.struct
+class CableModel:
+    """The model's tendons, read live."""
+
+    world: wp.array[wp.int32]
+    body: wp.array[wp.int32]
+    """Link of each guide."""
+    mu: wp.array[float]
+    compliance: wp.array[float]
+    damping: wp.array[float]
+
+
+@wp.struct
+class CableState:
+    """What a state knows of its cables; Newton's arrays."""
+
+    is_known: wp.array[wp.bool]
+    """By cable: whether a step has written it."""
+    is_placed: wp.array[wp.bool]
+    """By world, the global one last: whether a reset put the bodies elsewhere since."""
+    rest: wp.array[float]
+    left: wp.array[wp.vec3]
+    right: wp.array[wp.vec3]
+    touched: wp.array[wp.bool]
+
+
+@wp.struct
+class CableView:
+    """What is shown of the cables after a step."""
+
+    left: wp.array[wp.vec3]
+    """Ends of the segments [m], world frame."""
+    right: wp.array[wp.vec3]
+    length: wp.array[float]
+    material_tension: wp.array[float]
+    damping_tension: wp.array[float]
+
+
+@wp.func
+def touches(
+    guide: int,
+    was_touched: bool,
+    tolerance: float,
+    model: CableModel,
+    body_q: wp.array[wp.transform],
+    cables: CableWork,
+) -> bool:
+    """Whether the way of a cable leads around a dynamic roller, as SolverXPBD decides it.
+
+    In the plane of the roller: its center lies beside the segment that would bypass it, on the side
+    to which the cable winds, or no farther than the radius on the other one. A roller that the
+    cable does not touch yet has to reach in by the share ``tolerance`` of its radius.
+    """
+    before = cables.guides[guide - 1]
+    after = cables.guides[guide + 1]
+    candidate = cables.guides[guide]
+    pose_l = law.link_pose(before, link_of(model.body[guide - 1], body_q))
+    pose_r = law.link_pose(after, link_of(model.body[guide + 1], body_q))
+    pose = law.link_pose(candidate, link_of(model.body[guide], body_q))
+    span = law.span_between(before, after, pose_l, pose_r, before.offset)
+    normal = law.axis_of(candidate, pose)
+    start = pose_l.center + span.left
+    way = span.length * span.direction
+    away = pose.center - start
+    way -= wp.dot(way, normal) * normal
+    away -= wp.dot(away, normal) * normal
+    square = wp.dot(way, way)
+    if square <= wp.float64(1.0e-12):
+        return False
+    share = wp.dot(away, way) / square
+    distance = wp.float64(candidate.side) * wp.dot(away, wp.cross(normal, way)) / wp.sqrt(square)
+    reach = wp.float64(candidate.radius)
+    if not was_touched:
+        reach *= wp.float64(1.0) - wp.float64(tolerance)
+    return share > NONE and share < wp.float64(1.0) and distance <= reach
+
+
+@wp.kernel(**KERNEL)
+def begin_cables(
+    # Model:
+    model: CableModel,
+    # State in:
+    body_q: wp.array[wp.transform],
+    state: CableState,
+    initial: CableState,
+    tolerance: float,
+    # Out:
+    cables: CableWork,
+):
+    """The routes of the step, and how the cables stand at its start; one thread a cable."""
+    cable = wp.tid()
+    first = first_segment(cable, cables)
+    end = end_segment(cable, cables)
+    world = model.world[cable]
+    is_known = state.is_known[cable]
+    is_placed = state.is_placed[wp.where(world < 0, state.is_placed.shape[0] - 1, world)]
+    for seg in range(first, end):
+        guide = seg + cable
+        cables.active[seg] = 1
+        cables.left[seg] = guide
+        cables.right[seg] = guide + 1
+        cables.compliance[seg] = model.compliance[seg]
+        cables.damping[seg] = model.damping[seg]
+        cables.rest[seg] = initial.rest[seg]
+        cables.base_left[seg] = initial.left[seg]
+        cables.base_right[seg] = initial.right[seg]
+        if is_known:
+            cables.rest[seg] = state.rest[seg]
+            cables.base_left[seg] = state.left[seg]
+            cables.base_right[seg] = state.right[seg]
+    for seg in range(first, end + 1):
+        guide = seg + cable
+        cables.mu[guide] = model.mu[guide]
+        is_touched = bool(True)
+        if cables.guides[guide].is_dynamic:
+            was_touched = initial.touched[guide]
+            if is_known:
+                was_touched = state.touched[guide]
+            is_touched = touches(guide, was_touched, tolerance, model, body_q, cables)
+            before = seg - 1
+            if not is_touched:
+                # the segment on the left takes the place of both
+                rest = cables.rest[before]
+                if was_touched:
+                    pose = law.link_pose(
+                        cables.guides[guide], link_of(model.body[guide], body_q)
+                    )
+                    offset = cables.guides[guide].offset
+                    spoke_in = wp.quat_rotate(
+                        pose.rotation, law.as_double(cables.base_right[before] - offset)
+                    )
+                    spoke_out = wp.quat_rotate(
+                        pose.rotation, law.as_double(cables.base_left[seg] - offset)
+                    )
+                    angle = law.wrapped_angle(cables.guides[guide], pose, spoke_in, spoke_out)
+                    rest += cables.rest[seg] + cables.guides[guide].radius * wp.float32(angle)
+                    cables.base_right[before] = cables.base_right[seg]
+                elif rest <= 0.0:
+                    rest = cables.guides[guide].detour
+                cables.rest[before] = wp.max(rest, LEAST_REST)
+                cables.rest[seg] = LEAST_REST
+                cables.active[seg] = 0
+                cables.right[before] = guide + 1
+                cables.compliance[before] = model.compliance[before] + model.compliance[seg]
+                cables.damping[before] = model.damping[before] + model.damping[seg]
+                cables.tension[seg] = 0.0
+            elif not was_touched:
+                # its material is shared among the two and what winds around the roller
+                guide_l = cables.guides[guide - 1]
+                guide_r = cables.guides[guide + 1]
+                candidate = cables.guides[guide]
+                pose_l = law.link_pose(guide_l, link_of(model.body[guide - 1], body_q))
+                pose_r = law.link_pose(guide_r, link_of(model.body[guide + 1], body_q))
+                pose = law.link_pose(candidate, link_of(model.body[guide], body_q))
+                base = cables.base_left[before]
+                span_l = law.span_between(guide_l, candidate, pose_l, pose, base)
+                span_r = law.span_between(candidate, guide_r, pose, pose_r, candidate.offset)
+                angle = law.wrapped_angle(candidate, pose, span_l.right, span_r.left)
+                free = wp.float64(cables.rest[before])
+                free -= wp.float64(candidate.radius) * angle
+                share = span_l.length / wp.max(span_l.length + span_r.length, law.POINT)
+                cables.rest[before] = wp.max(wp.float32(share * free), LEAST_REST)
+                cables.rest[seg] = wp.max(wp.float32(free) - cables.rest[before], LEAST_REST)
+                cables.base_right[seg] = cables.base_right[before]
+                cables.base_right[before] = law.local_point(candidate, pose, span_l.right)
+                cables.base_left[seg] = law.local_point(candidate, pose, span_r.left)
+                cables.tension[seg] = cables.tension[before]
+                cables.slip[guide] = STICKS
+        cables.touched[guide] = is_touched
+    for seg in range(first, end):
+        cables.start[seg] = NONE
+        if not wp.isfinite(cables.tension[seg]):
+            cables.tension[seg] = 0.0
+        if cables.active[seg] == 1:
+            guide_l = cables.guides[cables.left[seg]]
+            guide_r = cables.guides[cables.right[seg]]
+            pose_l = law.link_pose(guide_l, link_of(model.body[cables.left[seg]], body_q))
+            pose_r = law.link_pose(guide_r, link_of(model.body[cables.right[seg]], body_q))
+            span = law.span_between(guide_l, guide_r, pose_l, pose_r, cables.base_left[seg])
+            if is_placed:
+                cables.base_left[seg] = law.local_point(guide_l, pose_l, span.left)
+                cables.base_right[seg] = law.local_point(guide_r, pose_r, span.right)
+            cables.start[seg] = beyond_rest(seg, span, pose_l, pose_r, cables)
+
+
+@wp.func
+def give_slack(first: int, end: int, cables: CableWork):
+    """In a group that is slack, material slips to segments that lack some."""
+    for k in range(first, end):
+        seg = cables.chain[k]
+        for j in range(first, end):
+            other = cables.chain[j]
+            lack = wp.max(cables.load[seg], NONE)
+            spare = wp.max(-cables.load[other], NONE)
+            moved = wp.min(lack, spare)
+            cables.load[seg] = cables.load[seg] - moved
+            cables.load[other] = cables.load[other] + moved
+
+
+@wp.kernel(**KERNEL)
+def end_cables(
+    # Model:
+    model: CableModel,
+    # State in:
+    body_q: wp.array[wp.transform],
+    h: float,
+    # Work:
+    cables: CableWork,
+    # State out:
+    state: CableState,
+    # Out:
+    view: CableView,
+):
+    """Material that has slipped, and how the cables stand after the step; one thread a cable.
+
+    In a group of segments between which the cable slips, material goes where the tensions call for
+    it, and what the group is off by is shared.
+    """
+    cable = wp.tid()
+    first = first_segment(cable, cables)
+    end = end_segment(cable, cables)
+    world = model.world[cable]
+    state.is_placed[wp.where(world < 0, state.is_placed.shape[0] - 1, world)] = False
+    state.is_known[cable] = True
+    count = int(0)
+    for seg in range(first, end):
+        zero = wp.vec3(0.0)
+        view.left[seg] = zero
+        view.right[seg] = zero
+        view.length[seg] = 0.0
+        view.material_tension[seg] = 0.0
+        view.damping_tension[seg] = 0.0
+        if cables.active[seg] == 1:
+            guide_l = cables.guides[cables.left[seg]]
+            guide_r = cables.guides[cables.right[seg]]
+            pose_l = law.link_pose(guide_l, link_of(model.body[cables.left[seg]], body_q))
+            pose_r = law.link_pose(guide_r, link_of(model.body[cables.right[seg]], body_q))
+            span = law.span_between(guide_l, guide_r, pose_l, pose_r, cables.base_left[seg])
+            target = wp.float64(0.0)
+            if cables.compliance[seg] > 0.0:
+                c = cables.compliance[seg]
+                d = cables.damping[seg]
+                target = law.softness(c, d, h) * wp.float64(cables.tension[seg])
+                target += law.relaxed(c, d, h, cables.start[seg])
+            cables.load[seg] = beyond_rest(seg, span, pose_l, pose_r, cables) - target
+            cables.pull[seg] = target
+            cables.base_left[seg] = law.local_point(guide_l, pose_l, span.left)
+            cables.base_right[seg] = law.local_point(guide_r, pose_r, span.right)
+            view.left[seg] = law.as_single(pose_l.center + span.left)
+            view.right[seg] = law.as_single(pose_r.center + span.right)
+            view.length[seg] = wp.float32(span.length)
+            cables.chain[first + count] = seg
+            count += 1
+    start = int(0)
+    while start < count:
+        stop = int(start + 1)
+        seg = cables.chain[first + start]
+        pull = cables.tension[seg]
+        sum = cables.load[seg]
+        while stop < count and is_joined(cables.right[cables.chain[first + stop - 1]], cables):
+            seg = cables.chain[first + stop]
+            pull = wp.max(pull, cables.tension[seg])
+            sum += cables.load[seg]
+            stop += 1
+        if pull > 0.0:
+            for k in range(start, stop):
+                cables.load[cables.chain[first + k]] = sum / wp.float64(stop - start)
+        else:
+            give_slack(first + start, first + stop, cables)
+        start = stop
+    for seg in range(first, end):
+        if cables.active[seg] == 1:
+            stretch = cables.load[seg] + cables.pull[seg]
+            rest = wp.float64(view.length[seg]) - stretch
+            cables.rest[seg] = wp.max(wp.float32(rest), LEAST_REST)
+            cables.left_over[seg] = wp.float32(stretch)
+            tension = cables.tension[seg]
+            view.material_tension[seg] = tension
+            if cables.compliance[seg] > 0.0:
+                material = wp.max(wp.float32(stretch) / cables.compliance[seg], 0.0)
+                view.material_tension[seg] = material
+                view.damping_tension[seg] = tension - material
+        state.rest[seg] = cables.rest[seg]
+        state.left[seg] = cables.base_left[seg]
+        state.right[seg] = cables.base_right[seg]
+    for guide in range(cables.guide_start[cable], cables.guide_start[cable + 1]):
+        state.touched[guide] = cables.touched[guide]
+
+
+@wp.kernel(**KERNEL)
+def reset_cables(
+    # Model:
+    model: CableModel,
+    # In:
+    mask: wp.array[wp.bool],
+    initial: CableState,
+    # Out:
+    cables: CableWork,
+    state: CableState,
+):
+    """Puts the material of cables of the masked worlds back; one thread a cable."""
+    cable = wp.tid()
+    world = model.world[cable]
+    if mask.shape[0] > 0:
+        if not is_selected(world, mask):
+            return
+    state.is_known[cable] = True
+    state.is_placed[wp.where(world < 0, state.is_placed.shape[0] - 1, world)] = True
+    for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+        state.rest[seg] = initial.rest[seg]
+        state.left[seg] = initial.left[seg]
+        state.right[seg] = initial.right[seg]
+        cables.rest[seg] = initial.rest[seg]
+        cables.tension[seg] = 0.0
+        cables.left_over[seg] = 0.0
+        cables.slack[seg] = False
+    for guide in range(cables.guide_start[cable], cables.guide_start[cable + 1]):
+        state.touched[guide] = initial.touched[guide]
+        cables.touched[guide] = initial.touched[guide]
+        cables.slip[guide] = STICKS
+
+
+class CableFunctions(NamedTuple):
+    """Device functions in the order of the step, compiled for the joints of a scene."""
+
+    begin_cluster: wp.Function
+    solve_cluster: wp.Function
+    give_back: wp.Function
+
+
+@wp.func
+def guide_pose(
+    guide: CableGuide, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
+) -> GuidePose:
+    """Where a guide is after the increments; on a kinematic body where that is put."""
+    slot = guide.slot
+    pose = GuidePose()
+    pose.center = law.as_double(work.com[slot])
+    pose.rotation = wp.quatd(NONE, NONE, NONE, wp.float64(1.0))
+    if work.inv_mass[slot] > 0.0:
+        pose.center += law.as_double(wp.spatial_top(work.increment[slot]))
+        pose.rotation = law.unit_quat(tree.rotation[slot])
+    elif slot < work.inv_mass.shape[0] - 1:
+        pose.rotation = law.unit_quat(wp.transform_get_rotation(work.pose[slot]))
+    pose.center += wp.quat_rotate(pose.rotation, law.as_double(guide.arm))
+    pose.rotation = pose.rotation * law.unit_quat(guide.turn)
+    return pose
+
+
+@wp.func
+def set_way(
+    place: int,
+    slot: int,
+    point: wp.vec3d,
+    direction: wp.vec3,
+    work: wp.ref[BodyWork],
+    cables: wp.ref[CableWork],
+):
+    """Wrench of a unit force at a point, on a body after its increment."""
+    way = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    if work.inv_mass[slot] > 0.0:
+        center = law.as_double(work.com[slot])
+        center += law.as_double(wp.spatial_top(work.increment[slot]))
+        arm = law.as_single(point - center)
+        cables.arm[place] = arm
+        way = wp.spatial_vector(direction, wp.cross(arm, direction))
+    cables.way[place] = way
+
+
+@wp.func
+def measure_cable(
+    cable: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork], cables: wp.ref[CableWork]
+):
+    """Stretch and directions of the segments of a cable after the increments; ratios at guides."""
+    last = int(-1)
+    for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+        if cables.active[seg] == 0:
+            continue
+        guide_l = cables.guides[cables.left[seg]]
+        guide_r = cables.guides[cables.right[seg]]
+        pose_l = guide_pose(guide_l, work, tree)
+        pose_r = guide_pose(guide_r, work, tree)
+        span = law.span_between(guide_l, guide_r, pose_l, pose_r, cables.base_left[seg])
+        cables.stretch[seg] = beyond_rest(seg, span, pose_l, pose_r, cables)
+        direction = law.as_single(span.direction)
+        cables.direction[seg] = direction
+        cables.spoke_left[seg] = law.as_single(span.left)
+        cables.spoke_right[seg] = law.as_single(span.right)
+        point_l = pose_l.center + span.left
+        point_r = pose_r.center + span.right
+        set_way(2 * seg, guide_l.slot, point_l, direction, work, cables)
+        set_way(2 * seg + 1, guide_r.slot, point_r, -direction, work, cables)
+        guide = cables.left[seg]
+        if last >= 0:
+            angle = wp.float64(0.0)
+            if guide_l.kind == ROLLER:
+                spoke_in = law.as_double(cables.spoke_right[last])
+                angle = law.wrapped_angle(guide_l, pose_l, spoke_in, span.left)
+            else:
+                angle = law.bend_angle(law.as_double(cables.direction[last]), span.direction)
+            cables.ratio[guide] = law.log_ratio(cables.mu[guide], angle)
+            if guide_l.kind == ANCHOR:
+                cables.slip[guide] = STICKS
+            elif cables.ratio[guide] < NO_RATIO:
+                cables.slip[guide] = FREELY
+            elif cables.slip[guide] == FREELY:
+                cables.slip[guide] = STICKS
+        last = seg
+
+
+@wp.func
+def stiffen(
+    seg: int,
+    side: int,
+    pull: float,
+    share: float,
+    length: float,
+    work: wp.ref[BodyWork],
+    cables: wp.ref[CableWork],
+):
+    """Adds the geometric stiffness of a segment to the body at one of its ends."""
+    n = cables.direction[seg]
+    guide = cables.left[seg]
+    spoke = cables.spoke_left[seg]
+    force = pull * n
+    if side == 1:
+        guide = cables.right[seg]
+        spoke = cables.spoke_right[seg]
+        force = -force
+    slot = cables.guides[guide].slot
+    if work.inv_mass[slot] == 0.0:
+        return
+    arm = cables.arm[2 * seg + side]
+    across = wp.identity(n=3, dtype=float) - wp.outer(n, n)
+    across = (share * pull / wp.max(length, LEAST_REST)) * across
+    cross = wp.skew(arm)
+    cables.ll[slot] = cables.ll[slot] + across
+    cables.al[slot] = cables.al[slot] + cross * across
+    aa = geometric_stiffness(force, arm) - cross * across * cross
+    if cables.guides[guide].kind == ROLLER:
+        # the contact point does not turn with the roller
+        axis = wp.cross(wp.normalize(spoke), n)
+        kept = wp.identity(n=3, dtype=float) - wp.outer(axis, axis)
+        aa = kept * aa * kept
+    cables.aa[slot] = cables.aa[slot] + aa
+    cables.pulled[slot] = True
+
+
+@wp.func
+def pull_cluster(cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]):
+    """Wrenches on the bodies of a cluster, and their geometric stiffness, by the tensions."""
+    for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+        cable = cables.cables[i]
+        for guide in range(cables.guide_start[cable], cables.guide_start[cable + 1]):
+            slot = cables.guides[guide].slot
+            cables.wrench[slot] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            cables.pulled[slot] = False
+            cables.ll[slot] = wp.mat33(0.0)
+            cables.al[slot] = wp.mat33(0.0)
+            cables.aa[slot] = wp.mat33(0.0)
+    for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+        cable = cables.cables[i]
+        for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+            pull = cables.tension[seg]
+            if cables.active[seg] == 0 or pull == 0.0:
+                continue
+            a = cables.guides[cables.left[seg]].slot
+            b = cables.guides[cables.right[seg]].slot
+            # both move at once: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2
+            both = work.inv_mass[a] > 0.0 and work.inv_mass[b] > 0.0
+            share = wp.where(both, 2.0, 1.0)
+            length = cables.rest[seg] + wp.float32(cables.stretch[seg])
+            for side in range(2):
+                slot = wp.where(side == 0, a, b)
+                if work.inv_mass[slot] > 0.0:
+                    cables.wrench[slot] = cables.wrench[slot] + pull * cables.way[2 * seg + side]
+                    if a != b:
+                        stiffen(seg, side, pull, share, length, work, cables)
+
+
+def make_cables(effects: Effects) -> CableFunctions:
+    """Device functions: cables at the start of the sweeps, and their tensions after each."""
+    joint_functions = joint_rows.make_joint(effects.kinds)
+    linear_count = joint_functions.linear_count
+    angular_count = joint_functions.angular_count
+
+    @wp.func
+    def begin_cluster(
+        cluster: int,
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ) -> bool:
+        """Pulls with the tensions of the last step, where the bodies are guessed to be.
+
+        Returns whether an inextensible cable is too long at the start of the step, which the sweeps
+        leave to the recovery. Of what a kinematic body stretches, they leave nothing.
+        """
+        cables = tree.cables
+        is_open = bool(False)
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            is_rigid = is_inextensible(cable, cables)
+            measure_cable(cable, work, tree, cables)
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                cables.misfit[seg] = NONE
+                if is_rigid and cables.active[seg] == 1:
+                    misfit = wp.max(cables.start[seg], NONE)
+                    is_left = bool(True)
+                    for side in range(2):
+                        guide = wp.where(side == 0, cables.left[seg], cables.right[seg])
+                        slot = cables.guides[guide].slot
+                        if work.inv_mass[slot] > 0.0:
+                            is_left = is_left and tree.is_left[slot]
+                    if is_left:
+                        misfit = wp.min(misfit, wp.float64(wp.max(cables.left_over[seg], 0.0)))
+                    cables.misfit[seg] = misfit
+                    if misfit > OPEN * wp.float64(cables.rest[seg]):
+                        is_open = True
+        pull_cluster(cluster, work, cables)
+        return is_open
+
+    @wp.func
+    def answer(
+        first: int,
+        end: int,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """How the bodies of a block move under the wrenches in ``push``, by its last elimination."""
+        cables = tree.cables
+        for k in range(end - first):
+            body = worlds.bodies[end - 1 - k]
+            push = cables.push[body]
+            if work.inv_mass[body] == 0.0:
+                continue
+            if is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+                    axis = tree.axes[tree.axis_start[body] + dof]
+                    if axis.pivot == 0.0:
+                        along = wp.dot(axis.linear, wp.spatial_top(push))
+                        along += wp.dot(axis.angular, wp.spatial_bottom(push))
+                        cables.axis_push[tree.axis_start[body] + dof] = along
+                        taken = axis.inv_pivot * along
+                        push -= taken * wp.spatial_vector(axis.force, axis.torque)
+                parent = tree.parent[body]
+                if work.inv_mass[parent] > 0.0:
+                    handed = handed_down(tree.span[body], push)
+                    cables.push[parent] = cables.push[parent] + handed
+            else:
+                cables.update[body] = half_solve(
+                    work.factor[body], wp.spatial_top(push), wp.spatial_bottom(push)
+                )
+        for i in range(first, end):
+            body = worlds.bodies[i]
+            if work.inv_mass[body] == 0.0:
+                continue
+            if is_linked(joints, tree, body):
+                parent = tree.parent[body]
+                joint = tree.joint[body]
+                update = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+                if work.inv_mass[parent] > 0.0:
+                    update = carried(tree.span[body], cables.update[parent])
+                dofs = linear_count(joints, joint) + angular_count(joints, joint)
+                for k in range(dofs):
+                    place = tree.axis_start[body] + dofs - 1 - k
+                    axis = tree.axes[place]
+                    if axis.pivot == 0.0:
+                        met = wp.dot(axis.force, wp.spatial_top(update))
+                        met += wp.dot(axis.torque, wp.spatial_bottom(update))
+                        q = axis.inv_pivot * (cables.axis_push[place] - met)
+                        update += q * wp.spatial_vector(axis.linear, axis.angular)
+                cables.update[body] = update
+            else:
+                cables.update[body] = other_half(work.factor[body], cables.update[body])
+
+    @wp.func
+    def measure_row(
+        cluster: int,
+        row: int,
+        seg: int,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """How far a unit of tension of a segment shortens those of its cluster."""
+        cables = tree.cables
+        size = cables.size[cluster]
+        place = cables.matrix_start[cluster] + row * size
+        for k in range(size):
+            cables.mobility[place + k] = NONE
+        done = int(-1)
+        for side in range(2):
+            guide = wp.where(side == 0, cables.left[seg], cables.right[seg])
+            body = cables.guides[guide].slot
+            if work.inv_mass[body] == 0.0:
+                continue
+            end = worlds.block_end[worlds.rank[body]]
+            if end == done:
+                continue
+            done = end
+            first = int(worlds.rank[body])
+            while first > 0 and worlds.block_end[wp.max(first - 1, 0)] == end:
+                first -= 1
+            for i in range(first, end):
+                cables.push[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            for at in range(2):
+                slot = cables.guides[wp.where(at == 0, cables.left[seg], cables.right[seg])].slot
+                if work.inv_mass[slot] > 0.0 and worlds.block_end[worlds.rank[slot]] == end:
+                    cables.push[slot] = cables.push[slot] + cables.way[2 * seg + at]
+            answer(first, end, joints, worlds, work, tree)
+            for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+                cable = cables.cables[i]
+                begin = first_segment(cable, cables)
+                for other in range(begin, end_segment(cable, cables)):
+                    if cables.active[other] == 0:
+                        continue
+                    moved = float(0.0)
+                    for at in range(2):
+                        guide = wp.where(at == 0, cables.left[other], cables.right[other])
+                        slot = cables.guides[guide].slot
+                        if work.inv_mass[slot] > 0.0 and worlds.block_end[worlds.rank[slot]] == end:
+                            moved += wp.dot(cables.way[2 * other + at], cables.update[slot])
+                    k = place + cables.row_start[i] + other - begin
+                    cables.mobility[k] = cables.mobility[k] + wp.float64(moved)
+
+    @wp.func
+    def solve_groups(base: int, count: int, cables: wp.ref[CableWork], first: int):
+        """Solves the equations of the groups of a cable: by elimination with pivots.
+
+        A group that nothing moves, and that does not give way, has no tension.
+        """
+        for k in range(count):
+            best = int(k)
+            for i in range(k + 1, count):
+                if wp.abs(cables.matrix[base + i * count + k]) > wp.abs(
+                    cables.matrix[base + best * count + k]
+                ):
+                    best = i
+            if best != k:
+                for j in range(count):
+                    swapped = cables.matrix[base + k * count + j]
+                    cables.matrix[base + k * count + j] = cables.matrix[base + best * count + j]
+                    cables.matrix[base + best * count + j] = swapped
+                swapped = cables.answer[first + k]
+                cables.answer[first + k] = cables.answer[first + best]
+                cables.answer[first + best] = swapped
+            pivot = cables.matrix[base + k * count + k]
+            if pivot == NONE:
+                continue
+            for i in range(k + 1, count):
+                factor = cables.matrix[base + i * count + k] / pivot
+                if factor != NONE:
+                    for j in range(k, count):
+                        left = cables.matrix[base + i * count + j]
+                        left -= factor * cables.matrix[base + k * count + j]
+                        cables.matrix[base + i * count + j] = left
+                    lower = cables.answer[first + i] - factor * cables.answer[first + k]
+                    cables.answer[first + i] = lower
+        for i in range(count):
+            k = count - 1 - i
+            value = cables.answer[first + k]
+            for j in range(k + 1, count):
+                value -= cables.matrix[base + k * count + j] * cables.answer[first + j]
+            pivot = cables.matrix[base + k * count + k]
+            cables.answer[first + k] = wp.where(pivot == NONE, NONE, value / pivot)
+
+    @wp.func
+    def excess(
+        seg: int, row: int, base: int, size: int, first: int, offset: int, h: float, count: int,
+        cables: wp.ref[CableWork],
+    ) -> wp.float64:
+        """What of a segment the tensions of its cable leave beyond its own target [m]."""
+        left = cables.load[seg] - law.softness(
+            cables.compliance[seg], cables.damping[seg], h
+        ) * cables.pull[seg]
+        for k in range(count):
+            other = cables.chain[first + k]
+            left -= cables.mobility[base + row * size + offset + other - first] * cables.pull[other]
+        return left
+
+    @wp.func
+    def solve_cable(
+        cluster: int,
+        i: int,
+        h: float,
+        cables: wp.ref[CableWork],
+    ):
+        """The tensions of one cable under those of the others of its cluster, in ``pull``.
+
+        Expects ``load``: how far each segment would be beyond its target if the cable did not pull.
+        """
+        cable = cables.cables[i]
+        first = first_segment(cable, cables)
+        size = cables.size[cluster]
+        base = cables.matrix_start[cluster]
+        offset = cables.row_start[i]
+        count = int(0)
+        for seg in range(first, end_segment(cable, cables)):
+            cables.pull[seg] = NONE
+            if cables.active[seg] == 1:
+                cables.chain[first + count] = seg
+                count += 1
+        for _trial in range(2 * count + TRIALS):
+            # groups, and the share of each segment in the largest tension of its group
+            groups = int(0)
+            weight = wp.float64(0.0)
+            for k in range(count):
+                seg = cables.chain[first + k]
+                if k > 0:
+                    guide = cables.left[seg]
+                    slip = cables.slip[guide]
+                    if slip == STICKS:
+                        groups += 1
+                        weight = wp.float64(0.0)
+                    elif slip == TO_LEFT:
+                        weight -= cables.ratio[guide]
+                    elif slip == TO_RIGHT:
+                        weight += cables.ratio[guide]
+                cables.group[seg] = groups
+                cables.weight[seg] = weight
+            groups += 1
+            for g in range(groups):
+                most = wp.float64(-1.0e30)
+                is_slack = bool(True)
+                for k in range(count):
+                    seg = cables.chain[first + k]
+                    if cables.group[seg] == g:
+                        most = wp.max(most, cables.weight[seg])
+                        is_slack = is_slack and cables.slack[seg]
+                for k in range(count):
+                    seg = cables.chain[first + k]
+                    if cables.group[seg] == g:
+                        cables.weight[seg] = wp.exp(cables.weight[seg] - most)
+                        cables.slack[seg] = is_slack
+            for k in range(groups * groups):
+                cables.matrix[base + k] = NONE
+            for g in range(groups):
+                cables.answer[first + g] = NONE
+            for k in range(count):
+                seg = cables.chain[first + k]
+                g = cables.group[seg]
+                if cables.slack[seg]:
+                    cables.matrix[base + g * groups + g] = wp.float64(1.0)
+                    continue
+                cables.answer[first + g] = cables.answer[first + g] + cables.load[seg]
+                soft = law.softness(cables.compliance[seg], cables.damping[seg], h)
+                place = base + g * groups + g
+                cables.matrix[place] = cables.matrix[place] + soft * cables.weight[seg]
+                row = base + (offset + seg - first) * size + offset
+                for j in range(count):
+                    other = cables.chain[first + j]
+                    if not cables.slack[other]:
+                        place = base + g * groups + cables.group[other]
+                        moved = cables.mobility[row + other - first] * cables.weight[other]
+                        cables.matrix[place] = cables.matrix[place] + moved
+            solve_groups(base, groups, cables, first)
+            most = wp.float64(0.0)
+            for k in range(count):
+                seg = cables.chain[first + k]
+                pull = cables.answer[first + cables.group[seg]] * cables.weight[seg]
+                if cables.slack[seg]:
+                    pull = wp.float64(0.0)
+                cables.pull[seg] = pull
+                most = wp.max(most, wp.abs(pull))
+            # what contradicts that: a push, a slack group that is too long
+            is_changed = bool(False)
+            for g in range(groups):
+                sum = wp.float64(0.0)
+                scale = wp.float64(0.0)
+                is_pushing = bool(False)
+                is_slack = bool(False)
+                for k in range(count):
+                    seg = cables.chain[first + k]
+                    if cables.group[seg] == g:
+                        is_slack = cables.slack[seg]
+                        is_pushing = cables.pull[seg] < NONE
+                        row = offset + seg - first
+                        scale += HIDDEN * wp.float64(cables.rest[seg])
+                        if is_slack:
+                            sum += excess(
+                                seg, row, base, size, first, offset, h, count, cables
+                            )
+                if is_pushing or (is_slack and sum > scale):
+                    is_changed = True
+                    for k in range(count):
+                        seg = cables.chain[first + k]
+                        if cables.group[seg] == g:
+                            cables.slack[seg] = is_pushing
+                            cables.pull[seg] = wp.max(cables.pull[seg], NONE)
+            if is_changed:
+                continue
+            # friction that holds too much, or that would push the cable along
+            slipped = wp.float64(0.0)
+            for k in range(count):
+                seg = cables.chain[first + k]
+                if k > 0:
+                    guide = cables.left[seg]
+                    last = cables.chain[first + k - 1]
+                    slip = cables.slip[guide]
+                    if slip == STICKS:
+                        slipped = wp.float64(0.0)
+                        if not (cables.guides[guide].kind == ANCHOR):
+                            ratio = wp.exp(cables.ratio[guide])
+                            little = SETTLED * most
+                            if cables.pull[last] > ratio * cables.pull[seg] + little:
+                                cables.slip[guide] = TO_LEFT
+                                is_changed = True
+                            elif cables.pull[seg] > ratio * cables.pull[last] + little:
+                                cables.slip[guide] = TO_RIGHT
+                                is_changed = True
+                    elif not (slip == FREELY) and not cables.slack[seg]:
+                        against = wp.where(slip == TO_LEFT, -slipped, slipped)
+                        if against > HIDDEN * wp.float64(cables.rest[seg]):
+                            cables.slip[guide] = STICKS
+                            is_changed = True
+                row = offset + seg - first
+                slipped += excess(seg, row, base, size, first, offset, h, count, cables)
+            if not is_changed:
+                break
+
+    @wp.func
+    def solve_cluster(
+        cluster: int,
+        recovery: float,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> float:
+        """After a sweep: the tensions with which the next one closes what it has left.
+
+        With a ``recovery`` above zero cables that were too long at the start of the step shorten,
+        too. Returns the square of the largest change of a segment to come [m^2]; zero where
+        rounding hides it, and tensions stay.
+        """
+        cables = tree.cables
+        h = history.step[cables.world[cluster]]
+        first = cables.cluster_start[cluster]
+        end = cables.cluster_start[cluster + 1]
+        size = cables.size[cluster]
+        base = cables.matrix_start[cluster]
+        for i in range(first, end):
+            measure_cable(cables.cables[i], work, tree, cables)
+        for i in range(first, end):
+            begin = first_segment(cables.cables[i], cables)
+            for seg in range(begin, end_segment(cables.cables[i], cables)):
+                cables.pull[seg] = NONE
+                if cables.active[seg] == 1:
+                    row = cables.row_start[i] + seg - begin
+                    measure_row(cluster, row, seg, joints, worlds, work, tree)
+                    cables.pull[seg] = wp.float64(cables.tension[seg])
+        largest = wp.float64(0.0)
+        rounds = int(0)
+        has_moved = bool(True)
+        while has_moved and rounds < PASSES:
+            is_moving = bool(False)
+            for i in range(first, end):
+                cable = cables.cables[i]
+                begin = first_segment(cable, cables)
+                stop = end_segment(cable, cables)
+                if recovery > 0.0 and not is_inextensible(cable, cables):
+                    continue
+                # as if this cable did not pull, and others as they do by now
+                for seg in range(begin, stop):
+                    if cables.active[seg] == 1:
+                        load = cables.stretch[seg]
+                        load -= law.relaxed(
+                            cables.compliance[seg], cables.damping[seg], h, cables.start[seg]
+                        )
+                        if recovery == 0.0:
+                            load -= cables.misfit[seg]
+                        row = base + (cables.row_start[i] + seg - begin) * size
+                        for k in range(first, end):
+                            other_begin = first_segment(cables.cables[k], cables)
+                            for other in range(
+                                other_begin, end_segment(cables.cables[k], cables)
+                            ):
+                                if cables.active[other] == 1:
+                                    pull = wp.float64(cables.tension[other])
+                                    if k != i:
+                                        pull -= cables.pull[other]
+                                    column = cables.row_start[k] + other - other_begin
+                                    load += cables.mobility[row + column] * pull
+                        cables.load[seg] = load
+                        cables.before[seg] = cables.pull[seg]
+                solve_cable(cluster, i, h, cables)
+                most = wp.float64(0.0)
+                change = wp.float64(0.0)
+                for seg in range(begin, stop):
+                    if cables.active[seg] == 1:
+                        most = wp.max(most, cables.pull[seg])
+                        change = wp.max(change, wp.abs(cables.pull[seg] - cables.before[seg]))
+                if end - first > 1 and change > SETTLED * most:
+                    is_moving = True
+            has_moved = is_moving
+            rounds += 1
+        is_new = bool(False)
+        for i in range(first, end):
+            begin = first_segment(cables.cables[i], cables)
+            for seg in range(begin, end_segment(cables.cables[i], cables)):
+                if cables.active[seg] == 1:
+                    row = base + (cables.row_start[i] + seg - begin) * size
+                    moved = wp.float64(0.0)
+                    for k in range(first, end):
+                        other_begin = first_segment(cables.cables[k], cables)
+                        for other in range(other_begin, end_segment(cables.cables[k], cables)):
+                            if cables.active[other] == 1:
+                                change = cables.pull[other] - wp.float64(cables.tension[other])
+                                column = cables.row_start[k] + other - other_begin
+                                moved += cables.mobility[row + column] * change
+                    moved = wp.abs(moved)
+                    largest = wp.max(largest, moved)
+                    if moved > ROUNDING * wp.float64(cables.rest[seg]):
+                        is_new = True
+        if is_new:
+            for i in range(first, end):
+                cable = cables.cables[i]
+                for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                    if cables.active[seg] == 1:
+                        cables.tension[seg] = wp.float32(cables.pull[seg])
+        if recovery == 0.0:
+            for i in range(first, end):
+                cable = cables.cables[i]
+                for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                    cables.kept[seg] = cables.tension[seg]
+        pull_cluster(cluster, work, cables)
+        if is_new:
+            return wp.float32(largest * largest)
+        return 0.0
+
+    @wp.func
+    def give_back(cluster: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
+        """After the recovery: the tensions of the motion."""
+        cables = tree.cables
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                cables.tension[seg] = cables.kept[seg]
+        pull_cluster(cluster, work, cables)
+
+    return CableFunctions(begin_cluster, solve_cluster, give_back)
+
+
+def make_join(join: Any) -> wp.Function:
+    """Device function: makes one island of bodies that the cables of a cluster pull."""
+
+    @wp.func
+    def join_cluster(
+        cluster: int,
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        islands: wp.ref[IslandWork],
+    ):
+        cables = tree.cables
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                if cables.active[seg] == 1 and cables.tension[seg] > 0.0:
+                    a = cables.guides[cables.left[seg]].slot
+                    b = cables.guides[cables.right[seg]].slot
+                    if work.inv_mass[a] > 0.0:
+                        join(islands, worlds, work, a, b)
+                    elif work.inv_mass[b] > 0.0:
+                        join(islands, worlds, work, b, a)
+
+    return join_cluster
