@@ -383,7 +383,12 @@ class SolverArrays:
         self._allocate_cables(topology)
         if is_large:
             self._large = LargeWorlds(
-                self._worlds, self._loops, topology, self.iterations, self.device
+                self._worlds,
+                self._loops,
+                topology,
+                0 if self._cables is None else self._cables.work.size.size,
+                self.iterations,
+                self.device,
             )
             self._colors = self._large.colors
         if self._capacity:
