@@ -258,7 +258,7 @@ class Cables:
         by_guide = {"mu": float, "touched": wp.bool, "slip": wp.int32, "ratio": wp.float64}
         by_segment = {
             **dict.fromkeys(("active", "left", "right", "chain", "group"), wp.int32),
-            **dict.fromkeys(("compliance", "damping", "rest", "left_over", "tension"), float),
+            **dict.fromkeys(("compliance", "damping", "rest", "lost", "left_over", "tension"), float),
             **dict.fromkeys(("base_left", "base_right", "direction"), wp.vec3),
             **dict.fromkeys(("spoke_left", "spoke_right"), wp.vec3),
             **dict.fromkeys(("start", "misfit", "stretch", "weight", "load"), wp.float64),
@@ -352,6 +352,7 @@ class Cables:
         )
         work.rest.assign(rest)
         work.left_over.zero_()
+        work.lost.zero_()
 
     def _measure_total(self, rest: np.ndarray, active: np.ndarray) -> None:
         """Material of each cable, what winds around its rollers included."""
@@ -386,10 +387,7 @@ class Cables:
                 )
         self._bind()
         if not np.array_equal(model.tendon_segment_rest_length.numpy(), self._authored):
-            kept = {
-                name: wp.clone(array)
-                for name, array in self.remembered()
-            }
+            kept = {name: wp.clone(array) for name, array in self.remembered()}
             self._find_initial(launch)
             for name, array in self.remembered():
                 wp.copy(array, kept[name])
@@ -434,7 +432,7 @@ class Cables:
 
     def remembered(self) -> Iterator[tuple[str, wp.array]]:
         """Arrays that a step leaves to the next one, by name; what else there is, states have."""
-        for name in ("tension", "slip", "slack", "left_over"):
+        for name in ("tension", "slip", "slack", "left_over", "rest", "lost"):
             yield f"cables.{name}", getattr(self.work, name)
 
     def _of_state(self, state: newton.State) -> Any:

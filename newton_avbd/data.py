@@ -899,6 +899,8 @@ class CableWork:
     """[N s/m]"""
     rest: wp.array[float]
     """Length of its material at the start of the step [m]."""
+    lost: wp.array[float]
+    """What rounding took from it [m]."""
     base_left: wp.array[wp.vec3]
     """Where it touched its guides at the start of the step, in the frames of their links [m]."""
     base_right: wp.array[wp.vec3]

@@ -44,7 +44,7 @@ from .trees import is_linked
 
 LEAST_REST = wp.constant(1.0e-6)
 """Least material of a segment [m], as in SolverXPBD."""
-ROUNDING = wp.constant(wp.float64(1.0e-7))
+ROUNDING = wp.constant(wp.float64(2.0e-8))
 """Change of a segment that counts as none, of its length."""
 HIDDEN = wp.constant(wp.float64(1.0e-9))
 """What the equations are off by, of its length, that counts as none."""
@@ -80,7 +80,8 @@ def beyond_rest(seg: int, span: law.Span, pose_l: GuidePose, pose_r: GuidePose, 
     guide_r = cables.guides[cables.right[seg]]
     wound = law.unwound(guide_r, pose_r, cables.base_right[seg], span.right)
     wound -= law.unwound(guide_l, pose_l, cables.base_left[seg], span.left)
-    return span.length - wp.float64(cables.rest[seg]) + wound
+    rest = wp.float64(cables.rest[seg]) + wp.float64(cables.lost[seg])
+    return span.length - rest + wound
 
 
 @wp.func
@@ -209,6 +210,7 @@ def begin_cables(
         cables.right[seg] = guide + 1
         cables.compliance[seg] = model.compliance[seg]
         cables.damping[seg] = model.damping[seg]
+        left = cables.rest[seg]
         cables.rest[seg] = initial.rest[seg]
         cables.base_left[seg] = initial.left[seg]
         cables.base_right[seg] = initial.right[seg]
@@ -216,6 +218,8 @@ def begin_cables(
             cables.rest[seg] = state.rest[seg]
             cables.base_left[seg] = state.left[seg]
             cables.base_right[seg] = state.right[seg]
+        if not (cables.rest[seg] == left):
+            cables.lost[seg] = 0.0
     for seg in range(first, end + 1):
         guide = seg + cable
         cables.mu[guide] = model.mu[guide]
@@ -357,6 +361,7 @@ def end_cables(
             view.left[seg] = law.as_single(pose_l.center + span.left)
             view.right[seg] = law.as_single(pose_r.center + span.right)
             view.length[seg] = wp.float32(span.length)
+            cables.stretch[seg] = span.length
             cables.chain[first + count] = seg
             count += 1
     start = int(0)
@@ -379,8 +384,9 @@ def end_cables(
     for seg in range(first, end):
         if cables.active[seg] == 1:
             stretch = cables.load[seg] + cables.pull[seg]
-            rest = wp.float64(view.length[seg]) - stretch
+            rest = cables.stretch[seg] - stretch
             cables.rest[seg] = wp.max(wp.float32(rest), LEAST_REST)
+            cables.lost[seg] = wp.float32(rest - wp.float64(cables.rest[seg]))
             cables.left_over[seg] = wp.float32(stretch)
             tension = cables.tension[seg]
             view.material_tension[seg] = tension
