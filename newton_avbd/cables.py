@@ -222,7 +222,14 @@ class Cables:
         work.cluster_start = _new(ends)
         work.cables = _new(order)
         work.size = _new(size)
-        work.row_start = _new(before - np.repeat(before[firsts], np.diff(ends)))
+        first_segment = start[:-1] - np.arange(count)
+        row = np.zeros(model.tendon_segment_count, dtype=int)
+        for place, cable in enumerate(order):
+            its = np.arange(self._counts[cable])
+            opening = firsts[np.searchsorted(firsts, place, side="right") - 1]
+            row[first_segment[cable] + its] = before[place] - before[opening] + its
+        work.row = _new(row)
+        work.first_row = _new(before[firsts])
         work.matrix_start = _new(np.append(0, np.cumsum(size**2)))
         work.guide_start = _new(start)
         room = int(np.sum(size**2))
@@ -262,7 +269,7 @@ class Cables:
             **dict.fromkeys(("base_left", "base_right", "direction"), wp.vec3),
             **dict.fromkeys(("spoke_left", "spoke_right"), wp.vec3),
             **dict.fromkeys(("start", "misfit", "stretch", "weight", "load"), wp.float64),
-            **dict.fromkeys(("pull", "before", "answer"), wp.float64),
+            **dict.fromkeys(("pull", "answer"), wp.float64),
             "kept": float,
             "slack": wp.bool,
         }

@@ -873,10 +873,12 @@ class CableWork:
     """First of a cluster's cables in ``cables``."""
     cables: wp.array[wp.int32]
     """The cables, cluster by cluster."""
-    row_start: wp.array[wp.int32]
-    """By place in ``cables``: first of the cable's rows among those of its cluster."""
+    row: wp.array[wp.int32]
+    """By segment: its row among those of its cluster."""
     size: wp.array[wp.int32]
-    """By cluster: rows of its cables, one a segment."""
+    """By cluster: how many rows it has."""
+    first_row: wp.array[wp.int32]
+    """By cluster: how many rows there are before its own."""
     guide_start: wp.array[wp.int32]
     """By cable: first of its guides, and where the last one's end."""
     guides: wp.array[CableGuide]
@@ -926,7 +928,7 @@ class CableWork:
     kept: wp.array[float]
     """Tension of the motion, while the recovery pulls."""
     chain: wp.array[wp.int32]
-    """By cable, from its first segment on: the segments of its route."""
+    """The segments of a cluster whose tensions are solved for, from ``first_row`` on."""
     group: wp.array[wp.int32]
     """Segments between which the cable slips share one unknown; see :mod:`.rows.cable`."""
     slack: wp.array[wp.bool]
@@ -935,16 +937,14 @@ class CableWork:
     """By segment: what it would be beyond its target if its cable did not pull [m]."""
     pull: wp.array[wp.float64]
     """By segment: tension that is solved for [N]."""
-    before: wp.array[wp.float64]
-    """The same, a round earlier."""
     answer: wp.array[wp.float64]
-    """By group: right-hand side, then solution."""
+    """By group, from ``first_row`` on: right-hand side, then solution."""
     matrix_start: wp.array[wp.int32]
     """By cluster: first place of its matrices."""
     mobility: wp.array[wp.float64]
     """How far a unit of tension of a row shortens another one [m/N], cluster by cluster."""
     matrix: wp.array[wp.float64]
-    """Of the groups of one cable [m/N]."""
+    """Of its groups [m/N]."""
     wrench: wp.array[wp.spatial_vector]
     """By body slot: what cables pull it with [N, N m]."""
     pulled: wp.array[wp.bool]

@@ -50,14 +50,13 @@ HIDDEN = wp.constant(wp.float64(1.0e-9))
 """What the equations are off by, of its length, that counts as none."""
 OPEN = wp.constant(wp.float64(1.0e-6))
 """Stretch of an inextensible segment that is left alone, of its length."""
-PASSES = wp.constant(16)
-"""Most rounds over the cables of a cluster that share bodies."""
 TRIALS = wp.constant(8)
 """Most trials of what is slack and what slips, beyond two for each segment."""
-SETTLED = wp.constant(wp.float64(1.0e-7))
-"""Change of a cable's tensions in a round that ends it, of the largest."""
-NO_PIVOT = wp.constant(wp.float64(1.0e-12))
-"""Pivot, of the diagonal, that rounding leaves of one that is zero: nothing moves such a row."""
+LITTLE = wp.constant(wp.float64(1.0e-7))
+"""Tension that counts as none, of the largest of a cluster."""
+KEPT = wp.constant(wp.float64(3.0e-6))
+"""Softness by which a segment keeps to its tension from sweep to sweep, of its mobility. Where cables
+share what they carry in a way that nothing decides, that does; rounding is 1e-7 of a mobility."""
 NONE = wp.constant(wp.float64(0.0))
 
 
@@ -91,6 +90,12 @@ def is_inextensible(cable: int, cables: wp.ref[CableWork]) -> bool:
         if cables.active[seg] == 1 and cables.compliance[seg] > 0.0:
             return False
     return True
+
+
+@wp.func
+def slot_at(seg: int, side: int, cables: wp.ref[CableWork]) -> int:
+    """Slot of the body at the left end of a segment, side 0, or at its right one."""
+    return cables.guides[wp.where(side == 0, cables.left[seg], cables.right[seg])].slot
 
 
 @wp.func
@@ -578,8 +583,8 @@ def pull_cluster(cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]
             pull = cables.tension[seg]
             if cables.active[seg] == 0 or pull == 0.0:
                 continue
-            a = cables.guides[cables.left[seg]].slot
-            b = cables.guides[cables.right[seg]].slot
+            a = slot_at(seg, 0, cables)
+            b = slot_at(seg, 1, cables)
             # both move at once: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2
             both = work.inv_mass[a] > 0.0 and work.inv_mass[b] > 0.0
             share = wp.where(both, 2.0, 1.0)
@@ -590,6 +595,32 @@ def pull_cluster(cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]
                     cables.wrench[slot] = cables.wrench[slot] + pull * cables.way[2 * seg + side]
                     if a != b:
                         stiffen(seg, side, pull, share, length, work, cables)
+
+
+@wp.func
+def may_jerk(
+    cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]
+) -> bool:
+    """Whether a cable of a cluster that did not pull in the last step may do so in this one."""
+    for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+        cable = cables.cables[i]
+        reach = float(0.0)
+        for guide in range(cables.guide_start[cable], cables.guide_start[cable + 1]):
+            target = work.target[cables.guides[guide].slot]
+            reach += wp.length(wp.spatial_top(target))
+            reach += wp.length(wp.spatial_bottom(target)) * wp.length(cables.guides[guide].arm)
+        sum = wp.float64(0.0)
+        pull = float(0.0)
+        for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+            if cables.active[seg] == 1:
+                sum += cables.start[seg]
+                pull = wp.max(pull, cables.tension[seg])
+                if not is_joined(cables.right[seg], cables) or seg + 1 == end_segment(cable, cables):
+                    if pull == 0.0 and sum > -wp.float64(2.0 * reach):
+                        return True
+                    sum = wp.float64(0.0)
+                    pull = float(0.0)
+    return False
 
 
 def make_cables(effects: Effects) -> CableFunctions:
@@ -621,8 +652,7 @@ def make_cables(effects: Effects) -> CableFunctions:
                     misfit = wp.max(cables.start[seg], NONE)
                     is_left = bool(True)
                     for side in range(2):
-                        guide = wp.where(side == 0, cables.left[seg], cables.right[seg])
-                        slot = cables.guides[guide].slot
+                        slot = slot_at(seg, side, cables)
                         if work.inv_mass[slot] > 0.0:
                             is_left = is_left and tree.is_left[slot]
                     if is_left:
@@ -693,7 +723,6 @@ def make_cables(effects: Effects) -> CableFunctions:
     @wp.func
     def measure_row(
         cluster: int,
-        row: int,
         seg: int,
         joints: wp.ref[JointModel],
         worlds: wp.ref[WorldWork],
@@ -703,13 +732,12 @@ def make_cables(effects: Effects) -> CableFunctions:
         """How far a unit of tension of a segment shortens those of its cluster."""
         cables = tree.cables
         size = cables.size[cluster]
-        place = cables.matrix_start[cluster] + row * size
+        place = cables.matrix_start[cluster] + cables.row[seg] * size
         for k in range(size):
             cables.mobility[place + k] = NONE
         done = int(-1)
         for side in range(2):
-            guide = wp.where(side == 0, cables.left[seg], cables.right[seg])
-            body = cables.guides[guide].slot
+            body = slot_at(seg, side, cables)
             if work.inv_mass[body] == 0.0:
                 continue
             end = worlds.block_end[worlds.rank[body]]
@@ -722,219 +750,246 @@ def make_cables(effects: Effects) -> CableFunctions:
             for i in range(first, end):
                 cables.push[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             for at in range(2):
-                slot = cables.guides[wp.where(at == 0, cables.left[seg], cables.right[seg])].slot
+                slot = slot_at(seg, at, cables)
                 if work.inv_mass[slot] > 0.0 and worlds.block_end[worlds.rank[slot]] == end:
                     cables.push[slot] = cables.push[slot] + cables.way[2 * seg + at]
             answer(first, end, joints, worlds, work, tree)
             for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
                 cable = cables.cables[i]
-                begin = first_segment(cable, cables)
-                for other in range(begin, end_segment(cable, cables)):
+                for other in range(first_segment(cable, cables), end_segment(cable, cables)):
                     if cables.active[other] == 0:
                         continue
                     moved = float(0.0)
                     for at in range(2):
-                        guide = wp.where(at == 0, cables.left[other], cables.right[other])
-                        slot = cables.guides[guide].slot
+                        slot = slot_at(other, at, cables)
                         if work.inv_mass[slot] > 0.0 and worlds.block_end[worlds.rank[slot]] == end:
                             moved += wp.dot(cables.way[2 * other + at], cables.update[slot])
-                    k = place + cables.row_start[i] + other - begin
+                    k = place + cables.row[other]
                     cables.mobility[k] = cables.mobility[k] + wp.float64(moved)
 
     @wp.func
-    def solve_groups(base: int, count: int, cables: wp.ref[CableWork], first: int):
-        """Solves the equations of the groups of a cable: by elimination with pivots.
+    def list_rows(cluster: int, recovery: float, cables: wp.ref[CableWork]) -> int:
+        """Lists the segments of a cluster whose tensions are solved for; returns how many.
 
-        A group that nothing moves, and that does not give way, has no tension.
+        In the recovery those of cables that give way pull as they do.
         """
-        for k in range(count):
-            best = int(k)
-            for i in range(k + 1, count):
-                if wp.abs(cables.matrix[base + i * count + k]) > wp.abs(
-                    cables.matrix[base + best * count + k]
-                ):
-                    best = i
-            if best != k:
-                for j in range(count):
-                    swapped = cables.matrix[base + k * count + j]
-                    cables.matrix[base + k * count + j] = cables.matrix[base + best * count + j]
-                    cables.matrix[base + best * count + j] = swapped
-                swapped = cables.answer[first + k]
-                cables.answer[first + k] = cables.answer[first + best]
-                cables.answer[first + best] = swapped
-            pivot = cables.matrix[base + k * count + k]
-            if pivot == NONE:
+        count = int(0)
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            if recovery > 0.0 and not is_inextensible(cable, cables):
                 continue
-            for i in range(k + 1, count):
-                factor = cables.matrix[base + i * count + k] / pivot
-                if factor != NONE:
-                    for j in range(k, count):
-                        left = cables.matrix[base + i * count + j]
-                        left -= factor * cables.matrix[base + k * count + j]
-                        cables.matrix[base + i * count + j] = left
-                    lower = cables.answer[first + i] - factor * cables.answer[first + k]
-                    cables.answer[first + i] = lower
-        for i in range(count):
-            k = count - 1 - i
-            value = cables.answer[first + k]
-            for j in range(k + 1, count):
-                value -= cables.matrix[base + k * count + j] * cables.answer[first + j]
-            pivot = cables.matrix[base + k * count + k]
-            cables.answer[first + k] = wp.where(pivot == NONE, NONE, value / pivot)
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                if cables.active[seg] == 1:
+                    cables.chain[cables.first_row[cluster] + count] = seg
+                    count += 1
+        return count
+
+    @wp.func
+    def mobility_of(cluster: int, row: int, column: int, cables: wp.ref[CableWork]) -> wp.float64:
+        """How far a unit of tension of one segment shortens another one [m/N]."""
+        place = cables.matrix_start[cluster] + cables.row[row] * cables.size[cluster]
+        return cables.mobility[place + cables.row[column]]
+
+    @wp.func
+    def softness_of(
+        cluster: int, seg: int, h: float, cables: wp.ref[CableWork]
+    ) -> wp.float64:
+        """Softness of a segment, and of what keeps it to its tension so far [m/N]."""
+        soft = law.softness(cables.compliance[seg], cables.damping[seg], h)
+        return soft + KEPT * mobility_of(cluster, seg, seg, cables)
 
     @wp.func
     def excess(
-        seg: int, row: int, base: int, size: int, first: int, offset: int, h: float, count: int,
-        cables: wp.ref[CableWork],
+        cluster: int, seg: int, count: int, h: float, cables: wp.ref[CableWork]
     ) -> wp.float64:
-        """What of a segment the tensions of its cable leave beyond its own target [m]."""
-        left = cables.load[seg] - law.softness(
-            cables.compliance[seg], cables.damping[seg], h
-        ) * cables.pull[seg]
+        """What the tensions that are tried leave of a segment beyond its target [m]."""
+        left = cables.load[seg] - softness_of(cluster, seg, h, cables) * cables.pull[seg]
+        first = cables.first_row[cluster]
         for k in range(count):
             other = cables.chain[first + k]
-            left -= cables.mobility[base + row * size + offset + other - first] * cables.pull[other]
+            left -= mobility_of(cluster, seg, other, cables) * cables.pull[other]
         return left
 
     @wp.func
-    def solve_cable(
-        cluster: int,
-        i: int,
-        h: float,
-        cables: wp.ref[CableWork],
-    ):
-        """The tensions of one cable under those of the others of its cluster, in ``pull``.
+    def form_groups(cluster: int, count: int, cables: wp.ref[CableWork]) -> int:
+        """Groups of segments between which cables slip, and each one's share of the largest tension.
 
-        Expects ``load``: how far each segment would be beyond its target if the cable did not pull.
+        Returns how many groups there are. One is slack as a whole or not at all.
         """
-        cable = cables.cables[i]
-        first = first_segment(cable, cables)
-        size = cables.size[cluster]
-        base = cables.matrix_start[cluster]
-        offset = cables.row_start[i]
-        count = int(0)
-        for seg in range(first, end_segment(cable, cables)):
-            cables.pull[seg] = NONE
-            if cables.active[seg] == 1:
-                cables.chain[first + count] = seg
-                count += 1
-        for _trial in range(2 * count + TRIALS):
-            # groups, and the share of each segment in the largest tension of its group
-            groups = int(0)
+        first = cables.first_row[cluster]
+        groups = int(0)
+        start = int(0)
+        while start < count:
+            stop = int(start)
             weight = wp.float64(0.0)
-            for k in range(count):
-                seg = cables.chain[first + k]
-                if k > 0:
-                    guide = cables.left[seg]
-                    slip = cables.slip[guide]
-                    if slip == STICKS:
-                        groups += 1
-                        weight = wp.float64(0.0)
-                    elif slip == TO_LEFT:
-                        weight -= cables.ratio[guide]
-                    elif slip == TO_RIGHT:
-                        weight += cables.ratio[guide]
+            most = wp.float64(0.0)
+            is_slack = bool(True)
+            is_going_on = bool(True)
+            while is_going_on:
+                seg = cables.chain[first + stop]
                 cables.group[seg] = groups
                 cables.weight[seg] = weight
+                most = wp.max(most, weight)
+                is_slack = is_slack and cables.slack[seg]
+                stop += 1
+                is_going_on = False
+                if stop < count:
+                    guide = cables.right[seg]
+                    same = cables.left[cables.chain[first + stop]] == guide
+                    if same and is_joined(guide, cables):
+                        is_going_on = True
+                        if cables.slip[guide] == TO_LEFT:
+                            weight -= cables.ratio[guide]
+                        elif cables.slip[guide] == TO_RIGHT:
+                            weight += cables.ratio[guide]
+            for k in range(start, stop):
+                seg = cables.chain[first + k]
+                cables.weight[seg] = wp.exp(cables.weight[seg] - most)
+                cables.slack[seg] = is_slack
             groups += 1
-            for g in range(groups):
-                most = wp.float64(-1.0e30)
-                is_slack = bool(True)
-                for k in range(count):
-                    seg = cables.chain[first + k]
-                    if cables.group[seg] == g:
-                        most = wp.max(most, cables.weight[seg])
-                        is_slack = is_slack and cables.slack[seg]
-                for k in range(count):
-                    seg = cables.chain[first + k]
-                    if cables.group[seg] == g:
-                        cables.weight[seg] = wp.exp(cables.weight[seg] - most)
-                        cables.slack[seg] = is_slack
-            for k in range(groups * groups):
-                cables.matrix[base + k] = NONE
-            for g in range(groups):
-                cables.answer[first + g] = NONE
-            for k in range(count):
-                seg = cables.chain[first + k]
-                g = cables.group[seg]
-                if cables.slack[seg]:
-                    cables.matrix[base + g * groups + g] = wp.float64(1.0)
-                    continue
-                cables.answer[first + g] = cables.answer[first + g] + cables.load[seg]
-                soft = law.softness(cables.compliance[seg], cables.damping[seg], h)
-                place = base + g * groups + g
-                cables.matrix[place] = cables.matrix[place] + soft * cables.weight[seg]
-                row = base + (offset + seg - first) * size + offset
-                for j in range(count):
-                    other = cables.chain[first + j]
-                    if not cables.slack[other]:
-                        place = base + g * groups + cables.group[other]
-                        moved = cables.mobility[row + other - first] * cables.weight[other]
-                        cables.matrix[place] = cables.matrix[place] + moved
-            solve_groups(base, groups, cables, first)
-            most = wp.float64(0.0)
-            for k in range(count):
-                seg = cables.chain[first + k]
-                pull = cables.answer[first + cables.group[seg]] * cables.weight[seg]
-                if cables.slack[seg]:
-                    pull = wp.float64(0.0)
-                cables.pull[seg] = pull
-                most = wp.max(most, wp.abs(pull))
-            # what contradicts that: a push, a slack group that is too long
-            is_changed = bool(False)
-            for g in range(groups):
-                sum = wp.float64(0.0)
-                scale = wp.float64(0.0)
-                is_pushing = bool(False)
-                is_slack = bool(False)
-                for k in range(count):
-                    seg = cables.chain[first + k]
-                    if cables.group[seg] == g:
-                        is_slack = cables.slack[seg]
-                        is_pushing = cables.pull[seg] < NONE
-                        row = offset + seg - first
-                        scale += HIDDEN * wp.float64(cables.rest[seg])
-                        if is_slack:
-                            sum += excess(
-                                seg, row, base, size, first, offset, h, count, cables
-                            )
-                if is_pushing or (is_slack and sum > scale):
-                    is_changed = True
-                    for k in range(count):
-                        seg = cables.chain[first + k]
-                        if cables.group[seg] == g:
-                            cables.slack[seg] = is_pushing
-                            cables.pull[seg] = wp.max(cables.pull[seg], NONE)
-            if is_changed:
+            start = stop
+        return groups
+
+    @wp.func
+    def solve_groups(
+        cluster: int, count: int, groups: int, h: float, cables: wp.ref[CableWork]
+    ) -> wp.float64:
+        """Tensions of the groups that are taut; returns the largest.
+
+        By elimination with pivots. A group that nothing moves, and that does not give way, has none.
+        """
+        first = cables.first_row[cluster]
+        base = cables.matrix_start[cluster]
+        for k in range(groups * groups):
+            cables.matrix[base + k] = NONE
+        for g in range(groups):
+            cables.answer[first + g] = NONE
+        for k in range(count):
+            seg = cables.chain[first + k]
+            g = cables.group[seg]
+            place = base + g * groups + g
+            if cables.slack[seg]:
+                cables.matrix[place] = wp.float64(1.0)
                 continue
-            # friction that holds too much, or that would push the cable along
-            slipped = wp.float64(0.0)
-            for k in range(count):
-                seg = cables.chain[first + k]
-                if k > 0:
-                    guide = cables.left[seg]
-                    last = cables.chain[first + k - 1]
-                    slip = cables.slip[guide]
-                    if slip == STICKS:
-                        slipped = wp.float64(0.0)
-                        if not (cables.guides[guide].kind == ANCHOR):
-                            ratio = wp.exp(cables.ratio[guide])
-                            little = SETTLED * most
-                            if cables.pull[last] > ratio * cables.pull[seg] + little:
-                                cables.slip[guide] = TO_LEFT
-                                is_changed = True
-                            elif cables.pull[seg] > ratio * cables.pull[last] + little:
-                                cables.slip[guide] = TO_RIGHT
-                                is_changed = True
-                    elif not (slip == FREELY) and not cables.slack[seg]:
-                        against = wp.where(slip == TO_LEFT, -slipped, slipped)
-                        if against > HIDDEN * wp.float64(cables.rest[seg]):
-                            cables.slip[guide] = STICKS
-                            is_changed = True
-                row = offset + seg - first
-                slipped += excess(seg, row, base, size, first, offset, h, count, cables)
-            if not is_changed:
-                break
+            cables.answer[first + g] = cables.answer[first + g] + cables.load[seg]
+            soft = softness_of(cluster, seg, h, cables)
+            cables.matrix[place] = cables.matrix[place] + soft * cables.weight[seg]
+            for j in range(count):
+                other = cables.chain[first + j]
+                if not cables.slack[other]:
+                    place = base + g * groups + cables.group[other]
+                    moved = mobility_of(cluster, seg, other, cables) * cables.weight[other]
+                    cables.matrix[place] = cables.matrix[place] + moved
+        for k in range(groups):
+            best = int(k)
+            for i in range(k + 1, groups):
+                if wp.abs(cables.matrix[base + i * groups + k]) > wp.abs(
+                    cables.matrix[base + best * groups + k]
+                ):
+                    best = i
+            if best != k:
+                for j in range(groups):
+                    kept = cables.matrix[base + k * groups + j]
+                    cables.matrix[base + k * groups + j] = cables.matrix[base + best * groups + j]
+                    cables.matrix[base + best * groups + j] = kept
+                kept = cables.answer[first + k]
+                cables.answer[first + k] = cables.answer[first + best]
+                cables.answer[first + best] = kept
+            pivot = cables.matrix[base + k * groups + k]
+            if pivot == NONE:
+                continue
+            for i in range(k + 1, groups):
+                factor = cables.matrix[base + i * groups + k] / pivot
+                if factor != NONE:
+                    for j in range(k, groups):
+                        left = cables.matrix[base + i * groups + j]
+                        left -= factor * cables.matrix[base + k * groups + j]
+                        cables.matrix[base + i * groups + j] = left
+                    lower = cables.answer[first + i] - factor * cables.answer[first + k]
+                    cables.answer[first + i] = lower
+        for i in range(groups):
+            k = groups - 1 - i
+            value = cables.answer[first + k]
+            for j in range(k + 1, groups):
+                value -= cables.matrix[base + k * groups + j] * cables.answer[first + j]
+            pivot = cables.matrix[base + k * groups + k]
+            cables.answer[first + k] = wp.where(pivot == NONE, NONE, value / pivot)
+        most = wp.float64(0.0)
+        for k in range(count):
+            seg = cables.chain[first + k]
+            pull = cables.answer[first + cables.group[seg]] * cables.weight[seg]
+            cables.pull[seg] = wp.where(cables.slack[seg], NONE, pull)
+            most = wp.max(most, pull)
+        return most
+
+    @wp.func
+    def tauten(cluster: int, count: int, h: float, cables: wp.ref[CableWork]) -> bool:
+        """Makes groups slack that would push, and slack ones taut that are too long.
+
+        Returns whether there was one.
+        """
+        first = cables.first_row[cluster]
+        is_changed = bool(False)
+        start = int(0)
+        while start < count:
+            group = cables.group[cables.chain[first + start]]
+            stop = int(start)
+            sum = wp.float64(0.0)
+            hidden = wp.float64(0.0)
+            while stop < count and cables.group[cables.chain[first + wp.min(stop, count - 1)]] == group:
+                seg = cables.chain[first + stop]
+                hidden += HIDDEN * wp.float64(cables.rest[seg])
+                if cables.slack[seg]:
+                    sum += excess(cluster, seg, count, h, cables)
+                stop += 1
+            seg = cables.chain[first + start]
+            pushes = cables.pull[seg] < NONE
+            if pushes or (cables.slack[seg] and sum > hidden):
+                is_changed = True
+                for k in range(start, stop):
+                    seg = cables.chain[first + k]
+                    cables.slack[seg] = pushes
+                    cables.pull[seg] = wp.max(cables.pull[seg], NONE)
+            start = stop
+        return is_changed
+
+    @wp.func
+    def let_slip(
+        cluster: int, count: int, most: wp.float64, h: float, cables: wp.ref[CableWork]
+    ) -> bool:
+        """Lets cables slip where friction would hold too much, and holds them where it would push.
+
+        Returns whether there was such a guide.
+        """
+        first = cables.first_row[cluster]
+        is_changed = bool(False)
+        slipped = wp.float64(0.0)
+        for k in range(1, count):
+            last = cables.chain[first + k - 1]
+            seg = cables.chain[first + k]
+            guide = cables.left[seg]
+            slipped += excess(cluster, last, count, h, cables)
+            if cables.right[last] != guide:
+                slipped = NONE
+                continue
+            slip = cables.slip[guide]
+            if slip == STICKS:
+                slipped = NONE
+                if not (cables.guides[guide].kind == ANCHOR):
+                    ratio = wp.exp(cables.ratio[guide])
+                    little = LITTLE * most
+                    if cables.pull[last] > ratio * cables.pull[seg] + little:
+                        cables.slip[guide] = TO_LEFT
+                        is_changed = True
+                    elif cables.pull[seg] > ratio * cables.pull[last] + little:
+                        cables.slip[guide] = TO_RIGHT
+                        is_changed = True
+            elif not (slip == FREELY) and not cables.slack[seg]:
+                against = wp.where(slip == TO_LEFT, -slipped, slipped)
+                if against > HIDDEN * wp.float64(cables.rest[seg]):
+                    cables.slip[guide] = STICKS
+                    is_changed = True
+        return is_changed
 
     @wp.func
     def solve_cluster(
@@ -954,94 +1009,51 @@ def make_cables(effects: Effects) -> CableFunctions:
         """
         cables = tree.cables
         h = history.step[cables.world[cluster]]
-        first = cables.cluster_start[cluster]
-        end = cables.cluster_start[cluster + 1]
-        size = cables.size[cluster]
-        base = cables.matrix_start[cluster]
-        for i in range(first, end):
+        first = cables.first_row[cluster]
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
             measure_cable(cables.cables[i], work, tree, cables)
-        for i in range(first, end):
-            begin = first_segment(cables.cables[i], cables)
-            for seg in range(begin, end_segment(cables.cables[i], cables)):
-                cables.pull[seg] = NONE
-                if cables.active[seg] == 1:
-                    row = cables.row_start[i] + seg - begin
-                    measure_row(cluster, row, seg, joints, worlds, work, tree)
-                    cables.pull[seg] = wp.float64(cables.tension[seg])
+        count = list_rows(cluster, recovery, cables)
+        for k in range(count):
+            measure_row(cluster, cables.chain[first + k], joints, worlds, work, tree)
+        for k in range(count):
+            seg = cables.chain[first + k]
+            # how far it would be beyond its target if none of them pulled
+            load = cables.stretch[seg]
+            load -= law.relaxed(cables.compliance[seg], cables.damping[seg], h, cables.start[seg])
+            if recovery == 0.0:
+                load -= cables.misfit[seg]
+            own = KEPT * mobility_of(cluster, seg, seg, cables)
+            load += own * wp.float64(cables.tension[seg])
+            for j in range(count):
+                other = cables.chain[first + j]
+                pull = wp.float64(cables.tension[other])
+                load += mobility_of(cluster, seg, other, cables) * pull
+            cables.load[seg] = load
+        for _trial in range(2 * count + TRIALS):
+            groups = form_groups(cluster, count, cables)
+            most = solve_groups(cluster, count, groups, h, cables)
+            if not tauten(cluster, count, h, cables):
+                if not let_slip(cluster, count, most, h, cables):
+                    break
         largest = wp.float64(0.0)
-        rounds = int(0)
-        has_moved = bool(True)
-        while has_moved and rounds < PASSES:
-            is_moving = bool(False)
-            for i in range(first, end):
-                cable = cables.cables[i]
-                begin = first_segment(cable, cables)
-                stop = end_segment(cable, cables)
-                if recovery > 0.0 and not is_inextensible(cable, cables):
-                    continue
-                # as if this cable did not pull, and others as they do by now
-                for seg in range(begin, stop):
-                    if cables.active[seg] == 1:
-                        load = cables.stretch[seg]
-                        load -= law.relaxed(
-                            cables.compliance[seg], cables.damping[seg], h, cables.start[seg]
-                        )
-                        if recovery == 0.0:
-                            load -= cables.misfit[seg]
-                        row = base + (cables.row_start[i] + seg - begin) * size
-                        for k in range(first, end):
-                            other_begin = first_segment(cables.cables[k], cables)
-                            for other in range(
-                                other_begin, end_segment(cables.cables[k], cables)
-                            ):
-                                if cables.active[other] == 1:
-                                    pull = wp.float64(cables.tension[other])
-                                    if k != i:
-                                        pull -= cables.pull[other]
-                                    column = cables.row_start[k] + other - other_begin
-                                    load += cables.mobility[row + column] * pull
-                        cables.load[seg] = load
-                        cables.before[seg] = cables.pull[seg]
-                solve_cable(cluster, i, h, cables)
-                most = wp.float64(0.0)
-                change = wp.float64(0.0)
-                for seg in range(begin, stop):
-                    if cables.active[seg] == 1:
-                        most = wp.max(most, cables.pull[seg])
-                        change = wp.max(change, wp.abs(cables.pull[seg] - cables.before[seg]))
-                if end - first > 1 and change > SETTLED * most:
-                    is_moving = True
-            has_moved = is_moving
-            rounds += 1
         is_new = bool(False)
-        for i in range(first, end):
-            begin = first_segment(cables.cables[i], cables)
-            for seg in range(begin, end_segment(cables.cables[i], cables)):
-                if cables.active[seg] == 1:
-                    row = base + (cables.row_start[i] + seg - begin) * size
-                    moved = wp.float64(0.0)
-                    for k in range(first, end):
-                        other_begin = first_segment(cables.cables[k], cables)
-                        for other in range(other_begin, end_segment(cables.cables[k], cables)):
-                            if cables.active[other] == 1:
-                                change = cables.pull[other] - wp.float64(cables.tension[other])
-                                column = cables.row_start[k] + other - other_begin
-                                moved += cables.mobility[row + column] * change
-                    moved = wp.abs(moved)
-                    largest = wp.max(largest, moved)
-                    if moved > ROUNDING * wp.float64(cables.rest[seg]):
-                        is_new = True
-        if is_new:
-            for i in range(first, end):
-                cable = cables.cables[i]
-                for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
-                    if cables.active[seg] == 1:
-                        cables.tension[seg] = wp.float32(cables.pull[seg])
-        if recovery == 0.0:
-            for i in range(first, end):
-                cable = cables.cables[i]
-                for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
-                    cables.kept[seg] = cables.tension[seg]
+        for k in range(count):
+            seg = cables.chain[first + k]
+            moved = wp.float64(0.0)
+            for j in range(count):
+                other = cables.chain[first + j]
+                change = cables.pull[other] - wp.float64(cables.tension[other])
+                moved += mobility_of(cluster, seg, other, cables) * change
+            moved = wp.abs(moved)
+            largest = wp.max(largest, moved)
+            if moved > ROUNDING * wp.float64(cables.rest[seg]):
+                is_new = True
+        for k in range(count):
+            seg = cables.chain[first + k]
+            if is_new:
+                cables.tension[seg] = wp.float32(cables.pull[seg])
+            if recovery == 0.0:
+                cables.kept[seg] = cables.tension[seg]
         pull_cluster(cluster, work, cables)
         if is_new:
             return wp.float32(largest * largest)
@@ -1076,8 +1088,8 @@ def make_join(join: Any) -> wp.Function:
             cable = cables.cables[i]
             for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
                 if cables.active[seg] == 1 and cables.tension[seg] > 0.0:
-                    a = cables.guides[cables.left[seg]].slot
-                    b = cables.guides[cables.right[seg]].slot
+                    a = slot_at(seg, 0, cables)
+                    b = slot_at(seg, 1, cables)
                     if work.inv_mass[a] > 0.0:
                         join(islands, worlds, work, a, b)
                     elif work.inv_mass[b] > 0.0:
