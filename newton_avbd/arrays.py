@@ -291,6 +291,12 @@ class SolverArrays:
             sleeping=self.settings.sleeping,
             without=self._without,
         )
+        if flags.cables and (flags.sleeping or flags.ramp):
+            what = "sleeping=True" if flags.sleeping else "formulation='ramp'"
+            raise NotImplementedError(
+                f"SolverAVBD does not simulate the model's {self.model.tendon_count} tendons with "
+                f"{what}. Leave that out, or the tendons with effects={{'cables': False}}."
+            )
         if self._takes_bodies(groups, flags):
             flags = flags.leaving_out(frozenset({"piles"}))
         return groups, topology, flags, callers

@@ -3,6 +3,7 @@
 """The arrays of Newton's tendons, cables here, what is launched for them, and what a user reads."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import newton
@@ -10,7 +11,7 @@ import numpy as np
 import warp as wp
 
 from . import data
-from .execute import cables as kernels
+from .execute import routes as kernels
 from .execute.launch import Launcher
 from .topology import Topology, moving
 from .welds import Welds, multiply
@@ -32,10 +33,11 @@ _NUMBERS = {
 }
 """Arrays of numbers that are finite and not negative, and the fields of a ``TendonGuide``."""
 _MATERIAL = (
-    *("tendon_segment_rest_length", "tendon_segment_attachment_l_local"),
-    *("tendon_segment_attachment_r_local", "tendon_guide_active"),
+    *("_tendon_initialized", "_tendon_rebaseline", "tendon_segment_rest_length"),
+    *("tendon_segment_attachment_l_local", "tendon_segment_attachment_r_local"),
+    "tendon_guide_active",
 )
-"""Arrays of a state that hold how its cables stand."""
+"""Arrays of a state that hold how its cables stand, in the order of ``CableState``."""
 
 
 def cabled_links(model: newton.Model) -> np.ndarray:
@@ -151,7 +153,11 @@ class Cables:
         self.work = work = data.CableWork()
         with wp.ScopedDevice(model.device):
             self._make_clusters(solved, topology)
-            self._make_guides(solved)
+            count = model.tendon_guide_count
+            struct: Any = data.CableGuide
+            self._guides: Any = np.zeros(count, dtype=struct.numpy_dtype())
+            self._place_guides(solved)
+            work.guides = wp.array(self._guides, dtype=data.CableGuide)
             self._make_work(solved, topology)
             self.view = kernels.CableView()
             segments = model.tendon_segment_count
@@ -236,10 +242,10 @@ class Cables:
         work.mobility = wp.zeros(room, dtype=wp.float64)
         work.matrix = wp.zeros(room, dtype=wp.float64)
 
-    def _make_guides(self, solved: Any) -> None:
+    def _place_guides(self, solved: Any) -> None:
         """Where the guides are on the bodies of the solver."""
         model = self._model
-        guides = np.zeros(model.tendon_guide_count, dtype=data.CableGuide.numpy_dtype())
+        guides = self._guides
         link = model.tendon_guide_body.numpy()
         offset = model.tendon_guide_offset.numpy()
         frame = np.vstack([self._welds.frame, [[0, 0, 0, 0, 0, 0, 1.0]]])[link]
@@ -256,7 +262,6 @@ class Cables:
         guides["side"] = model.tendon_guide_orientation.numpy()
         flags = model.tendon_guide_flags.numpy()
         guides["is_dynamic"] = flags & int(newton.TendonGuideFlags.DYNAMIC) != 0
-        self.work.guides = wp.array(guides, dtype=data.CableGuide)
 
     def _make_work(self, solved: Any, topology: Topology) -> None:
         """Buffers by guide, segment and body slot."""
@@ -265,7 +270,9 @@ class Cables:
         by_guide = {"mu": float, "touched": wp.bool, "slip": wp.int32, "ratio": wp.float64}
         by_segment = {
             **dict.fromkeys(("active", "left", "right", "chain", "group"), wp.int32),
-            **dict.fromkeys(("compliance", "damping", "rest", "lost", "left_over", "tension"), float),
+            **dict.fromkeys(
+                ("compliance", "damping", "rest", "lost", "left_over", "tension", "before"), float
+            ),
             **dict.fromkeys(("base_left", "base_right", "direction"), wp.vec3),
             **dict.fromkeys(("spoke_left", "spoke_right"), wp.vec3),
             **dict.fromkeys(("start", "misfit", "stretch", "weight", "load"), wp.float64),
@@ -300,10 +307,9 @@ class Cables:
         left = self.segment_guide.numpy()
         initial.left.assign(offset[left])
         initial.right.assign(offset[left + 1])
-        initial.touched.fill_(False)
         self._state.is_known.zero_()
         self._state.is_placed.fill_(True)
-        guides = work.guides.numpy()
+        guides = self._guides
         dynamic = np.flatnonzero(guides["is_dynamic"])
 
         def measure() -> tuple[np.ndarray, np.ndarray]:
@@ -321,14 +327,13 @@ class Cables:
         if dynamic.size:
             guides["detour"] = 0.0
             radius = guides["radius"].copy()
-            side = guides["side"].copy()
-            # a roller far on the other side is not touched
-            guides["radius"][dynamic] = -1.0e9
+            # what ends that far away is not touched
+            guides["radius"][dynamic] = -np.inf
             work.guides.assign(guides)
             _, length = measure()
-            cable = np.searchsorted(start, dynamic, side="right") - 1
-            guides["radius"], guides["side"] = radius, side
-            guides["detour"][dynamic] = length[dynamic - cable - 1]
+            guides["radius"] = radius
+            cables = np.searchsorted(start, dynamic, side="right") - 1
+            guides["detour"][dynamic] = length[dynamic - cables - 1]
             work.guides.assign(guides)
             measure()
             touched = work.touched.numpy()
@@ -371,7 +376,7 @@ class Cables:
             first = start[cable] - cable
             chain = [s for s in range(first, first + self._counts[cable]) if active[s]]
             total[cable] = rest[chain].sum()
-            for one, other in zip(chain[:-1], chain[1:], strict=True):
+            for one, other in pairwise(chain):
                 guide = guides[other + cable]
                 if guide["kind"] == int(newton.TendonGuideType.ROLLER):
                     a, b = base_right[one] - guide["offset"], base_left[other] - guide["offset"]
@@ -379,8 +384,12 @@ class Cables:
                     total[cable] += abs(turned) * guide["radius"]
         self.total.assign(total)
 
-    def refresh(self, launch: Launcher) -> None:
+    def refresh(self, solved: Any, launch: Launcher) -> None:
         """Looks at the model again: a new authored length is what a reset leads to.
+
+        Args:
+            solved: The model as the solver solves it, whose centers of mass may have moved.
+            launch: Launches kernels.
 
         Raises:
             ValueError: If the cables run otherwise than when the solver was made.
@@ -393,6 +402,8 @@ class Cables:
                     "compliance, damping and rest lengths of tendons may change."
                 )
         self._bind()
+        self._place_guides(solved)
+        self.work.guides.assign(self._guides)
         if not np.array_equal(model.tendon_segment_rest_length.numpy(), self._authored):
             kept = {name: wp.clone(array) for name, array in self.remembered()}
             self._find_initial(launch)
@@ -448,19 +459,17 @@ class Cables:
         Raises:
             ValueError: If it has none.
         """
-        arrays = (state._tendon_initialized, state._tendon_rebaseline)
-        arrays += tuple(getattr(state, name) for name in _MATERIAL)
-        for known, view in self._bound:
+        arrays = tuple(getattr(state, name, None) for name in _MATERIAL)
+        for known, seen in self._bound:
             if all(a is b for a, b in zip(known, arrays, strict=True)):
-                return view
+                return seen
         if any(array is None for array in arrays):
             raise ValueError(
                 "A state without the model's tendons: create it with model.state() after the "
                 "tendons were added."
             )
-        view = kernels.CableState()
-        view.is_known, view.is_placed = arrays[:2]
-        view.rest, view.left, view.right, view.touched = arrays[2:]
+        view: Any = kernels.CableState()
+        view.is_known, view.is_placed, view.rest, view.left, view.right, view.touched = arrays
         self._bound = (*self._bound[-7:], (arrays, view))
         return view
 

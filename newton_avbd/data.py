@@ -925,6 +925,8 @@ class CableWork:
     """Likewise: from the COM of the body to the end of the segment [m]."""
     tension: wp.array[float]
     """Multiplier [N]; the next step starts from it."""
+    before: wp.array[float]
+    """Tension at the start of the step [N]."""
     kept: wp.array[float]
     """Tension of the motion, while the recovery pulls."""
     chain: wp.array[wp.int32]

@@ -880,7 +880,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             return
         check_model(self.model, ramp=self.settings.ramp)
         if self._cables is not None:
-            self._cables.refresh(self._launch)
+            self._cables.refresh(self._solved, self._launch)
         if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
             self._report_ignored(self.model)
         self._rest_angle.assign(self._initial_angles())

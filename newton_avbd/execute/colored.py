@@ -224,7 +224,8 @@ def make_colored(effects: Effects) -> Colored:
     bound_world = make_energy(effects).bound_world if effects.balanced else None
     count_passes = make_count_passes(effects)
     cables = make_cables(effects)
-    begin_cluster, solve_cluster, give_back = cables
+    begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
+    give_back = cables.give_back
     join_cluster = make_join(join_at_once)
 
     def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:

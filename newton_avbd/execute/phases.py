@@ -118,6 +118,7 @@ def make_phases(effects: Effects) -> Phases:
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     cables = make_cables(effects) if effects.cables else ABSENT
     begin_cluster, give_back = cables.begin_cluster, cables.give_back
+    has_jerked = cables.has_jerked
     join_cluster = make_join(join_islands) if effects.cables else absent
     sweep_world = make_sweep_world(
         effects, sweep_block, piles.sweep_piles, loop_wrench, cables.solve_cluster
@@ -417,6 +418,11 @@ def make_phases(effects: Effects) -> Phases:
             if update > enough * enough:
                 # what does not settle tells nothing of the next step
                 history.smooth[world] = 0
+            if wp.static(effects.cables):
+                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                    # tensions of steps of different order do not compare
+                    if scale.step == scale.h and has_jerked(i, scale, tree.cables):
+                        history.smooth[world] = 0
             remember_loops(world, scale, joints, loops, history)
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)

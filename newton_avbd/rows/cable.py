@@ -9,10 +9,11 @@ length R, and pulls its ends together with a tension T >= 0,
 
 A roller of radius r winds and unwinds material as its contact point moves on it (Mueller et al.,
 "Cable Joints", SCA 2018): without slip a segment has R = R_0 + r (phi_0 - phi) for each of its two
-rollers, with the angle phi of the contact point *in the roller's frame*. So the rate of L - R is the
-relative velocity of the two material points along the segment, and each tension acts on the body at
-that point, with the whole of its moment. At an internal guide material s may slip from the segment
-on the right to that on the left: R_l += s, R_r -= s. Friction opposes that (Euler, Eytelwein):
+rollers, with the angle phi of the contact point *in the roller's frame*. So the rate of L - R is
+the relative velocity of the two material points along the segment, and each tension acts on the
+body at that point, with the whole of its moment. At an internal guide material s may slip from the
+segment on the right to that on the left: R_l += s, R_r -= s. Friction opposes that (Euler,
+Eytelwein):
 
     T_l = T_r e^(mu phi) where s > 0,   T_r = T_l e^(mu phi) where s < 0,   in between s = 0,
 
@@ -188,7 +189,7 @@ def angle_about(normal: wp.vec3d, a: wp.vec3d, b: wp.vec3d) -> wp.float64:
 
 @wp.func
 def unwound(guide: CableGuide, pose: GuidePose, base: wp.vec3, spoke: wp.vec3d) -> wp.float64:
-    """Material that has come off a roller on its right since the segment touched it at ``base`` [m].
+    """Material that has come off a roller on its right since the segment touched ``base`` [m].
 
     What comes off on its left is the opposite.
     """
