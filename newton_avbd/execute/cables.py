@@ -673,7 +673,7 @@ def make_cables(effects: Effects) -> CableFunctions:
 
         With a ``recovery`` above zero cables that were too long at the start of the step shorten,
         too. Returns the square of the largest change of a segment to come [m^2]; zero where
-        rounding hides it, and tensions stay.
+        rounding hides it.
         """
         cables = tree.cables
         h = history.step[cables.world[cluster]]
@@ -718,8 +718,7 @@ def make_cables(effects: Effects) -> CableFunctions:
                 is_new = True
         for k in range(count):
             seg = cables.chain[first + k]
-            if is_new:
-                cables.tension[seg] = wp.float32(cables.pull[seg])
+            cables.tension[seg] = wp.float32(cables.pull[seg])
             if recovery == 0.0:
                 cables.kept[seg] = cables.tension[seg]
         pull_cluster(cluster, work, cables)
