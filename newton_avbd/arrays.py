@@ -15,6 +15,7 @@ from . import buffers, data, views
 from .actuation import Actuation
 from .actuators import ACTING
 from .attributes import BREAK_LIMITS, authored_fluid, break_limits
+from .cables import Cables, cabled_bodies
 from .checks import check_array
 from .condim import Condims, condim_arrays
 from .effects import (
@@ -81,6 +82,7 @@ class SolverArrays:
         self._solved = solved_model(self.model, self._welds) or self.model
         self._refresh_solved()
         self._actuation: Actuation | None = None
+        self._cables: Cables | None = None
         self._limit_law: dict[str, wp.array] = {}
         self._ctrl: wp.array | None = None
         self._weld_loads: data.LinkLoads | None = None
@@ -150,11 +152,10 @@ class SolverArrays:
         self._no_contacts = data.ContactInput()
         self._control = data.ControlInput()
         self._control_arrays: tuple[wp.array | None, ...] = (None, None, None)
+        is_linked = linking_joints(model).size > 0 or self.model.tendon_count > 0
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
-            self._free_joint = wp.array(
-                free if linking_joints(model).size else free[:0], dtype=wp.int32
-            )
+            self._free_joint = wp.array(free if is_linked else free[:0], dtype=wp.int32)
             self._free_dof = wp.array(free_dof, dtype=wp.int32)
             self._pushing = wp.array(pushing_joints(model), dtype=wp.int32)
             self._work = buffers.body_work(slots, self.settings.second_order)
@@ -272,8 +273,11 @@ class SolverArrays:
     def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects, Callers]:
         """Which world each body belongs to, what is solved together, and with which effects."""
         groups = _solver_worlds(self._solved)
+        cabled = np.zeros(self._solved.body_count, dtype=bool)
+        if "cables" not in self._without:
+            cabled = cabled_bodies(self._solved)
         topology = Topology.of_model(
-            self._solved, groups, trees=self.settings.blocks == "articulation"
+            self._solved, groups, trees=self.settings.blocks == "articulation", cabled=cabled
         )
         flags, callers = Effects.of_model(
             self._solved,
@@ -287,6 +291,12 @@ class SolverArrays:
             sleeping=self.settings.sleeping,
             without=self._without,
         )
+        if flags.cables and (flags.sleeping or flags.ramp):
+            what = "sleeping=True" if flags.sleeping else "formulation='ramp'"
+            raise NotImplementedError(
+                f"SolverAVBD does not simulate the model's {self.model.tendon_count} tendons with "
+                f"{what}. Leave that out, or the tendons with effects={{'cables': False}}."
+            )
         if self._takes_bodies(groups, flags):
             flags = flags.leaving_out(frozenset({"piles"}))
         return groups, topology, flags, callers
@@ -376,9 +386,15 @@ class SolverArrays:
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
+        self._allocate_cables(topology)
         if is_large:
             self._large = LargeWorlds(
-                self._worlds, self._loops, topology, self.iterations, self.device
+                self._worlds,
+                self._loops,
+                topology,
+                0 if self._cables is None else self._cables.work.size.size,
+                self.iterations,
+                self.device,
             )
             self._colors = self._large.colors
         if self._capacity:
@@ -417,6 +433,15 @@ class SolverArrays:
             joints = self._loops.joints.numpy().tolist() if self._flags.loops else []
             with wp.ScopedDevice(self.device):
                 buffers.add_closures(self._tree.closures, topology, joints)
+
+    def _allocate_cables(self, topology: Topology) -> None:
+        """Buffers for Newton's tendons."""
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((self._cables,))
+        self._cables = None
+        if self._flags.cables:
+            self._cables = Cables(self.model, self._solved, self._welds, topology, self._launch)
+            self._tree.cables = self._cables.work
 
     def _allocate_sleep(self) -> None:
         """Buffers for what sleeps; all bodies are awake afterwards."""

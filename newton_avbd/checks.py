@@ -13,6 +13,7 @@ import warp as wp
 
 from .actuators import Actuators, fixed_tendons
 from .attributes import authored_fluid, break_limits, dahl_friction
+from .cables import check_cables
 from .condim import CONDIMS, Condims
 from .equalities import equalities
 from .rows.joint import KINDS
@@ -66,6 +67,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
     """
     _check_joints(model, ramp)
     _check_bodies(model)
+    check_cables(model)
     if model.shape_count:
         for name in ("mu", "mu_torsional", "mu_rolling", "restitution", "ke", "kd"):
             _check_numbers(model, f"shape_material_{name}", model.shape_label, minimum=0.0)
@@ -104,7 +106,7 @@ def report_ignored(
         NotImplementedError: If ``strict`` and there is such a thing.
     """
     messages = []
-    if others := [*_deformables(model), *_named(model.tendon_count, "tendon", model.tendon_label)]:
+    if others := _deformables(model):
         messages.append(
             f"SolverAVBD moves rigid bodies only; it leaves out the model's {', '.join(others)}. "
             "Use SolverVBD for them, alone or coupled with this solver."

@@ -832,6 +832,138 @@ class AxisLaw:
     """The piece that substitution found that it should be."""
 
 
+@wp.struct
+class CableGuide:
+    """A guide of one of Newton's tendons, a cable here, and the body that it is on."""
+
+    kind: int
+    """A ``newton.TendonGuideType``."""
+    slot: int
+    """Slot of the body; the static world's for a guide that is fixed in space."""
+    arm: wp.vec3
+    """From the COM of the body to the guide [m], body frame; in the static world its place."""
+    turn: wp.quat
+    """From the frame of the link that the guide is on to that of its body."""
+    offset: wp.vec3
+    """Place of the guide in the frame of its link [m]."""
+    axis: wp.vec3
+    """Axis of a roller in the frame of its link."""
+    radius: float
+    """Of a roller [m]."""
+    side: float
+    """Side on which the cable winds, 1 or -1."""
+    is_dynamic: wp.bool
+    """Whether the cable touches the roller only where its way leads there."""
+    detour: float
+    """Dynamic guides: length between the neighbors without it, in the initial poses [m]."""
+
+
+@wp.struct
+class CableWork:
+    """Newton's tendons: cables of segments between guides; see :mod:`.execute.cables`.
+
+    Segment ``guide - cable`` goes from a guide to the next one of its cable. Cables whose bodies
+    one block holds, or that share a block with such cables, make a *cluster*, which is solved at
+    once.
+    """
+
+    world_start: wp.array[wp.int32]
+    """First cluster of each world."""
+    world: wp.array[wp.int32]
+    """World of each cluster."""
+    cluster_start: wp.array[wp.int32]
+    """First of a cluster's cables in ``cables``."""
+    cables: wp.array[wp.int32]
+    """The cables, cluster by cluster."""
+    row: wp.array[wp.int32]
+    """By segment: its row among those of its cluster."""
+    size: wp.array[wp.int32]
+    """By cluster: how many rows it has."""
+    first_row: wp.array[wp.int32]
+    """By cluster: how many rows there are before its own."""
+    guide_start: wp.array[wp.int32]
+    """By cable: first of its guides, and where the last one's end."""
+    guides: wp.array[CableGuide]
+    mu: wp.array[float]
+    """By guide: friction coefficient."""
+    touched: wp.array[wp.bool]
+    """By guide: whether the cable touches it in the step."""
+    slip: wp.array[wp.int32]
+    """By guide: how the cable passes it; see :mod:`.rows.cable`."""
+    ratio: wp.array[wp.float64]
+    """By guide: logarithm of the largest ratio of tensions."""
+    active: wp.array[wp.int32]
+    """By segment: 1 where the route of the step has it."""
+    left: wp.array[wp.int32]
+    """Guides that it goes from and to."""
+    right: wp.array[wp.int32]
+    compliance: wp.array[float]
+    """[m/N]"""
+    damping: wp.array[float]
+    """[N s/m]"""
+    rest: wp.array[float]
+    """Length of its material at the start of the step [m]."""
+    lost: wp.array[float]
+    """What rounding took from it [m]."""
+    base_left: wp.array[wp.vec3]
+    """Where it touched its guides at the start of the step, in the frames of their links [m]."""
+    base_right: wp.array[wp.vec3]
+    start: wp.array[wp.float64]
+    """Length beyond ``rest`` at the start of the step [m]."""
+    left_over: wp.array[float]
+    """The same at the end of the last step."""
+    misfit: wp.array[wp.float64]
+    """What of it the sweeps leave to the recovery [m]."""
+    stretch: wp.array[wp.float64]
+    """Length beyond the material that no slip has changed, after the increments [m]."""
+    direction: wp.array[wp.vec3]
+    """From left to right, a unit vector in world frame."""
+    spoke_left: wp.array[wp.vec3]
+    """From the centers of its guides to where it touches them [m], world frame."""
+    spoke_right: wp.array[wp.vec3]
+    way: wp.array[wp.spatial_vector]
+    """By segment and end, left first: wrench on the body by a unit of tension [1, m]."""
+    arm: wp.array[wp.vec3]
+    """Likewise: from the COM of the body to the end of the segment [m]."""
+    tension: wp.array[float]
+    """Multiplier [N]; the next step starts from it."""
+    before: wp.array[float]
+    """Tension at the start of the step [N]."""
+    kept: wp.array[float]
+    """Tension of the motion, while the recovery pulls."""
+    chain: wp.array[wp.int32]
+    """The segments of a cluster whose tensions are solved for, from ``first_row`` on."""
+    group: wp.array[wp.int32]
+    """Segments between which the cable slips share one unknown; see :mod:`.rows.cable`."""
+    slack: wp.array[wp.bool]
+    weight: wp.array[wp.float64]
+    load: wp.array[wp.float64]
+    """By segment: what it would be beyond its target if its cable did not pull [m]."""
+    pull: wp.array[wp.float64]
+    """By segment: tension that is solved for [N]."""
+    answer: wp.array[wp.float64]
+    """By group, from ``first_row`` on: right-hand side, then solution."""
+    matrix_start: wp.array[wp.int32]
+    """By cluster: first place of its matrices."""
+    mobility: wp.array[wp.float64]
+    """How far a unit of tension of a row shortens another one [m/N], cluster by cluster."""
+    matrix: wp.array[wp.float64]
+    """Of its groups [m/N]."""
+    wrench: wp.array[wp.spatial_vector]
+    """By body slot: what cables pull it with [N, N m]."""
+    pulled: wp.array[wp.bool]
+    """Whether one pulls it."""
+    ll: wp.array[wp.mat33]
+    """Geometric stiffness of its cables: what pulls turns with the segment."""
+    al: wp.array[wp.mat33]
+    aa: wp.array[wp.mat33]
+    push: wp.array[wp.spatial_vector]
+    """Scratch of the answer of a block to a pull: wrench, then motion, by body slot."""
+    update: wp.array[wp.spatial_vector]
+    axis_push: wp.array[float]
+    """The same by axis of the trees."""
+
+
 NO_JOINT = wp.constant(-1)
 """In the place of the joint that links a body to its parent: the body has none."""
 LONE = wp.constant(-2)
@@ -908,6 +1040,7 @@ class TreeWork:
     load: wp.array[wp.spatial_vector]
     """Children's share of the wrench that holds the tree; zero between sweeps."""
     closures: ClosureWork
+    cables: CableWork
 
 
 @wp.struct

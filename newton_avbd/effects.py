@@ -179,6 +179,7 @@ CAUSES: dict[str, Cause] = {
         "joint", "of type ROD with Dahl friction (vbd:dahl_eps_max, dahl_tau)", "rows/dahl.py"
     ),
     "fluid": Cause("body", "in a fluid (mujoco:density, mujoco:viscosity)", "rows/fluid.py"),
+    "cables": Cause("tendon", "of Newton's own, a cable (add_tendon)", "rows/cable.py"),
 }
 """What calls for each effect, where its code is, and whether a user can leave it out."""
 
@@ -301,6 +302,8 @@ class Effects:
     """A rod with Dahl friction."""
     fluid: bool = False
     """A fluid, and a body that moves in it."""
+    cables: bool = False
+    """A tendon of Newton's own."""
     on_gpu: bool = False
     """What the kernels are compiled for, not an effect of the scene."""
 
@@ -404,6 +407,7 @@ class Effects:
             "breaking": _breakable(model),
             "dahl": _dahl_rods(model),
             "fluid": bodies_in_fluid(model),
+            "cables": np.arange(model.tendon_count),
         }
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(
@@ -429,7 +433,7 @@ class Effects:
     @property
     def joints(self) -> bool:
         """Whether a joint holds anything."""
-        return bool(self.kinds.angular) or self.reaction
+        return bool(self.kinds.angular) or self.reaction or self.cables
 
     @property
     def inline(self) -> bool | None:
@@ -476,7 +480,8 @@ class Effects:
     @property
     def free_balls(self) -> bool:
         """Whether there are ball joints on which nothing acts but what is put on them."""
-        return self.kinds.balls and not self.coordinates and not self.closures
+        alone = not self.coordinates and not self.closures and not self.cables
+        return self.kinds.balls and alone
 
     @property
     def stops(self) -> bool:

@@ -51,12 +51,19 @@ class LargeWorlds:
         worlds: The solver's :class:`.data.WorldWork`.
         loops: The solver's :class:`.data.LoopWork`.
         topology: Which bodies are a block.
+        clusters: How many sets of cables are solved at once.
         iterations: Sweeps of a step.
         device: Where the bodies are.
     """
 
     def __init__(
-        self, worlds: Any, loops: Any, topology: Topology, iterations: int, device: wp.Device
+        self,
+        worlds: Any,
+        loops: Any,
+        topology: Topology,
+        clusters: int,
+        iterations: int,
+        device: wp.Device,
     ) -> None:
         body_start, bodies = worlds.body_start.numpy(), worlds.bodies.numpy()
         self._body_count, self._world_count = bodies.size, body_start.size - 1
@@ -74,7 +81,7 @@ class LargeWorlds:
         block = np.append(bodies[start][topology.rank], bodies.size)
         is_jointed = np.zeros(slots, dtype=np.int32)
         is_jointed[block[:-1][~topology.is_alone]] = 1
-        self._loop_count = 0
+        self._loop_count, self._cluster_count = 0, clusters
         if loops.joints is not None:
             self._loop_count = loops.joints.shape[0]
             is_jointed[block[:-1][np.diff(loops.body_start.numpy())[:-1] > 0]] = 1
@@ -236,6 +243,8 @@ class LargeWorlds:
                 bodies,
                 [model, joints, body_q, worlds, work, tree, colors, history],
             )
+        if effects.cables:
+            launch(kernels.begin_clusters, self._cluster_count, [worlds, work, tree, colors])
 
         def assemble(begin: int) -> None:
             numbers, state = [h, begin], [worlds, rows, tree, loops, colors, history, work, islands]
@@ -268,6 +277,13 @@ class LargeWorlds:
                         self._loop_count,
                         [model, joints, control, *numbers, *state],
                     )
+                if effects.cables:
+                    state = [worlds, work, colors, history, tree, moved]
+                    launch(
+                        kernels.solve_clusters,
+                        self._cluster_count,
+                        [joints, sweep, recovery, most, *state],
+                    )
 
         def sweep_on() -> None:
             assemble(iterations)
@@ -282,6 +298,8 @@ class LargeWorlds:
             bodies,
             [joints, body_qd, worlds, work, rows, tree, loops, islands, colors, history],
         )
+        if effects.cables and effects.pairs:
+            launch(kernels.join_clusters, self._cluster_count, [worlds, work, tree, islands])
         if effects.pairs:
             launch(joining.find_roots, bodies, [worlds, work, islands, colors])
             launch(joining.count_members, bodies, [work, islands, colors])
@@ -332,6 +350,8 @@ class LargeWorlds:
         if effects.loops:
             back = [joints, worlds, work, loops, colors, history]
             launch(kernels.give_loops_back, self._loop_count, back)
+        if effects.cables:
+            launch(kernels.give_cables_back, self._cluster_count, [work, tree])
         launch(
             kernels.end_poses,
             bodies,

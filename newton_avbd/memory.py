@@ -13,6 +13,7 @@ from . import data
 _OWNERS: dict[str, str] = {
     "tree": "joints",
     "tree.closures": "closures",
+    "tree.cables": "cables",
     "loops": "loops",
     "work.put": "put_bodies",
     "work.put_from": "put_bodies",

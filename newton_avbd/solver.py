@@ -20,6 +20,7 @@ from newton.solvers import SolverBase
 from . import data
 from .arrays import SeenWorlds, SolverArrays
 from .attributes import register_joint_attributes
+from .cables import CableViews
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, SceneEffects, left_out
@@ -67,7 +68,7 @@ from .settings import Settings, register_scene_settings
 from .solved import BodyState, SolvedModel
 
 
-class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
+class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
     """Rigid bodies, joints and contacts by Augmented Vertex Block Descent.
 
     Backward Euler on pose increments, minimised block by block. A free body is a 6x6 block; the
@@ -190,7 +191,7 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 coordinates unless the bodies are elsewhere than in the model. Without this setting
                 joint coordinates are neither read nor written, as in ``SolverVBD``.
             strict: What the model holds and this solver does not simulate (particles, cloth,
-                tendons, ...) is an error instead of a warning.
+                ...) is an error instead of a warning.
             workers: Most threads that share the worlds of a step on a CPU, to the same bits; None
                 for one a core. Those that pay are used: one below some 0.6 ms of work, and where a
                 graph is captured.
@@ -313,6 +314,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
         if contacts is None:
             self._forget_contacts()
         start = self._actuate(state_in, control, dt)
+        if self._cables is not None:
+            self._cables.begin(self._launch, state_in)
         flags = self._flags
         needs_solve = flags.joints or flags.bdf2 or flags.sleeping or flags.fluid
         is_free = contacts is None and not needs_solve
@@ -328,6 +331,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             self._solve(given, result, control_input, contacts, dt)
         if is_apart:
             self._scatter_links(state_in, state_out)
+        if self._cables is not None:
+            self._cables.end(self._launch, state_out, dt)
         if contacts is None and self._work.put_from is not None:
             self._work.put_from.zero_()
 
@@ -738,6 +743,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             self._large.forget(self._launch, model.body_world, selected)
         if self._actuation is not None:
             self._actuation.reset(self._launch, selected)
+        if self._cables is not None:
+            self._cables.reset(self._launch, state, selected)
         if self.writes_joint_state:
             self._joint_state.reset(self._launch, state, selected, wanted)
         bodies: newton.State | BodyState = state
@@ -820,6 +827,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
             yield "colors.color", self._large.colors.color
         if self._actuation is not None:
             yield from self._actuation.remembered()
+        if self._cables is not None:
+            yield from self._cables.remembered()
         if self.writes_joint_state:
             yield from self._joint_state.remembered()
 
@@ -870,6 +879,8 @@ class SolverAVBD(SolverBase, SolverArrays, RigidCoupling):
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
             return
         check_model(self.model, ramp=self.settings.ramp)
+        if self._cables is not None:
+            self._cables.refresh(self._solved, self._launch)
         if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
             self._report_ignored(self.model)
         self._rest_angle.assign(self._initial_angles())

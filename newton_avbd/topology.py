@@ -149,6 +149,8 @@ class Topology:
     """Joints whose child carries their parent in a tree."""
     worlds: np.ndarray
     """World, as the solver sees it, of each body."""
+    cabled: np.ndarray
+    """Whether a cable touches each body, which is then solved as a tree, alone or not."""
 
     def __eq__(self, other: object) -> bool:
         """Whether everything is equal."""
@@ -192,7 +194,7 @@ class Topology:
         """Whether each body is a block of its own and hangs on no joint that is solved with it."""
         is_alone = (np.bincount(self.block_end)[self.block_end] == 1)[self.rank] & (self.joint < 0)
         is_alone[[closure.body for closure in self.closures]] = False
-        return is_alone
+        return is_alone & ~self.cabled
 
     def in_company(self, chosen: np.ndarray) -> np.ndarray:
         """Those of the chosen bodies whose world has another one of them."""
@@ -200,13 +202,16 @@ class Topology:
         return bodies[np.bincount(self.worlds[bodies])[self.worlds[bodies]] > 1]
 
     @classmethod
-    def of_model(cls, model: newton.Model, worlds: np.ndarray, *, trees: bool) -> "Topology":
+    def of_model(
+        cls, model: newton.Model, worlds: np.ndarray, *, trees: bool, cabled: np.ndarray
+    ) -> "Topology":
         """Reads the joints of a model; copies model arrays to the host.
 
         Args:
             model: The model.
             worlds: World, as the solver sees it, of each body.
             trees: Whether joints make blocks; otherwise each body is a block of its own.
+            cabled: Whether a cable touches each body.
         """
         count = model.body_count
         joint = np.full(count, -1)
@@ -296,6 +301,7 @@ class Topology:
             axis_start=axis_start,
             loops=np.array(loops, dtype=np.int32),
             closures=closures,
+            cabled=cabled,
         )
 
 

@@ -90,5 +90,13 @@ def test_an_example_of_newton_passes_its_own_tests(name: str) -> None:
     assert ran.returncode == 0, ran.stdout + ran.stderr
 
 
+def test_a_cable_of_newton_s_swings_a_weight() -> None:
+    """The shortest of its examples of tendons, with what that reads off the solver."""
+    simulation = ExampleSimulation("tendon_pulley", Request())
+    for _ in range(simulation.frames):
+        simulation.advance()
+    assert simulation.verdict() == "passed"
+
+
 def test_the_documents_list_newton_s_examples() -> None:
-    assert len(NEWTON_EXAMPLES) == 41
+    assert len(NEWTON_EXAMPLES) == 46

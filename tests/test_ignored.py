@@ -59,13 +59,6 @@ def add_muscle(builder: newton.ModelBuilder) -> None:
     builder.add_muscle([0, 0], [ORIGIN, wp.vec3(0.0, 0.0, 1.0)], 1.0, 1.0, 1.0, 1.0, 0.0)
 
 
-def add_tendon(builder: newton.ModelBuilder) -> None:
-    """Four, from the world to the cube."""
-    guide = newton.TendonGuide
-    for i in range(4):
-        builder.add_tendon([guide(body=-1), guide(body=0)], label=f"cable{i}")
-
-
 def add_adhesion(builder: newton.ModelBuilder) -> None:
     """A sticky ball."""
     body = add_mass(builder)
@@ -105,7 +98,6 @@ def add_actuators(builder: newton.ModelBuilder) -> None:
         (add_spring, r"2 particles, 1 spring\. Use SolverVBD"),
         (add_attachment, r"1 particle, 1 particle attachment \('body cube'\)"),
         (add_muscle, r"1 muscle \('from body arm'\)"),
-        (add_tendon, r"4 tendons \('cable0', 'cable1', 'cable2', ...\)"),
         (add_actuators, r"MuJoCo actuator 2 \('spring'\): its dynamics.*SolverMuJoCo"),
         (add_adhesion, r"adhesion \(ka\) of 1 shape \('gum'\).*SolverSemiImplicit"),
     ],

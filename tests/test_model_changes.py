@@ -447,6 +447,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "actuators",
             "tendons",
             "body_actuators",
+            "cables",
         ),  # what there is
         *("closures", "mimics"),
         "breaking",  # that some joint can break is said before

@@ -41,6 +41,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
 from .bodies import has_rows, target_turn
+from .cables import may_jerk
 from .fluid import feel_fluid
 from .islands import is_free_island
 from .loops import has_loops
@@ -300,6 +301,10 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 if joints.type[loops.joints[i]] == DISTANCE:
+                    return False
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                if may_jerk(i, work, tree.cables):
                     return False
         if wp.static(effects.hard_limits):
             return not meets_limit(world, joints, worlds, work, tree, loops, history)

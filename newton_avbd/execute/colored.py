@@ -37,6 +37,7 @@ from ..rows import contact as contact_rows
 from .beginning import make_begin
 from .bodies import report_held, vector_sum
 from .breaking import make_break_joints
+from .cables import make_cables, make_join
 from .closures import make_closures
 from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
@@ -84,11 +85,14 @@ class Colored(NamedTuple):
     measure_loops: wp.Kernel | None
     widen_loops: wp.Kernel | None
     place_joints: wp.Kernel | None
+    begin_clusters: wp.Kernel | None
     assemble: wp.Kernel
     sweep_color: wp.Kernel
     sweep_loops: wp.Kernel | None
+    solve_clusters: wp.Kernel | None
     begin_round: wp.Kernel
     remember: wp.Kernel
+    join_clusters: wp.Kernel | None
     break_trees: wp.Kernel | None
     break_loops: wp.Kernel | None
     end_velocities: wp.Kernel
@@ -100,6 +104,7 @@ class Colored(NamedTuple):
     keep_loops: wp.Kernel | None
     close_joints: wp.Kernel | None
     give_loops_back: wp.Kernel | None
+    give_cables_back: wp.Kernel | None
     end_poses: wp.Kernel
     bound_energy: wp.Kernel
 
@@ -218,6 +223,10 @@ def make_colored(effects: Effects) -> Colored:
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     bound_world = make_energy(effects).bound_world if effects.balanced else None
     count_passes = make_count_passes(effects)
+    cables = make_cables(effects)
+    begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
+    give_back = cables.give_back
+    join_cluster = make_join(join_at_once)
 
     def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
         """Decorator: makes a kernel of the module, or nothing where the scene does without it."""
@@ -511,6 +520,22 @@ def make_colored(effects: Effects) -> Colored:
             ):
                 colors.is_open[world] = 1
 
+    @kernel(effects.cables)
+    def begin_clusters(
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        # Work out:
+        tree: TreeWork,
+        colors: ColorWork,
+    ):
+        """Pulls with the tensions of the last step; one thread a cluster of cables."""
+        cluster = wp.tid()
+        world = tree.cables.world[cluster]
+        if colors.is_finite[world] == 1:
+            if begin_cluster(cluster, work, tree):
+                colors.is_open[world] = 1
+
     @kernel()
     def assemble(
         # Model:
@@ -681,6 +706,30 @@ def make_colored(effects: Effects) -> Colored:
                 i, recovery, h, model, joints, control, work, tree, loops, history, True, True
             )
 
+    @kernel(effects.cables)
+    def solve_clusters(
+        # Model:
+        joints: JointModel,
+        # In:
+        sweep: int,
+        recovery: float,
+        most: wp.array[wp.int32],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        colors: ColorWork,
+        history: History,
+        # Work out:
+        tree: TreeWork,
+        moved: wp.array2d[float],
+    ):
+        """Tensions for the next sweep; one thread a cluster of cables."""
+        cluster = wp.tid()
+        world = tree.cables.world[cluster]
+        if goes_on(sweep, world, moved, most, colors):
+            changed = solve_cluster(cluster, recovery, joints, worlds, work, tree, history)
+            wp.atomic_max(moved, sweep + 1, world, changed)
+
     @kernel()
     def begin_round(
         # In:
@@ -730,6 +779,18 @@ def make_colored(effects: Effects) -> Colored:
                         join_at_once(islands, worlds, work, body, slot)
         if not wp.isfinite(vector_sum(work.increment[body])):
             colors.is_finite[world] = 0
+
+    @kernel(effects.cables and effects.pairs)
+    def join_clusters(
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        tree: TreeWork,
+        # Work out:
+        islands: IslandWork,
+    ):
+        """Makes one island of bodies that cables pull; one thread a cluster of cables."""
+        join_cluster(wp.tid(), worlds, work, tree, islands)
 
     @kernel(effects.breaking)
     def break_trees(
@@ -1027,6 +1088,16 @@ def make_colored(effects: Effects) -> Colored:
             history.loop_torque[i] = loops.kept_torque[i]
             count_loop_turns(i, joints, work, loops, history)
 
+    @kernel(effects.cables)
+    def give_cables_back(
+        # Work:
+        work: BodyWork,
+        # Work out:
+        tree: TreeWork,
+    ):
+        """After the recovery: the tensions of the motion; one thread a cluster of cables."""
+        give_back(wp.tid(), work, tree)
+
     @kernel()
     def end_poses(
         # Model:
@@ -1142,11 +1213,14 @@ def make_colored(effects: Effects) -> Colored:
         measure_loops,
         widen_loops,
         place_joints,
+        begin_clusters,
         assemble,
         sweep_color,
         sweep_loops,
+        solve_clusters,
         begin_round,
         remember,
+        join_clusters,
         break_trees,
         break_loops,
         end_velocities,
@@ -1158,6 +1232,7 @@ def make_colored(effects: Effects) -> Colored:
         keep_loops,
         close_joints,
         give_loops_back,
+        give_cables_back,
         end_poses,
         bound_energy,
     )

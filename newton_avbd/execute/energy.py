@@ -434,6 +434,9 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 out.is_wild = True
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
+        if wp.static(effects.cables):
+            if tree.cables.pulled[body]:
+                out.is_pushed = True  # what compliant cables have stored is not summed
         out.mass += mass
         place = work.com[body] - work.com[root]
         momentum = mass * wp.spatial_top(velocity) + h * force

@@ -157,7 +157,10 @@ def make_gather(
                 else:
                     f -= force
                     tau -= torque + wp.cross(arm_p, force)
-        return wp.spatial_vector(f, tau)
+        wrench = wp.spatial_vector(f, tau)
+        if wp.static(effects.cables):
+            wrench += tree.cables.wrench[body]
+        return wrench
 
     return gather
 

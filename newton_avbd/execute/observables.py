@@ -124,6 +124,8 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
             )
             if wp.static(effects.fluid):
                 wrench += resistance(work.drag[body], lacking / step)
+            if wp.static(effects.cables):
+                wrench -= tree.cables.wrench[body]
             if work.inv_mass[body] == 0.0:
                 wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             if wp.static(effects.contact):

@@ -26,6 +26,7 @@ from ..rows import contact as contact_rows
 from .bdf2 import lead_spin, make_bdf2
 from .beginning import make_begin, make_coasting
 from .breaking import make_break_joints
+from .cables import make_cables, make_join
 from .closures import make_closures
 from .contacts import make_rows
 from .ending import make_end, make_remember
@@ -115,7 +116,13 @@ def make_phases(effects: Effects) -> Phases:
         effects, trees, loop_functions, closures.begin_closures, assemble_body
     )
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
-    sweep_world = make_sweep_world(effects, sweep_block, piles.sweep_piles, loop_wrench)
+    cables = make_cables(effects) if effects.cables else ABSENT
+    begin_cluster, give_back = cables.begin_cluster, cables.give_back
+    has_jerked = cables.has_jerked
+    join_cluster = make_join(join_islands) if effects.cables else absent
+    sweep_world = make_sweep_world(
+        effects, sweep_block, piles.sweep_piles, loop_wrench, cables.solve_cluster
+    )
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
     breaking = make_break_joints(effects, gather) if effects.breaking else ABSENT
     break_blocks, break_loop = breaking.break_blocks, breaking.break_loop
@@ -279,6 +286,10 @@ def make_phases(effects: Effects) -> Phases:
                 closing = wp.max(closing, loops.closing[i])
             for i in range(first, end):
                 reach_farther(i, closing, joints, loops)
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                if begin_cluster(i, work, tree):
+                    is_open = True
         return is_open
 
     @wp.func
@@ -392,6 +403,7 @@ def make_phases(effects: Effects) -> Phases:
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
         loops: wp.ref[LoopWork],
         islands: wp.ref[IslandWork],
         history: wp.ref[History],
@@ -406,6 +418,11 @@ def make_phases(effects: Effects) -> Phases:
             if update > enough * enough:
                 # what does not settle tells nothing of the next step
                 history.smooth[world] = 0
+            if wp.static(effects.cables):
+                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                    # tensions of steps of different order do not compare
+                    if scale.step == scale.h and has_jerked(i, scale, tree.cables):
+                        history.smooth[world] = 0
             remember_loops(world, scale, joints, loops, history)
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
@@ -428,6 +445,9 @@ def make_phases(effects: Effects) -> Phases:
                         join_islands(islands, worlds, work, child, parent)
                     elif work.inv_mass[parent] > 0.0:
                         join_islands(islands, worlds, work, parent, child)
+            if wp.static(effects.cables and effects.pairs):
+                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                    join_cluster(i, worlds, work, tree, islands)
             if wp.static(effects.pairs and not effects.ramp):
                 if sweeps > 0:
                     has_islands = keep_momentum(world, scale.step, model, worlds, work, islands)
@@ -633,6 +653,9 @@ def make_phases(effects: Effects) -> Phases:
                 history.loop_force[i] = loops.kept_force[i]
                 history.loop_torque[i] = loops.kept_torque[i]
                 count_loop_turns(i, joints, work, loops, history)
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                give_back(i, work, tree)
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):

@@ -148,6 +148,7 @@ def make_sweep_world(
     sweep_block: wp.Function,
     sweep_piles: wp.Function,
     loop_wrench: wp.Function,
+    solve_cluster: wp.Function,
 ) -> wp.Function:
     """Device function: one sweep over a world."""
     sweep_body_ramped, sweep_duals_ramped = make_ramped(effects)
@@ -229,6 +230,10 @@ def make_sweep_world(
                 loop_wrench(
                     i, recovery, h, model, joints, control, work, tree, loops, history, True, True
                 )
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                changed = solve_cluster(i, recovery, joints, worlds, work, tree, history)
+                farthest = wp.max(farthest, changed)
         if wp.static(effects.ramp):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 sweep_duals_ramped(worlds.bodies[i], work, rows)

@@ -1051,6 +1051,10 @@ def make_trees(
                 h_ll = tree.own_ll[body] + tree.h_ll[body]
                 h_al = tree.own_al[body] + tree.h_al[body]
                 h_aa = tree.own_aa[body] + tree.h_aa[body]
+        if wp.static(effects.cables):
+            h_ll += tree.cables.ll[body]
+            h_al += tree.cables.al[body]
+            h_aa += tree.cables.aa[body]
         if wp.static(effects.closures and effects.loops):
             held, held_aa = held_by_loops(body, loops, history)
             h_aa += held_aa
@@ -1686,6 +1690,9 @@ def make_trees(
                         is_newton = False
                 if wp.static(effects.loops):
                     if has_soft_loops(body, loops):
+                        is_newton = False
+                if wp.static(effects.cables):
+                    if tree.cables.pulled[body]:
                         is_newton = False
         if wp.static(effects.closures and effects.loops):
             off = keep_forces(

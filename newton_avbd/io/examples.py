@@ -41,6 +41,11 @@ FRAMES = {
     "robot_omniwheel": 500,
     "sensor_contact": 160,
     "sensor_imu": 200,
+    "tendon_3d_routing": 60,
+    "tendon_capstan_friction": 45,
+    "tendon_mujoco_switch": 210,
+    "tendon_pinhole": 30,
+    "tendon_pulley": 30,
 }
 """Frames after which Newton's own tests judge an example, where that is not its default."""
 

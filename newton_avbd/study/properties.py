@@ -17,6 +17,7 @@ from newton_avbd.commands.options import check_writable
 from newton_avbd.commands.terminal import interruptible, progress, say
 from newton_avbd.io.errors import UserError
 from newton_avbd.study.properties_body import BODIES
+from newton_avbd.study.properties_cable import CABLES
 from newton_avbd.study.properties_contact import CONTACTS
 from newton_avbd.study.properties_joint import JOINTS
 from newton_avbd.study.properties_mujoco import ATTRIBUTES, MUJOCO, pattern_of, registered
@@ -26,11 +27,12 @@ GROUPS: dict[str, Catalog] = {
     "Contacts": CONTACTS,
     "Joints": JOINTS,
     "Bodies": BODIES,
+    "Cables": CABLES,
     "MuJoCo": MUJOCO,
 }
 """Properties by what they belong to."""
 
-PROPERTIES: dict[str, Property] = {**CONTACTS, **JOINTS, **BODIES, **MUJOCO}
+PROPERTIES: dict[str, Property] = {**CONTACTS, **JOINTS, **BODIES, **CABLES, **MUJOCO}
 """All properties by name."""
 
 INTRODUCTION = """\
