@@ -13,6 +13,7 @@ import warp as wp
 
 from ..algebra.so3 import world_inertia
 from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, WorldWork
+from .bodies import body_at
 from .fluid import resistance
 
 
@@ -122,7 +123,7 @@ def keep_momentum(
     island = int(-1)
     total = IslandSum()
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0:
             root = island_of(islands, body)
             if islands.fixed[root] == 0:
@@ -142,7 +143,7 @@ def keep_momentum(
         return False
     island = int(-1)
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:
@@ -172,7 +173,7 @@ def keep_momentum(
     store_sum(islands, island, total)
     island = int(-1)
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:
@@ -219,7 +220,7 @@ def keep_spin(
     island = int(-1)
     total = IslandSum()
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:
@@ -241,7 +242,7 @@ def keep_spin(
     store_sum(islands, island, total)
     island = int(-1)
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:

@@ -44,7 +44,7 @@ from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, NEAR_POLE, ROD, counted, wrapped
-from .bodies import has_rows
+from .bodies import body_at, has_rows, nonnegative
 from .slopes import begin_axis
 
 ROUNDING = wp.constant(5.0e-7)
@@ -542,8 +542,8 @@ def make_trees(
         Expects increments of zero, the guess of them in ``tree.update``, and rotations at the
         start. Returns whether the misfit is beyond rounding.
         """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         sign, frame_p, frame_c = frames_of(joint, body, joints)
         q_p = anchor_rotation(tree, parent, frame_p)
         q_c = anchor_rotation(tree, body, frame_c)
@@ -577,8 +577,8 @@ def make_trees(
         tree: wp.ref[TreeWork],
     ):
         """Moves the body to where its joint is closed, whatever that takes; parents go first."""
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         sign, frame_p, frame_c = frames_of(joint, body, joints)
         q_p = anchor_rotation(tree, parent, frame_p)
         q_c = anchor_rotation(tree, body, frame_c)
@@ -644,7 +644,7 @@ def make_trees(
         axis turns; without it they would lose speed.)
         """
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             is_fast = is_fast_shaft(body, work)
             if is_linked(joints, tree, body):
                 if is_fast or is_fast_shaft(tree.parent[body], work):
@@ -694,8 +694,8 @@ def make_trees(
         nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds
         to it, so that revolutions are counted.
         """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         sign, frame_p, frame_c = frames_of(joint, body, joints)
         q_p = anchor_rotation(tree, parent, frame_p)
         q_c = anchor_rotation(tree, body, frame_c)
@@ -767,7 +767,7 @@ def make_trees(
             if not joint_rows.has_axes(joints, joint):
                 dofs = 0
             for dof in range(dofs):
-                k = tree.axis_start[body] + dof
+                k = nonnegative(tree.axis_start[body] + dof)
                 excess = axis_rows.passed_limit(
                     joints,
                     joints.dof_start[joint] + dof,
@@ -809,7 +809,7 @@ def make_trees(
         are off by their squares.
         """
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 measure_coordinates(
                     body,
@@ -824,7 +824,7 @@ def make_trees(
                     tree,
                 )
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 put_back(body, static_slot, model, joints, work, tree)
 
@@ -838,8 +838,8 @@ def make_trees(
     ):
         """Remembers what orientations do not tell: turns of the body's joint in the step, and the
         coordinates of a gimbal."""
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         if wp.static(effects.kinds.gimbals):
             if is_gimbal(joints, joint):
                 for dof in range(joints.dof_start[joint + 1] - joints.dof_start[joint]):
@@ -856,7 +856,7 @@ def make_trees(
             linear = linear_count(joints, joint)
             for dof in range(linear, linear + angular_count(joints, joint)):
                 about = advance(joints, joint, dof, q_p, q_c, wp.vec3(0.0), sign * turn)
-                index = joints.dof_start[joint] + dof
+                index = nonnegative(joints.dof_start[joint] + dof)
                 history.joint_angle[index] = history.joint_angle[index] + about
 
     @wp.func
@@ -890,8 +890,8 @@ def make_trees(
         Expects increments of zero and rotations at the start of the step. Returns whether one of
         them is beyond its limits by more than rounding.
         """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         static_slot = scale.static_slot
         is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
         is_beyond = bool(False)
@@ -1082,8 +1082,8 @@ def make_trees(
                     forget_tilting(body, tree)
             return 0.0
 
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         sign, frame_p, frame_c = frames_of(joint, body, joints)
         q_p = anchor_rotation(tree, parent, frame_p)
         q_c = anchor_rotation(tree, body, frame_c)
@@ -1236,8 +1236,8 @@ def make_trees(
             axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
                 axis.angular, wp.spatial_bottom(push)
             )
-            k = tree.axis_start[body] + dof
-            index = joints.dof_start[joint] + dof
+            k = nonnegative(tree.axis_start[body] + dof)
+            index = nonnegative(joints.dof_start[joint] + dof)
             if wp.static(effects.kinds.gimbals):
                 if dof == linear + 2:
                     # At the pole of a gimbal nothing but this resists the turn of its outer axes
@@ -1382,10 +1382,11 @@ def make_trees(
             pushed = rows_push(body, tree.closures)
         if is_linked(joints, tree, body):
             joint = tree.joint[body]
-            update = algebra.carried(tree.span[body], tree.update[tree.parent[body]])
+            parent = nonnegative(tree.parent[body])
+            update = algebra.carried(tree.span[body], tree.update[parent])
             dofs = linear_count(joints, joint) + angular_count(joints, joint)
             for i in range(dofs):
-                k = tree.axis_start[body] + dofs - 1 - i
+                k = nonnegative(tree.axis_start[body] + dofs - 1 - i)
                 axis = tree.axes[k]
                 if wp.static(effects.closures):
                     axis.push -= pushed[dofs - 1 - i]
@@ -1510,7 +1511,7 @@ def make_trees(
     ):
         """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
         not led to fewer for a while."""
-        root = worlds.bodies[first]
+        root = body_at(first, worlds)
         if not has_dual or wrong < tree.fewest[root]:
             tree.fewest[root] = wrong
             tree.patience[root] = PATIENCE
@@ -1520,11 +1521,11 @@ def make_trees(
         if tree.patience[root] < 0:
             left = 1
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-                    index = joints.dof_start[joint] + dof
+                    index = nonnegative(joints.dof_start[joint] + dof)
                     law = tree.laws[tree.axis_start[body] + dof]
                     history.piece[index] = law.piece
                     if left > 0 and not (law.next == law.piece):
@@ -1559,7 +1560,7 @@ def make_trees(
             begin_rows(first, end, recovery, model, joints, worlds, work, tree, loops, history)
         mismatch = float(0.0)
         for i in range(end - first):
-            body = worlds.bodies[end - 1 - i]
+            body = body_at(end - 1 - i, worlds)
             if work.inv_mass[body] > 0.0:
                 off = eliminate(
                     body,
@@ -1586,7 +1587,7 @@ def make_trees(
         wrong = int(0)
         turned_most = float(0.0)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 wrong += substitute(body, h, joints, work, tree)
                 turned_most = wp.max(
@@ -1598,7 +1599,7 @@ def make_trees(
         if turned_most > MOST_TURN * MOST_TURN:
             share = MOST_TURN / wp.sqrt(turned_most)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 move(body, share, model, joints, work, tree)
                 turn = wp.spatial_bottom(work.increment[body])
@@ -1631,7 +1632,7 @@ def make_trees(
                 largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
         left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 shift = wp.spatial_top(tree.update[body])
                 turn = wp.spatial_bottom(tree.update[body])
