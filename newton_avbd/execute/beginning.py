@@ -93,8 +93,8 @@ def make_begin(
         assemble_body: Device function that sums the block of a body.
     """
     coasting_increment = make_coasting(effects)
-    measure_misfit, measure_start = trees.measure_misfit, trees.measure_start
-    measure_velocity, measure_moved = trees.measure_velocity, trees.measure_moved
+    measure_start, measure_guess = trees.measure_start, trees.measure_guess
+    measure_velocity = trees.measure_velocity
     begin_loop = loop_functions.begin_loop
 
     @wp.func
@@ -177,7 +177,6 @@ def make_begin(
         until :func:`place_blocks`. Returns whether a joint is open.
         """
         h = scale.step
-        static_slot = scale.static_slot
         is_open = bool(False)
         block_end = int(-1)
         is_free = bool(False)
@@ -229,11 +228,8 @@ def make_begin(
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
             tree.rounding[body] = ROUNDING * radius
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                if measure_misfit(body, static_slot, body_q, model, joints, work, tree, history):
+                if measure_start(body, scale, body_q, model, joints, work, tree, history):
                     is_open = True
-                if wp.static(effects.coordinates):
-                    if measure_start(body, scale, model, joints, work, tree, history):
-                        is_open = True
                 if wp.static(effects.axis_rates):
                     begin_armature(
                         tree.joint[body],
@@ -309,7 +305,7 @@ def make_begin(
             for i in range(first, end):
                 body = body_at(i, worlds)
                 if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                    measure_moved(body, static_slot, model, joints, work, tree)
+                    measure_guess(body, static_slot, model, joints, work, tree, history)
         return is_open
 
     @wp.func

@@ -28,8 +28,8 @@ Which it fuses depends on the kernel around them. ``wp.config.cpu_compiler_flags
 import, comes after it: with ``"-ffp-contract=on"`` one world and many go to the same bits."""
 INLINING = "-mllvm=-inline-threshold=1000 -mllvm=-inline-cold-callsite-threshold=225"
 """CPU compiler flags: with Warp's thresholds (9000, 3000), which stand in
-``wp.config.cpu_compiler_flags`` by default, a robot's kernel takes 1.2 times as long to compile, and
-steps no faster. Of flags that are given twice the last counts."""
+``wp.config.cpu_compiler_flags`` by default, a robot's kernel takes 1.2 times as long to compile,
+and steps no faster. Of flags that are given twice the last counts."""
 NO_BFLOAT16 = "-DWP_NO_BFLOAT16="
 """Leaves out of the headers that Warp compiles first what it leaves out of such kernels anyway."""
 

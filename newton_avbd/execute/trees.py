@@ -57,6 +57,8 @@ HIDDEN = wp.constant(2.0e-2)
 alone: 1e-3 g h^2."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
+HINGE_NEAR = wp.constant(0.1)
+"""Sine of half the turn of a hinge in a step up to which a series tells the turn."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 POLE_DRAG = 1.0e-3
@@ -186,9 +188,16 @@ def begin_turn(
     tree: wp.ref[TreeWork],
 ):
     """Orientation of a body that is to turn as said [rad], whatever the sweeps add to it."""
+    rotation = wp.transform_get_rotation(body_q[body])
     tree.turn[body] = turn
-    tree.turned[body] = exp_quat(turn) * wp.transform_get_rotation(body_q[body])
-    place_body(body, work, tree)
+    if wp.length_sq(turn) > 0.0:
+        tree.turned[body] = exp_quat(turn) * rotation
+        place_body(body, work, tree)
+    else:
+        swing = exp_quat(wp.spatial_bottom(work.increment[body]))
+        tree.turned[body] = rotation
+        tree.rotation[body] = swing * rotation
+        tree.swing[body] = swing
 
 
 @wp.func
@@ -457,10 +466,9 @@ def forget_tilting(body: int, tree: wp.ref[TreeWork]):
 class TreeFunctions:
     """Device functions of trees, compiled for the joints of a scene."""
 
-    measure_misfit: wp.Function
     measure_start: wp.Function
     measure_velocity: wp.Function
-    measure_moved: wp.Function
+    measure_guess: wp.Function
     count_turns: wp.Function
     align_spins: wp.Function
     sweep_tree: wp.Function
@@ -527,8 +535,26 @@ def make_trees(
         return q_p, q_c
 
     @wp.func
+    def anchors_of(
+        joint: int, body: int, parent: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]
+    ):
+        """What :func:`frames_of` returns, and rotations of the anchors of the joint's parent and
+        child as ``tree`` has them."""
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
+        q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        return sign, frame_p, frame_c, q_p, q_c
+
+    @wp.func
     def measure_misfit(
         body: int,
+        sign: float,
+        frame_p: wp.transform,
+        frame_c: wp.transform,
+        q_p: wp.quat,
+        q_c: wp.quat,
         static_slot: int,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
@@ -537,18 +563,13 @@ def make_trees(
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> bool:
-        """Misfit of the body's joint at the start of the step.
+        """Misfit of the body's joint at the start of the step, by what :func:`anchors_of` returns.
 
         Expects increments of zero, the guess of them in ``tree.update``, and rotations at the
         start. Returns whether the misfit is beyond rounding.
         """
         joint = nonnegative(tree.joint[body])
         parent = nonnegative(tree.parent[body])
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         apart = start_span(body, parent, frame_p, static_slot, body_q, model, history)
@@ -579,11 +600,7 @@ def make_trees(
         """Moves the body to where its joint is closed, whatever that takes; parents go first."""
         joint = nonnegative(tree.joint[body])
         parent = nonnegative(tree.parent[body])
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
         tilt = sign * angular_misfit(joints, joint, q_p, q_c)
         tree.rotation[body] = exp_quat(-tilt) * tree.rotation[body]
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
@@ -645,6 +662,9 @@ def make_trees(
         """
         for i in range(first, end):
             body = body_at(i, worlds)
+            if wp.static(effects.tilting):
+                if not tree.is_fast[body]:
+                    continue  # nothing of its block is
             is_fast = is_fast_shaft(body, work)
             if is_linked(joints, tree, body):
                 if is_fast or is_fast_shaft(tree.parent[body], work):
@@ -676,8 +696,13 @@ def make_trees(
         return sign * gimbal_tilt(joints, joint, q_p, q_c, known)
 
     @wp.func(inline=effects.inline)
-    def measure_coordinates(
+    def read_coordinates(
         body: int,
+        sign: float,
+        frame_p: wp.transform,
+        frame_c: wp.transform,
+        q_p: wp.quat,
+        q_c: wp.quat,
         first: int,
         turn: wp.vec3,
         known: wp.array[wp.float64],
@@ -688,19 +713,9 @@ def make_trees(
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
     ):
-        """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
-
-        They and the ``known`` ones stand in their arrays from ``first`` on. An angle is the one
-        nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds
-        to it, so that revolutions are counted.
-        """
+        """As :func:`measure_coordinates`, by what :func:`anchors_of` returns."""
         joint = nonnegative(tree.joint[body])
         parent = nonnegative(tree.parent[body])
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
         linear = linear_count(joints, joint)
         dofs = linear + angular_count(joints, joint)
         if wp.static(effects.kinds.balls):
@@ -731,6 +746,46 @@ def make_trees(
                 if has_turned:
                     about += advance(joints, joint, dof, q_p, q_c, started, sign * turn)
                 coordinates[first + dof] = counted(turns[dof - linear], about)
+
+    @wp.func(inline=effects.inline)
+    def measure_coordinates(
+        body: int,
+        first: int,
+        turn: wp.vec3,
+        known: wp.array[wp.float64],
+        coordinates: wp.array[wp.float64],
+        static_slot: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
+
+        They and the ``known`` ones stand in their arrays from ``first`` on. An angle is the one
+        nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds
+        to it, so that revolutions are counted.
+        """
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
+        read_coordinates(
+            body,
+            sign,
+            frame_p,
+            frame_c,
+            q_p,
+            q_c,
+            first,
+            turn,
+            known,
+            coordinates,
+            static_slot,
+            model,
+            joints,
+            work,
+            tree,
+        )
 
     @wp.func
     def put_back(
@@ -879,25 +934,48 @@ def make_trees(
     def measure_start(
         body: int,
         scale: WorldScale,
+        body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> bool:
-        """Coordinates of the body's joint at the start of the step.
+        """Misfit and coordinates of the body's joint at the start of the step.
 
-        Expects increments of zero and rotations at the start of the step. Returns whether one of
-        them is beyond its limits by more than rounding.
+        Expects what :func:`measure_misfit` does. Returns whether the misfit, or a coordinate beyond
+        its limits, is more than rounding.
         """
         joint = nonnegative(tree.joint[body])
         parent = nonnegative(tree.parent[body])
         static_slot = scale.static_slot
-        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
-        is_beyond = bool(False)
-        start = joints.dof_start[joint]
-        measure_coordinates(
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
+        is_open = measure_misfit(
             body,
+            sign,
+            frame_p,
+            frame_c,
+            q_p,
+            q_c,
+            static_slot,
+            body_q,
+            model,
+            joints,
+            work,
+            tree,
+            history,
+        )
+        if wp.static(not effects.coordinates):
+            return is_open
+        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
+        start = joints.dof_start[joint]
+        read_coordinates(
+            body,
+            sign,
+            frame_p,
+            frame_c,
+            q_p,
+            q_c,
             start,
             wp.vec3(0.0),
             history.joint_angle,
@@ -927,7 +1005,7 @@ def make_trees(
             if wp.static(effects.hard_limits):
                 lower = joints.limit_lower[index] - rounding
                 if at < lower or at > joints.limit_upper[index] + rounding:
-                    is_beyond = True
+                    is_open = True
             if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]
@@ -940,7 +1018,7 @@ def make_trees(
                 if is_off or history.piece[index][2] != 0:
                     history.held_at[index] = q
             tree.start_coordinate[tree.axis_start[body] + dof] = q
-        return is_beyond
+        return is_open
 
     @wp.func(inline=effects.inline)
     def measure_velocity(
@@ -998,6 +1076,57 @@ def make_trees(
             work,
             tree,
         )
+
+    @wp.func
+    def follow_hinge(
+        body: int,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Angle of the body's hinge, by that at the start and how far it has turned since.
+
+        Returns false, and leaves the angle as it is, if the joint is no hinge or has turned far, or
+        if its parent is kinematic and has been put ahead.
+        """
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
+        if angular_count(joints, joint) != 1 or linear_count(joints, joint) != 0:
+            return False
+        sign, frame_p, _frame_c = frames_of(joint, body, joints)
+        if sign < 0.0 or is_put(parent, work):
+            return False
+        if wp.length_sq(full_turns(body, parent, work)) > 0.0:
+            return False
+        index = nonnegative(joints.dof_start[joint])
+        axis = wp.quat_rotate(anchor_rotation(tree, parent, frame_p), joints.axis[index])
+        turn = relative_turn(body, parent, tree)
+        sine = wp.dot(axis, wp.vec3(turn[0], turn[1], turn[2]))
+        x = sine * sine
+        if x > HINGE_NEAR * HINGE_NEAR:
+            return False
+        # 2 asin(sine), by a series that is exact in float32
+        series = wp.static(3 / 20) + x * (wp.static(5 / 56) + x * wp.static(35 / 576))
+        angle = sine * (2.0 + x * (wp.static(1 / 3) + x * series))
+        tree.coordinate[tree.axis_start[body]] = history.joint_angle[index] + wp.float64(angle)
+        return True
+
+    @wp.func
+    def measure_guess(
+        body: int,
+        static_slot: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ):
+        """Coordinates of the body's joint where the guess of the increments has the bodies."""
+        if wp.static(1 in effects.kinds.angular):
+            if follow_hinge(body, joints, work, tree, history):
+                return
+        measure_moved(body, static_slot, model, joints, work, tree)
 
     @wp.func(inline=effects.inline)
     def eliminate(
@@ -1084,11 +1213,7 @@ def make_trees(
 
         joint = nonnegative(tree.joint[body])
         parent = nonnegative(tree.parent[body])
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         # The sweeps leave the misfit alone. What the joint opens beside it is read off the
@@ -1647,10 +1772,9 @@ def make_trees(
         return farthest
 
     return TreeFunctions(
-        measure_misfit,
         measure_start,
         measure_velocity,
-        measure_moved,
+        measure_guess,
         count_turns,
         align_spins,
         sweep_tree,
