@@ -127,7 +127,6 @@ def time_robot(name: str, path: Path) -> Timing:
     for contestant in ours:
         for _ in range(round(SETTLING / contestant.scene.dt)):
             contestant.advance()
-    sweeps = ours[0].solver.report().sweeps
     mujoco = _mujoco(scenes[-1])
     sides: list[Contestant] = [*ours, *([mujoco] if mujoco else [])]
     times = np.array([[1e6 * side.replayed(TURN) for side in sides] for _ in range(REPEATS)])
@@ -136,7 +135,7 @@ def time_robot(name: str, path: Path) -> Timing:
         name,
         ours[0].model.joint_dof_count,
         ours[0].model.body_count,
-        0.0 if sweeps is None else float(sweeps.max()),
+        float(ours[0].solver.report().sweeps.max()),
         medians[0],
         medians[1] if is_urdf else math.nan,
         medians[-1] if mujoco else math.nan,
