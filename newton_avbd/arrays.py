@@ -204,7 +204,8 @@ class SolverArrays:
         if not self.device.is_capturing and bodies_in_fluid(model).size and not self._boxes:
             start, links = np.arange(model.body_count + 1), np.arange(model.body_count)
             if isinstance(model, SolvedModel):
-                start, links = model.links.member_start.numpy(), model.links.members.numpy()
+                start = model.links.member_start.numpy()
+                links = model.links.members.numpy()[: start[-1]]
             with wp.ScopedDevice(self.device):
                 self._boxes = (
                     wp.array(start, dtype=wp.int32),

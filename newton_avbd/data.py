@@ -261,6 +261,7 @@ class LinkModel:
     member_start: wp.array[wp.int32]
     """By body: first of its links in ``members``."""
     members: wp.array[wp.int32]
+    """Links of the bodies, one body's after the other's, and then those of the static world."""
     push_start: wp.array[wp.int32]
     """By body: first of the joints that push it at the COM of a link, and not at its own."""
     pushed: wp.array[wp.int32]
@@ -283,7 +284,7 @@ class LinkModel:
     """State at its end."""
     body_qd_out: wp.array[wp.spatial_vector]
     left_qd: wp.array[wp.spatial_vector]
-    """Velocity that the last step gave the leader of each body."""
+    """Velocity that the last step gave each link."""
 
 
 @wp.struct

@@ -131,7 +131,8 @@ class SolvedModel:
         links.body = _new(welds.body)
         links.frame = wp.array(welds.frame.astype(np.float32), dtype=wp.transform)
         links.arm = wp.zeros(welds.body.size, dtype=wp.vec3)
-        links.leader, links.members = _new(welds.leader), _new(member)
+        links.leader = _new(welds.leader)
+        links.members = _new(np.append(member, np.flatnonzero(welds.body < 0)))
         links.member_start = _new(np.append(0, np.cumsum(size)))
         links.joint = _new(welds.joint)
         if model.joint_count:
@@ -142,9 +143,9 @@ class SolvedModel:
             ("body_f", wp.spatial_vector),
             ("body_q_out", wp.transform),
             ("body_qd_out", wp.spatial_vector),
-            ("left_qd", wp.spatial_vector),
         ):
             setattr(links, name, wp.zeros(count if welds.any else 0, dtype=dtype))
+        links.left_qd = wp.zeros(welds.body.size if welds.any else 0, dtype=wp.spatial_vector)
         self.given = BodyState(links.body_q, links.body_qd, links.body_f)
         self.result = BodyState(links.body_q_out, links.body_qd_out, links.body_f)
         pushes: list[list[tuple[int, int, float]]] = [[] for _ in range(count)]

@@ -706,6 +706,11 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
 
         Print it for a table, for instance to choose ``iterations`` and ``tolerance``.
         """
+        if self._worlds.sweeps is None:
+            # every link is part of the static world
+            none = np.zeros(max(1, self.model.world_count))
+            sweeps = none.astype(np.int32)
+            return Report(sweeps, none, none + self.tolerance, sweeps + 1)
         sweeps, update = self._worlds.sweeps.numpy(), self._worlds.update.numpy()
         h, order = self._history.step.numpy(), np.ones_like(sweeps)
         if self.settings.second_order:

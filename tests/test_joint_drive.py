@@ -77,6 +77,24 @@ def test_a_driven_dof_follows_the_implicit_law(kind: str, ke: float, kd: float) 
         assert actual_q == pytest.approx(q, abs=bound * scale * max(step * h, 0.1))
 
 
+@pytest.mark.parametrize("turn", [0.01, 0.19, 0.21, 0.9])
+def test_a_hinge_follows_the_implicit_law_however_far_it_turns(turn: float) -> None:
+    """As above, in a step of so many radians before the drive brakes it.
+
+    Where a step starts, a series tells the angle up to 0.2 rad, and beyond that the pose does.
+    Bound: 1e-5 of the speed, rounding of an angle of a radian.
+    """
+    ke, kd, q = 100.0, 3.0, 0.2
+    h = in_float32(one_dof("hinge", ke, kd, q, 0.0)[0].dt)
+    sim, inertia = one_dof("hinge", ke, kd, q, turn / h)
+    set_control(sim, joint_target_q=[q], joint_target_qd=[0.0])
+    sim.step()
+    v = inertia * (turn / h) / (inertia + h * kd + h * h * ke)
+    actual_q, actual_v = (x[0] for x in coordinates(sim))
+    assert actual_v == pytest.approx(v, rel=1.0e-5)
+    assert actual_q == pytest.approx(q + h * v, abs=1.0e-5 * turn + 1.0e-6)
+
+
 @pytest.mark.parametrize("kind", ["slider", "hinge"])
 def test_targets_are_read_live(kind: str) -> None:
     """A target that moves is followed; the drive halves its error in 14 ms, so 0.5 s is plenty."""

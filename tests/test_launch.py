@@ -6,7 +6,7 @@ import gc
 
 import warp as wp
 
-from newton_avbd.execute.launch import Launcher, putting, uncollected
+from newton_avbd.execute.launch import INLINING, KERNEL, Launcher, putting, uncollected
 
 
 @wp.struct
@@ -56,3 +56,10 @@ def test_the_garbage_collector_pauses_and_is_left_as_it_was() -> None:
             assert not gc.isenabled()
         assert not gc.isenabled()
     assert gc.isenabled()
+
+
+def test_kernels_are_inlined_as_the_package_says() -> None:
+    """Of flags given twice the last counts, and Warp's own thresholds are among them by default."""
+    flags = KERNEL["module_options"]["cpu_compiler_flags"].split()
+    given = [flag for flag in flags if "inline" in flag]
+    assert given[-2:] == INLINING.split()

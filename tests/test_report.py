@@ -89,3 +89,16 @@ def test_the_report_tells_the_order_of_the_step() -> None:
     assert list(sim.solver.report().order) == [1, 1]
     sim.step(9)
     assert sim.solver.report().order[0] == 2
+
+
+def test_a_world_of_static_links_has_a_report() -> None:
+    """A FIXED joint welds its only body to the world: nothing is left to sweep."""
+    builder = newton.ModelBuilder()
+    link = builder.add_link(mass=1.0, inertia=np.eye(3).tolist())
+    builder.add_articulation([builder.add_joint_fixed(-1, link)])
+    sim = Simulation(builder)
+    sim.step()
+    report = sim.solver.report()
+    assert report.sweeps.tolist() == [0]
+    assert report.settled.tolist() == [True]
+    assert str(report).splitlines()[0] == "1 worlds, 1 settled, 0 sweeps"

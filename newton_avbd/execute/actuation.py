@@ -46,7 +46,7 @@ def is_driven(joints: wp.ref[JointModel], dof: int) -> bool:
 @wp.kernel(**KERNEL)
 def pull_tendons(
     # Model:
-    actuators: ActuatorModel,
+    actuators: wp.array[ActuatorModel],
     ref: wp.array[float],
     # In:
     joint_q: wp.array[float],
@@ -54,50 +54,50 @@ def pull_tendons(
     ctrl: wp.array[float],
     h: float,
     # Out:
-    tendons: TendonModel,
+    tendons: wp.array[TendonModel],
 ):
     """Tension of each fixed tendon at the start of the step, and its slopes; one thread a tendon.
 
     Length and velocity are sums of coefficients times q + ref and v. The spring has a dead band.
     """
     i = wp.tid()
-    tendon = tendons.tendon[i]
+    tendon = tendons[0].tendon[i]
     length = float(0.0)
     velocity = float(0.0)
     size = float(0.0)
-    for k in range(tendons.joint_start[i], tendons.joint_start[i + 1]):
-        dof = tendons.dof[k]
-        coefficient = tendons.coefficient[k]
-        length += coefficient * (joint_q[tendons.coordinate[k]] + ref[dof])
+    for k in range(tendons[0].joint_start[i], tendons[0].joint_start[i + 1]):
+        dof = tendons[0].dof[k]
+        coefficient = tendons[0].coefficient[k]
+        length += coefficient * (joint_q[tendons[0].coordinate[k]] + ref[dof])
         velocity += coefficient * joint_qd[dof]
         size += wp.abs(coefficient)
-    band = tendons.springlength[tendon]
+    band = tendons[0].springlength[tendon]
     if band[0] < 0.0 and band[0] == band[1]:
-        band = wp.vec2(tendons.rest[i], tendons.rest[i])
+        band = wp.vec2(tendons[0].rest[i], tendons[0].rest[i])
     beyond = wp.min(length - band[0], 0.0) + wp.max(length - band[1], 0.0)
-    force = -tendons.stiffness[tendon] * beyond - tendons.damping[tendon] * velocity
-    stiffness = wp.where(beyond != 0.0, tendons.stiffness[tendon], 0.0)
-    damping = tendons.damping[tendon]
-    for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
-        row = tendons.rows[k]
-        gear = actuators.gear[row][0]
-        law = law_in_step(actuators, row, ctrl, gear * length, gear * velocity, h)
+    force = -tendons[0].stiffness[tendon] * beyond - tendons[0].damping[tendon] * velocity
+    stiffness = wp.where(beyond != 0.0, tendons[0].stiffness[tendon], 0.0)
+    damping = tendons[0].damping[tendon]
+    for k in range(tendons[0].row_start[i], tendons[0].row_start[i + 1]):
+        row = tendons[0].rows[k]
+        gear = actuators[0].gear[row][0]
+        law = law_in_step(actuators[0], row, ctrl, gear * length, gear * velocity, h)
         law = at_limit(law, gear * length, gear * velocity)
         push = law.force - law.stiffness * gear * length - law.damping * gear * velocity
-        own = own_damping(actuators, row, velocity) + law.own_damping
+        own = own_damping(actuators[0], row, velocity) + law.own_damping
         force += gear * (push + law.own_force) - gear * gear * own * velocity
         stiffness += gear * gear * law.stiffness
         damping += gear * gear * (law.damping + own)
-    tendons.force[i] = force
-    tendons.rate[i] = damping
-    tendons.slope[i] = damping + h * stiffness
-    tendons.size[i] = size
+    tendons[0].force[i] = force
+    tendons[0].rate[i] = damping
+    tendons[0].slope[i] = damping + h * stiffness
+    tendons[0].size[i] = size
 
 
 @wp.kernel(**KERNEL)
 def compensate_axes(
     # Model:
-    joints: JointModel,
+    joints: wp.array[JointModel],
     com: wp.array[wp.vec3],
     mass: wp.array[float],
     world: wp.array[wp.int32],
@@ -121,17 +121,17 @@ def compensate_axes(
     i = wp.tid()
     total = float(0.0)
     joint = joint_of[i]
-    first = joints.dof_start[joint]
-    linear = joints.dof_dim[joint, 0]
-    base = joints.parent_frame[joint]
-    if joints.parent[joint] >= 0:
-        base = wp.transform_multiply(body_q[joints.parent[joint]], base)
+    first = joints[0].dof_start[joint]
+    linear = joints[0].dof_dim[joint, 0]
+    base = joints[0].parent_frame[joint]
+    if joints[0].parent[joint] >= 0:
+        base = wp.transform_multiply(body_q[joints[0].parent[joint]], base)
     turned = wp.transform_get_rotation(base)
     for k in range(first + linear, dofs[i]):
         angle = joint_q[coordinate[i] + k - dofs[i]]
-        turned = turned * wp.quat_from_axis_angle(joints.axis[k], angle)
-    axis = wp.quat_rotate(turned, joints.axis[dofs[i]])
-    end = wp.transform_multiply(body_q[joints.child[joint]], joints.child_frame[joint])
+        turned = turned * wp.quat_from_axis_angle(joints[0].axis[k], angle)
+    axis = wp.quat_rotate(turned, joints[0].axis[dofs[i]])
+    end = wp.transform_multiply(body_q[joints[0].child[joint]], joints[0].child_frame[joint])
     anchor = wp.transform_get_translation(end)
     for k in range(start[i], start[i + 1]):
         link = links[k]
@@ -144,11 +144,12 @@ def compensate_axes(
     compensation[i] = total
 
 
-@wp.kernel(**KERNEL)
-def push_axes(
+@wp.func
+def push_axis(
+    i: int,
     # Model:
-    actuators: ActuatorModel,
-    joints: JointModel,
+    actuators: wp.ref[ActuatorModel],
+    joints: wp.ref[JointModel],
     ref: wp.array[float],
     # In:
     dofs: wp.array[wp.int32],
@@ -160,7 +161,7 @@ def push_axes(
     ctrl: wp.array[float],
     has_limits: bool,
     h: float,
-    tendons: TendonModel,
+    tendons: wp.ref[TendonModel],
     tendon_start: wp.array[wp.int32],
     tendon_items: wp.array[wp.vec2i],
     compensation: wp.array[float],
@@ -168,7 +169,7 @@ def push_axes(
     ranged: wp.array[ActuatorLaw],
     pushes: wp.array[AxisPush],
 ):
-    """Sums what actuators push a degree of freedom with; one thread for each that has some.
+    """Sums what actuators push a degree of freedom with.
 
     Length and velocity of a transmission are gear (q + ref) and gear v. A force range shares the
     mechanism of the drive's effort limit where one actuator has one and nothing else drives the
@@ -181,7 +182,6 @@ def push_axes(
     and of c c^T times the slope the sums of the rows (Gershgorin): the step is stable, however
     stiff the tendon.
     """
-    i = wp.tid()
     dof = dofs[i]
     q = 0.0
     qd = 0.0
@@ -246,6 +246,57 @@ def push_axes(
         push.force += coefficient * tendons.force[tendon] + weight * tendons.rate[tendon] * qd
         push.damping += weight * tendons.slope[tendon]
     pushes[dof] = push
+
+
+@wp.kernel(**KERNEL)
+def push_axes(
+    # Model:
+    actuators: wp.array[ActuatorModel],
+    joints: wp.array[JointModel],
+    ref: wp.array[float],
+    # In:
+    dofs: wp.array[wp.int32],
+    start: wp.array[wp.int32],
+    rows: wp.array[wp.int32],
+    coordinate: wp.array[wp.int32],
+    joint_q: wp.array[float],
+    joint_qd: wp.array[float],
+    ctrl: wp.array[float],
+    has_limits: bool,
+    h: float,
+    tendons: wp.array[TendonModel],
+    tendon_start: wp.array[wp.int32],
+    tendon_items: wp.array[wp.vec2i],
+    compensation: wp.array[float],
+    # Out:
+    ranged: wp.array[ActuatorLaw],
+    pushes: wp.array[AxisPush],
+):
+    """Pushes the degrees of freedom that actuators act on; one thread for each of them.
+
+    Its structs are resident: a replayed graph would look up each of their pointers.
+    """
+    push_axis(
+        wp.tid(),
+        actuators[0],
+        joints[0],
+        ref,
+        dofs,
+        start,
+        rows,
+        coordinate,
+        joint_q,
+        joint_qd,
+        ctrl,
+        has_limits,
+        h,
+        tendons[0],
+        tendon_start,
+        tendon_items,
+        compensation,
+        ranged,
+        pushes,
+    )
 
 
 @wp.func

@@ -40,7 +40,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
-from .bodies import has_rows, target_turn
+from .bodies import body_at, has_rows, target_turn
 from .cables import may_jerk
 from .fluid import feel_fluid
 from .islands import is_free_island
@@ -78,7 +78,7 @@ def begin_bodies(
 ):
     """Backward Euler: nothing is ahead, and bodies coast by h v."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         work.coasting[body] = work.increment[body]
         if work.inv_mass[body] > 0.0:
@@ -122,7 +122,7 @@ def is_continued(
     """Whether all bodies of a world are as the last step left them, turned little in it, and are
     pushed as they were."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0:
             last = history.last[body]
             is_left = body_q[body] == last.pose and body_qd[body] == last.velocity
@@ -163,7 +163,7 @@ def lets_go(
 ) -> bool:
     """Whether a contact that pushed in the last step is gone or about to open."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         left = int(history.pushing[body])
         for k in range(rows.owned_start[body], rows.owned_end[body]):
             left -= int(is_pushing(rows.rows[k]))
@@ -253,7 +253,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
     ) -> bool:
         """Whether a joint of a world is about to meet a limit."""
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 k = tree.axis_start[body]
@@ -286,12 +286,12 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         """Whether no velocity of a world is about to jump, and no linked body turns fast."""
         if wp.static(effects.spinning):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                if wp.length_sq(work.spin_momentum[worlds.bodies[i]]) > 0.0:
+                if wp.length_sq(work.spin_momentum[body_at(i, worlds)]) > 0.0:
                     return False
         if wp.static(effects.contact):
             jolt = JOLT * scale.gravity * scale.h * scale.h
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = worlds.bodies[i]
+                body = body_at(i, worlds)
                 if has_impact(body, jolt, work, rows):
                     return False
                 if wp.static(effects.compliance):
@@ -426,7 +426,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             age = history.slope_age[world]
             out = second_order(scale, age, wp.static(a), wp.static(b))
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = worlds.bodies[i]
+                body = body_at(i, worlds)
                 # the drag of a fluid is a force of the end of the step, as a constraint's is
                 is_free = bool(wp.static(not effects.fluid))
                 if wp.static(effects.contact):
@@ -438,7 +438,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                 lead_body(body, is_free, out, body_q, body_qd, model, work, history)
             if wp.static(effects.contact):
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                    lead_rows(worlds.bodies[i], out, work, rows)
+                    lead_rows(body_at(i, worlds), out, work, rows)
         worlds.step[world] = out.step
         history.slope_age[world] = wp.where(out.step < out.h, wp.static(a), 0.5) * out.h
         return out

@@ -24,7 +24,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from .bodies import has_rows
+from .bodies import body_at, has_rows
 from .islands import begin_island
 from .loops import LoopFunctions, has_loops, has_outer_loops
 from .piles import in_pile
@@ -47,7 +47,7 @@ def is_in_tree(rank: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> 
     first = int(rank)
     if rank > 0:
         first = wp.where(worlds.block_end[rank - 1] == worlds.block_end[rank], rank - 1, rank)
-    return is_tree(first, worlds.block_end[rank], worlds.bodies[rank], tree)
+    return is_tree(first, worlds.block_end[rank], body_at(rank, worlds), tree)
 
 
 def make_coasting(effects: Effects) -> wp.Function:
@@ -93,8 +93,8 @@ def make_begin(
         assemble_body: Device function that sums the block of a body.
     """
     coasting_increment = make_coasting(effects)
-    measure_misfit, measure_start = trees.measure_misfit, trees.measure_start
-    measure_velocity, measure_moved = trees.measure_velocity, trees.measure_moved
+    measure_start, measure_guess = trees.measure_start, trees.measure_guess
+    measure_velocity = trees.measure_velocity
     begin_loop = loop_functions.begin_loop
 
     @wp.func
@@ -177,14 +177,13 @@ def make_begin(
         until :func:`place_blocks`. Returns whether a joint is open.
         """
         h = scale.step
-        static_slot = scale.static_slot
         is_open = bool(False)
         block_end = int(-1)
         is_free = bool(False)
         is_closed = bool(False)
         is_fast = bool(False)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
             # a pose that the user has changed has lost nothing
             tree.is_left[body] = body_q[body] == history.left_q[body]
@@ -203,12 +202,12 @@ def make_begin(
                 is_fast = bool(False)
                 for k in range(i, block_end):
                     if wp.static(effects.tilting):
-                        spin = work.spin_momentum[worlds.bodies[k]]
+                        spin = work.spin_momentum[body_at(k, worlds)]
                         is_fast = is_fast or wp.length_sq(spin) > 0.0
                     if wp.static(effects.contact):
-                        is_free = is_free and not has_rows(rows, worlds.bodies[k])
+                        is_free = is_free and not has_rows(rows, body_at(k, worlds))
                     if wp.static(effects.loops):
-                        is_free = is_free and not has_outer_loops(worlds.bodies[k], loops)
+                        is_free = is_free and not has_outer_loops(body_at(k, worlds), loops)
             if work.inv_mass[body] > 0.0:
                 coasting = coasting_increment(work, body_qd, body, h)
                 if is_free:
@@ -225,15 +224,12 @@ def make_begin(
                         turn = wp.spatial_bottom(work.target[body])
                         tree.update[body] = wp.spatial_vector(shift, turn)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
             tree.rounding[body] = ROUNDING * radius
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                if measure_misfit(body, static_slot, body_q, model, joints, work, tree, history):
+                if measure_start(body, scale, body_q, model, joints, work, tree, history):
                     is_open = True
-                if wp.static(effects.coordinates):
-                    if measure_start(body, scale, model, joints, work, tree, history):
-                        is_open = True
                 if wp.static(effects.axis_rates):
                     begin_armature(
                         tree.joint[body],
@@ -294,7 +290,7 @@ def make_begin(
                 if begin_closures(i, joints, tree, history):
                     is_open = True
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             work.increment[body] = tree.update[body]
             if work.inv_mass[body] > 0.0:
                 turn = wp.vec3(0.0)
@@ -307,9 +303,9 @@ def make_begin(
                 tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.coordinates):
             for i in range(first, end):
-                body = worlds.bodies[i]
+                body = body_at(i, worlds)
                 if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                    measure_moved(body, static_slot, model, joints, work, tree)
+                    measure_guess(body, static_slot, model, joints, work, tree, history)
         return is_open
 
     @wp.func
@@ -331,7 +327,7 @@ def make_begin(
 
         Returns whether sweeps are to move it.
         """
-        body = worlds.bodies[rank]
+        body = body_at(rank, worlds)
         is_touched = bool(False)
         is_jointed = bool(False)
         if wp.static(effects.pairs):

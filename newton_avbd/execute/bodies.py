@@ -227,6 +227,21 @@ def moved_by(body: int, update: wp.spatial_vector, work: wp.ref[BodyWork]) -> fl
 
 
 @wp.func
+def nonnegative(index: int) -> int:
+    """The index, of which the compiler then knows that it is not negative.
+
+    An array takes a negative index from its end: each access costs three instructions less.
+    """
+    return index & 0x7FFFFFFF
+
+
+@wp.func
+def body_at(rank: int, worlds: wp.ref[WorldWork]) -> int:
+    """The body of a place in visiting order."""
+    return nonnegative(worlds.bodies[rank])
+
+
+@wp.func
 def has_rows(rows: wp.ref[RowWork], body: int) -> bool:
     """Whether anything touches the body."""
     return (

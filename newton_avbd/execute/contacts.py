@@ -25,6 +25,7 @@ from ..rows import condim as condim_rows
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
+from .bodies import body_at
 from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
@@ -137,7 +138,7 @@ def make_sort_by_owner(sleeping: bool = False) -> wp.Function:
             count = rows.awake_count[0]
             listed = worlds.body_start[worlds.island_start[worlds.island_start.shape[0] - 1]]
         for i in range(listed):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             rows.owned_end[body] = 0
             rows.other_end[body] = 0
         for k in range(count):
@@ -157,7 +158,7 @@ def make_sort_by_owner(sleeping: bool = False) -> wp.Function:
         owned = int(0)
         other = int(0)
         for i in range(listed):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             owned_count = rows.owned_end[body]
             other_count = rows.other_end[body]
             rows.owned_start[body] = owned

@@ -27,7 +27,7 @@ from ..rows import spin as spin_rows
 from ..rows.dahl import keep_dahl
 from ..rows.joint import ROD
 from .beginning import UNKNOWN, is_in_tree, make_coasting
-from .bodies import has_rows, pose_sum, report_held
+from .bodies import body_at, has_rows, pose_sum, report_held
 from .islands import is_alone, is_free_island, turn_with_island
 from .loops import has_loops
 from .piles import lasting_share, row_count, row_of
@@ -151,7 +151,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         if wp.static(effects.joints):
             result = not is_in_tree(rank, worlds, tree)
         if wp.static(effects.loops):
-            result = result and not has_loops(loops, worlds.bodies[rank])
+            result = result and not has_loops(loops, body_at(rank, worlds))
         return result
 
     @wp.func
@@ -197,7 +197,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
 
         Where islands have been given their momentum back, joints go along.
         """
-        body = worlds.bodies[rank]
+        body = body_at(rank, worlds)
         increment = work.increment[body]
         coasting = coasting_increment(work, body_qd, body, step)
         free = wp.spatial_top(work.target[body] - coasting)
@@ -283,7 +283,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         history: wp.ref[History],
     ) -> wp.transform:
         """Pose of the body of this rank, which moves; where it was if that is not finite."""
-        body = worlds.bodies[rank]
+        body = body_at(rank, worlds)
         pose = body_q[body]
         increment = work.increment[body]
         rotation = wp.quat_identity()

@@ -15,7 +15,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from .bodies import report_held, vector_sum
+from .bodies import body_at, report_held, vector_sum
 from .resetting import forget_joints
 
 
@@ -63,7 +63,7 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
     ) -> bool:
         total = wp.vec3(0.0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.finite[body] == 0:
                 return False
             if wp.static(effects.joints):
@@ -81,7 +81,7 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
 def is_solution_finite(world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork]) -> bool:
     """Whether the sweeps ended in finite increments."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        if not wp.isfinite(vector_sum(work.increment[worlds.bodies[i]])):
+        if not wp.isfinite(vector_sum(work.increment[body_at(i, worlds)])):
             return False
     return True
 
@@ -102,9 +102,9 @@ def hold_world(
 ):
     """Passes a world through unchanged, counts it, and forgets its contacts and what its joints
     pushed with: that may not be finite, either."""
-    report_held(worlds, worlds.of_body[worlds.bodies[worlds.body_start[world]]])
+    report_held(worlds, worlds.of_body[body_at(worlds.body_start[world], worlds)])
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         body_q_out[body] = body_q[body]
         body_qd_out[body] = body_qd[body]
         rows.owned_end[body] = rows.owned_start[body]

@@ -31,6 +31,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
+from .bodies import body_at
 from .loops import has_loops
 from .piles import row_count, row_of
 
@@ -178,7 +179,7 @@ def continue_world(
     """The next round; returns if there is one."""
     found = bool(False)
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        if continue_impacts(worlds.bodies[i], threshold, h, work, rows):
+        if continue_impacts(body_at(i, worlds), threshold, h, work, rows):
             found = True
     return found
 
@@ -228,7 +229,7 @@ def strike_world(
     """A Gauss-Seidel sweep over the round's rows of a world; returns the largest change [m/s]."""
     change = float(0.0)
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        change = wp.max(change, strike(worlds.bodies[i], work, rows, h))
+        change = wp.max(change, strike(body_at(i, worlds), work, rows, h))
     return change
 
 
@@ -376,10 +377,10 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         end = worlds.body_start[world + 1]
         noise = noise_of(scale)
         for i in range(first, end):
-            begin_rounds(worlds.bodies[i], body_qd, rows)
+            begin_rounds(body_at(i, worlds), body_qd, rows)
         is_active = bool(False)
         for i in range(first, end):
-            if begin_impacts(worlds.bodies[i], side, scale, shapes, work, rows, history):
+            if begin_impacts(body_at(i, worlds), side, scale, shapes, work, rows, history):
                 is_active = True
         if not is_active:
             return False
@@ -393,7 +394,7 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             is_active = continue_world(world, threshold_of(scale), h, worlds, work, rows)
             rounds += 1
         for i in range(first, end):
-            end_rounds(worlds.bodies[i], scale, work, rows)
+            end_rounds(body_at(i, worlds), scale, work, rows)
         return True
 
     @wp.func

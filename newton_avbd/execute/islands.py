@@ -14,6 +14,7 @@ import warp as wp
 from ..algebra.so3 import exp_quat, turned_from, world_inertia
 from ..blocks.tree import combined_turn
 from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, TreeWork, WorldWork
+from .bodies import body_at
 from .fluid import resistance
 from .trees import turn_by
 
@@ -124,7 +125,7 @@ def keep_momentum(
     island = int(-1)
     total = IslandSum()
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0:
             root = island_of(islands, body)
             if islands.fixed[root] == 0:
@@ -145,7 +146,7 @@ def keep_momentum(
         return False
     island = int(-1)
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:
@@ -176,7 +177,7 @@ def keep_momentum(
     store_sum(islands, island, total)
     island = int(-1)
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:
@@ -258,7 +259,7 @@ def keep_spin(
     island = int(-1)
     total = IslandSum()
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:
@@ -280,7 +281,7 @@ def keep_spin(
     store_sum(islands, island, total)
     island = int(-1)
     for i in range(first, last):
-        body = worlds.bodies[i]
+        body = body_at(i, worlds)
         if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
             root = islands.parent[body]
             if root != island:

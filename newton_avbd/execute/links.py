@@ -18,7 +18,7 @@ from ..data import (
 )
 from ..rows.joint import DISTANCE, FREE, ROD
 from .bodies import joint_wrench as joint_wrench_of
-from .bodies import pose_sum, vector_sum
+from .bodies import nonnegative, pose_sum, vector_sum
 from .launch import KERNEL
 from .resetting import is_selected
 
@@ -90,24 +90,34 @@ def gather_body(
     Its pose and velocity are those of its leader. Where a link has another velocity than its welds
     allow, the momentum that it has by it is shared, as an impact through the welds would do.
     """
-    leader = links.leader[body]
+    leader = nonnegative(links.leader[body])
     pose = link_q[leader]
     rotation = wp.transform_get_rotation(pose)
-    velocity = moved_at(link_qd[leader], -wp.quat_rotate(rotation, links.arm[leader]))
-    if link_qd[leader] == links.left_qd[body] and pose == links.body_q_out[body]:
-        # to the bit: of second order is only what goes on from where the last step left it
-        velocity = links.body_qd_out[body]
+    start = nonnegative(links.member_start[body])
+    end = links.member_start[body + 1]
+    pushed = float(0.0)
+    changed = float(0.0)
+    for k in range(start, end):
+        link = nonnegative(links.members[k])
+        change = link_qd[link] - links.left_qd[link]
+        pushed += wp.dot(link_f[link], link_f[link])
+        changed += wp.dot(change, change)
+    is_left = changed == 0.0 and pose == links.body_q_out[body]
+    # to the bit: of second order is only what goes on from where the last step left it
+    velocity = links.body_qd_out[body]
+    if not is_left:
+        velocity = moved_at(link_qd[leader], -wp.quat_rotate(rotation, links.arm[leader]))
     wrench = wp.spatial_vector()
     kick = wp.spatial_vector()
-    start = links.member_start[body]
-    end = links.member_start[body + 1]
-    for k in range(start, end):
-        link = links.members[k]
-        push = link_f[link]
-        arm = wp.quat_rotate(rotation, links.arm[link])
-        wrench += pushed_at(wp.spatial_top(push), wp.spatial_bottom(push), arm)
-        if link != leader:
-            kick += kick_of(link, rotation, velocity, links, link_qd)
+    # comparisons that numbers which are not finite pass
+    if pushed != 0.0 or not is_left:
+        for k in range(start, end):
+            link = nonnegative(links.members[k])
+            push = link_f[link]
+            arm = wp.quat_rotate(rotation, links.arm[link])
+            wrench += pushed_at(wp.spatial_top(push), wp.spatial_bottom(push), arm)
+            if link != leader:
+                kick += kick_of(link, rotation, velocity, links, link_qd)
     for k in range(links.push_start[body], links.push_start[body + 1]):
         # the force of a joint that pushes its child at its COM, which is a link's
         link = links.pushed[k]
@@ -130,8 +140,12 @@ def gather_body(
 
 
 @wp.func
-def scatter_link(
+def leave_link(
     link: int,
+    is_leader: bool,
+    pose: wp.transform,
+    turn: wp.mat33,
+    velocity: wp.spatial_vector,
     # Model:
     links: wp.ref[LinkModel],
     # State in:
@@ -141,26 +155,76 @@ def scatter_link(
     link_q_out: wp.array[wp.transform],
     link_qd_out: wp.array[wp.spatial_vector],
 ):
-    """State of a link by that of its body. What is not finite stays as the user gave it."""
-    body = links.body[link]
-    if body < 0:
-        link_q_out[link] = links.frame[link]
-        link_qd_out[link] = wp.spatial_vector()
-        return
-    pose = links.body_q_out[body]
-    velocity = links.body_qd_out[body]
+    """State of a link by pose, rotation matrix and velocity of its body.
+
+    What is not finite stays as the user gave it.
+    """
     is_finite = is_known(pose, velocity)
-    velocity = moved_at(velocity, wp.quat_rotate(wp.transform_get_rotation(pose), links.arm[link]))
-    if link == links.leader[body]:
-        links.left_qd[body] = velocity
-    else:
-        pose = pose * links.frame[link]
+    moved = moved_at(velocity, turn * links.arm[link])
+    links.left_qd[link] = moved
     if not is_finite:
         link_q_out[link] = link_q[link]
         link_qd_out[link] = link_qd[link]
         return
-    link_q_out[link] = pose
-    link_qd_out[link] = velocity
+    if is_leader:
+        link_q_out[link] = pose
+    else:
+        frame = links.frame[link]
+        link_q_out[link] = wp.transform(
+            wp.transform_get_translation(pose) + turn * wp.transform_get_translation(frame),
+            wp.transform_get_rotation(pose) * wp.transform_get_rotation(frame),
+        )
+    link_qd_out[link] = moved
+
+
+@wp.func
+def scatter_body(
+    body: int,
+    # Model:
+    links: wp.ref[LinkModel],
+    # State in:
+    link_q: wp.array[wp.transform],
+    link_qd: wp.array[wp.spatial_vector],
+    # State out:
+    link_q_out: wp.array[wp.transform],
+    link_qd_out: wp.array[wp.spatial_vector],
+):
+    """States of the links of a body by its own."""
+    pose = links.body_q_out[body]
+    velocity = links.body_qd_out[body]
+    leader = nonnegative(links.leader[body])
+    start = nonnegative(links.member_start[body])
+    end = links.member_start[body + 1]
+    turn = wp.identity(n=3, dtype=float)
+    if end > start + 1:
+        turn = wp.quat_to_matrix(wp.transform_get_rotation(pose))
+    for k in range(start, end):
+        link = nonnegative(links.members[k])
+        leave_link(
+            link,
+            link == leader,
+            pose,
+            turn,
+            velocity,
+            links,
+            link_q,
+            link_qd,
+            link_q_out,
+            link_qd_out,
+        )
+
+
+@wp.func
+def place_fixed_links(
+    links: wp.ref[LinkModel],
+    link_q_out: wp.array[wp.transform],
+    link_qd_out: wp.array[wp.spatial_vector],
+):
+    """States of the links that are part of the static world, which stand after all members."""
+    for k in range(links.member_start[links.leader.shape[0]], links.members.shape[0]):
+        link = nonnegative(links.members[k])
+        link_q_out[link] = links.frame[link]
+        link_qd_out[link] = wp.spatial_vector()
 
 
 @wp.func
@@ -200,7 +264,25 @@ def scatter_links(
     link_qd_out: wp.array[wp.spatial_vector],
 ):
     """What the step gives back; one thread a link."""
-    scatter_link(wp.tid(), links[0], link_q, link_qd, link_q_out, link_qd_out)
+    link = wp.tid()
+    body = links[0].body[link]
+    if body < 0:
+        link_q_out[link] = links[0].frame[link]
+        link_qd_out[link] = wp.spatial_vector()
+        return
+    pose = links[0].body_q_out[body]
+    leave_link(
+        link,
+        link == links[0].leader[body],
+        pose,
+        wp.quat_to_matrix(wp.transform_get_rotation(pose)),
+        links[0].body_qd_out[body],
+        links[0],
+        link_q,
+        link_qd,
+        link_q_out,
+        link_qd_out,
+    )
 
 
 # What the solver sees of the model, made anew where the model changes.

@@ -25,6 +25,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from .bdf2 import lead_spin, make_bdf2
 from .beginning import make_begin, make_coasting
+from .bodies import body_at
 from .breaking import make_break_joints
 from .cables import make_cables, make_join
 from .closures import make_closures
@@ -178,13 +179,13 @@ def make_phases(effects: Effects) -> Phases:
         has_impacts = bool(False)
         contact_count = int(0)
         for i in range(body_start, body_end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             contact_count += rows.owned_end[body] - rows.owned_start[body]
         if contact_count > 0:
             for i in range(body_start, body_end):
                 find_rows(
                     world,
-                    worlds.bodies[i],
+                    body_at(i, worlds),
                     scale,
                     body_q,
                     model,
@@ -201,7 +202,7 @@ def make_phases(effects: Effects) -> Phases:
             if wp.static(effects.light_links):
                 weigh_blocks(body_start, body_end, body_q, model, joints, worlds, work, rows, tree)
             for i in range(body_start, body_end):
-                body = worlds.bodies[i]
+                body = body_at(i, worlds)
                 depth = penalise_rows(
                     world, body, scale, shapes, contacts, worlds, work, rows, tree, history
                 )
@@ -314,7 +315,7 @@ def make_phases(effects: Effects) -> Phases:
         """
         sweeps = int(0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 if begin_body(
                     i,
@@ -434,7 +435,7 @@ def make_phases(effects: Effects) -> Phases:
                 spend_impacts(world, scale, body_qd, model, worlds, work, rows)
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 remember_rows(
-                    worlds.bodies[i], side, scale, body_qd, worlds, work, rows, islands, history
+                    body_at(i, worlds), side, scale, body_qd, worlds, work, rows, islands, history
                 )
             if wp.static(effects.loops and effects.pairs):
                 for i in range(loops.world_start[world], loops.world_start[world + 1]):
@@ -501,7 +502,7 @@ def make_phases(effects: Effects) -> Phases:
     ):
         """How fast the coordinates of joints have changed, which armature goes on with."""
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0 and tree.joint[body] >= 0:
                 end_armature(
                     tree.joint[body],
@@ -556,7 +557,7 @@ def make_phases(effects: Effects) -> Phases:
         body_start = worlds.body_start[world]
         body_end = worlds.body_start[world + 1]
         for i in range(body_start, body_end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             velocity = body_qd[body]
             if work.inv_mass[body] > 0.0:
                 velocity = end_velocity(
@@ -582,9 +583,9 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):
-                    release_impacts(worlds.bodies[i], worlds, rows, tree, loops)
+                    release_impacts(body_at(i, worlds), worlds, rows, tree, loops)
                 for i in range(body_start, body_end):
-                    leave_impacts(worlds.bodies[i], scale, work, rows, history)
+                    leave_impacts(body_at(i, worlds), scale, work, rows, history)
         if wp.static(effects.axis_rates):
             end_armatures(
                 world, scale, body_qd, joints, worlds, work, tree, loops, history, body_qd_out
@@ -633,7 +634,7 @@ def make_phases(effects: Effects) -> Phases:
             if update > allowed * allowed:
                 # after impacts that no iteration settles joints are closed all the same
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                    body = worlds.bodies[i]
+                    body = body_at(i, worlds)
                     if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                         put_together(body, scale.static_slot, model, joints, work, tree)
         if wp.static(effects.hard_limits):
@@ -659,7 +660,7 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                    restore_impacts(worlds.bodies[i], scale.h, work, rows)
+                    restore_impacts(body_at(i, worlds), scale.h, work, rows)
 
     @wp.func
     def end_poses(
@@ -688,7 +689,7 @@ def make_phases(effects: Effects) -> Phases:
         body_start = worlds.body_start[world]
         body_end = worlds.body_start[world + 1]
         for i in range(body_start, body_end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
                 pose = end_pose(
@@ -733,7 +734,7 @@ def make_phases(effects: Effects) -> Phases:
                 )
         if wp.static(effects.bdf2):
             for i in range(body_start, body_end):
-                body = worlds.bodies[i]
+                body = body_at(i, worlds)
                 if work.inv_mass[body] > 0.0:
                     remember_state(
                         body,

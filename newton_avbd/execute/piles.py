@@ -47,7 +47,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
-from .bodies import moved_by
+from .bodies import body_at, moved_by
 from .trees import place_body
 
 ROOT = wp.constant(-1)
@@ -129,7 +129,7 @@ def supports(other: int, body: int, rows: wp.ref[RowWork]) -> bool:
 @wp.func
 def has_joints(i: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
     """Whether the i-th body moves with others that joints link to it."""
-    if tree.joint[worlds.bodies[i]] != NO_JOINT or worlds.block_end[i] > i + 1:
+    if tree.joint[body_at(i, worlds)] != NO_JOINT or worlds.block_end[i] > i + 1:
         return True
     return i > 0 and worlds.block_end[i - 1] == i + 1
 
@@ -232,7 +232,7 @@ def make_piles(
         first = worlds.body_start[world]
         last = worlds.body_start[world + 1]
         for i in range(first, last):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             rows.piles.mass[body] = model.mass[body]
             is_loose = work.inv_mass[body] > 0.0 and row_count(body, rows) > 0
             if wp.static(effects.joints):
@@ -244,13 +244,13 @@ def make_piles(
             # what the ground carries comes first: another body may be in the way of what falls
             at = int(end)
             for i in range(first, last):
-                if is_grounded(worlds.bodies[i], near, work, rows):
-                    end = reach(worlds.bodies[i], ROOT, end, rows)
+                if is_grounded(body_at(i, worlds), near, work, rows):
+                    end = reach(body_at(i, worlds), ROOT, end, rows)
             end = spread(at, end, rows)
             near = wp.inf
         for i in range(first, last):
             # what the ground does not carry starts from its first body
-            end = spread(end, reach(worlds.bodies[i], ROOT, end, rows), rows)
+            end = spread(end, reach(body_at(i, worlds), ROOT, end, rows), rows)
         at = int(end)
         while at > first:
             at -= 1
@@ -373,7 +373,7 @@ def make_piles(
             return 0.0
         # in the order of visits, which says who owns a row and updates it
         for i in range(first, worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if in_pile(rows, body):
                 rows.piles.push[body] = gather(
                     body,

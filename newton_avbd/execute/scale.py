@@ -12,6 +12,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.contact import STRUCK
+from .bodies import body_at
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
@@ -62,7 +63,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
         if wp.static(effects.sleeping):
             farthest = worlds.pace[world]
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             gravity = float(0.0)
             if work.inv_mass[body] > 0.0:
                 gravity = wp.length_sq(model.gravity[model.world[body]])

@@ -18,7 +18,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .beginning import is_tree
-from .bodies import has_rows, moved_by
+from .bodies import body_at, has_rows, moved_by
 from .loops import has_loops
 from .piles import in_pile
 from .ramped import make_ramped
@@ -93,7 +93,7 @@ def make_sweep_block(
         history: wp.ref[History],
     ) -> float:
         """Returns the square of how far one of its bodies moved [m^2]."""
-        body = worlds.bodies[first]
+        body = body_at(first, worlds)
         if wp.static(effects.joints):
             end = worlds.block_end[first]
             if is_tree(first, end, body, tree):
@@ -180,7 +180,7 @@ def make_sweep_world(
         first = int(worlds.body_start[world])
         while first < worlds.body_start[world + 1]:
             if wp.static(effects.ramp):
-                body = worlds.bodies[first]
+                body = body_at(first, worlds)
                 if work.inv_mass[body] > 0.0 and has_rows(rows, body):
                     sweep_body_ramped(body, h, model, work, rows)
             else:
@@ -236,7 +236,7 @@ def make_sweep_world(
                 farthest = wp.max(farthest, changed)
         if wp.static(effects.ramp):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                sweep_duals_ramped(worlds.bodies[i], work, rows)
+                sweep_duals_ramped(body_at(i, worlds), work, rows)
         return farthest
 
     return sweep_world

@@ -44,7 +44,7 @@ from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, NEAR_POLE, ROD, counted, wrapped
-from .bodies import has_rows
+from .bodies import body_at, has_rows, nonnegative
 from .slopes import begin_axis
 
 ROUNDING = wp.constant(5.0e-7)
@@ -60,6 +60,8 @@ HIDDEN = wp.constant(2.0e-2)
 alone: 1e-3 g h^2."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
+HINGE_NEAR = wp.constant(0.1)
+"""Sine of half the turn of a hinge in a step up to which a series tells the turn."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 POLE_DRAG = 1.0e-3
@@ -189,9 +191,16 @@ def begin_turn(
     tree: wp.ref[TreeWork],
 ):
     """Orientation of a body that is to turn as said [rad], whatever the sweeps add to it."""
+    rotation = wp.transform_get_rotation(body_q[body])
     tree.turn[body] = turn
-    tree.turned[body] = exp_quat(turn) * wp.transform_get_rotation(body_q[body])
-    place_body(body, work, tree)
+    if wp.length_sq(turn) > 0.0:
+        tree.turned[body] = exp_quat(turn) * rotation
+        place_body(body, work, tree)
+    else:
+        swing = exp_quat(wp.spatial_bottom(work.increment[body]))
+        tree.turned[body] = rotation
+        tree.rotation[body] = swing * rotation
+        tree.swing[body] = swing
 
 
 @wp.func
@@ -460,10 +469,9 @@ def forget_tilting(body: int, tree: wp.ref[TreeWork]):
 class TreeFunctions:
     """Device functions of trees, compiled for the joints of a scene."""
 
-    measure_misfit: wp.Function
     measure_start: wp.Function
     measure_velocity: wp.Function
-    measure_moved: wp.Function
+    measure_guess: wp.Function
     count_turns: wp.Function
     align_spins: wp.Function
     sweep_tree: wp.Function
@@ -530,8 +538,26 @@ def make_trees(
         return q_p, q_c
 
     @wp.func
+    def anchors_of(
+        joint: int, body: int, parent: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]
+    ):
+        """What :func:`frames_of` returns, and rotations of the anchors of the joint's parent and
+        child as ``tree`` has them."""
+        sign, frame_p, frame_c = frames_of(joint, body, joints)
+        q_p = anchor_rotation(tree, parent, frame_p)
+        q_c = anchor_rotation(tree, body, frame_c)
+        if wp.static(effects.flipped):
+            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        return sign, frame_p, frame_c, q_p, q_c
+
+    @wp.func
     def measure_misfit(
         body: int,
+        sign: float,
+        frame_p: wp.transform,
+        frame_c: wp.transform,
+        q_p: wp.quat,
+        q_c: wp.quat,
         static_slot: int,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
@@ -540,18 +566,13 @@ def make_trees(
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> bool:
-        """Misfit of the body's joint at the start of the step.
+        """Misfit of the body's joint at the start of the step, by what :func:`anchors_of` returns.
 
         Expects increments of zero, the guess of them in ``tree.update``, and rotations at the
         start. Returns whether the misfit is beyond rounding.
         """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         apart = start_span(body, parent, frame_p, static_slot, body_q, model, history)
@@ -580,13 +601,9 @@ def make_trees(
         tree: wp.ref[TreeWork],
     ):
         """Moves the body to where its joint is closed, whatever that takes; parents go first."""
-        joint = tree.joint[body]
-        parent = tree.parent[body]
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
         tilt = sign * angular_misfit(joints, joint, q_p, q_c)
         tree.rotation[body] = exp_quat(-tilt) * tree.rotation[body]
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
@@ -647,7 +664,10 @@ def make_trees(
         axis turns; without it they would lose speed.)
         """
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
+            if wp.static(effects.tilting):
+                if not tree.is_fast[body]:
+                    continue  # nothing of its block is
             is_fast = is_fast_shaft(body, work)
             if is_linked(joints, tree, body):
                 if is_fast or is_fast_shaft(tree.parent[body], work):
@@ -679,8 +699,13 @@ def make_trees(
         return sign * gimbal_tilt(joints, joint, q_p, q_c, known)
 
     @wp.func(inline=effects.inline)
-    def measure_coordinates(
+    def read_coordinates(
         body: int,
+        sign: float,
+        frame_p: wp.transform,
+        frame_c: wp.transform,
+        q_p: wp.quat,
+        q_c: wp.quat,
         first: int,
         turn: wp.vec3,
         known: wp.array[wp.float64],
@@ -691,19 +716,9 @@ def make_trees(
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
     ):
-        """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
-
-        They and the ``known`` ones stand in their arrays from ``first`` on. An angle is the one
-        nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds
-        to it, so that revolutions are counted.
-        """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        """As :func:`measure_coordinates`, by what :func:`anchors_of` returns."""
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         linear = linear_count(joints, joint)
         dofs = linear + angular_count(joints, joint)
         if wp.static(effects.kinds.balls):
@@ -734,6 +749,46 @@ def make_trees(
                 if has_turned:
                     about += advance(joints, joint, dof, q_p, q_c, started, sign * turn)
                 coordinates[first + dof] = counted(turns[dof - linear], about)
+
+    @wp.func(inline=effects.inline)
+    def measure_coordinates(
+        body: int,
+        first: int,
+        turn: wp.vec3,
+        known: wp.array[wp.float64],
+        coordinates: wp.array[wp.float64],
+        static_slot: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ):
+        """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
+
+        They and the ``known`` ones stand in their arrays from ``first`` on. An angle is the one
+        nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds
+        to it, so that revolutions are counted.
+        """
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
+        read_coordinates(
+            body,
+            sign,
+            frame_p,
+            frame_c,
+            q_p,
+            q_c,
+            first,
+            turn,
+            known,
+            coordinates,
+            static_slot,
+            model,
+            joints,
+            work,
+            tree,
+        )
 
     @wp.func
     def put_back(
@@ -770,7 +825,7 @@ def make_trees(
             if not joint_rows.has_axes(joints, joint):
                 dofs = 0
             for dof in range(dofs):
-                k = tree.axis_start[body] + dof
+                k = nonnegative(tree.axis_start[body] + dof)
                 excess = axis_rows.passed_limit(
                     joints,
                     joints.dof_start[joint] + dof,
@@ -812,7 +867,7 @@ def make_trees(
         are off by their squares.
         """
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 measure_coordinates(
                     body,
@@ -827,7 +882,7 @@ def make_trees(
                     tree,
                 )
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 put_back(body, static_slot, model, joints, work, tree)
 
@@ -841,8 +896,8 @@ def make_trees(
     ):
         """Remembers what orientations do not tell: turns of the body's joint in the step, and the
         coordinates of a gimbal."""
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         if wp.static(effects.kinds.gimbals):
             if is_gimbal(joints, joint):
                 for dof in range(joints.dof_start[joint + 1] - joints.dof_start[joint]):
@@ -859,7 +914,7 @@ def make_trees(
             linear = linear_count(joints, joint)
             for dof in range(linear, linear + angular_count(joints, joint)):
                 about = advance(joints, joint, dof, q_p, q_c, wp.vec3(0.0), sign * turn)
-                index = joints.dof_start[joint] + dof
+                index = nonnegative(joints.dof_start[joint] + dof)
                 history.joint_angle[index] = history.joint_angle[index] + about
 
     @wp.func
@@ -882,25 +937,48 @@ def make_trees(
     def measure_start(
         body: int,
         scale: WorldScale,
+        body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> bool:
-        """Coordinates of the body's joint at the start of the step.
+        """Misfit and coordinates of the body's joint at the start of the step.
 
-        Expects increments of zero and rotations at the start of the step. Returns whether one of
-        them is beyond its limits by more than rounding.
+        Expects what :func:`measure_misfit` does. Returns whether the misfit, or a coordinate beyond
+        its limits, is more than rounding.
         """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
         static_slot = scale.static_slot
-        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
-        is_beyond = bool(False)
-        start = joints.dof_start[joint]
-        measure_coordinates(
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
+        is_open = measure_misfit(
             body,
+            sign,
+            frame_p,
+            frame_c,
+            q_p,
+            q_c,
+            static_slot,
+            body_q,
+            model,
+            joints,
+            work,
+            tree,
+            history,
+        )
+        if wp.static(not effects.coordinates):
+            return is_open
+        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
+        start = joints.dof_start[joint]
+        read_coordinates(
+            body,
+            sign,
+            frame_p,
+            frame_c,
+            q_p,
+            q_c,
             start,
             wp.vec3(0.0),
             history.joint_angle,
@@ -930,7 +1008,7 @@ def make_trees(
             if wp.static(effects.hard_limits):
                 lower = joints.limit_lower[index] - rounding
                 if at < lower or at > joints.limit_upper[index] + rounding:
-                    is_beyond = True
+                    is_open = True
             if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]
@@ -943,7 +1021,7 @@ def make_trees(
                 if is_off or history.piece[index][2] != 0:
                     history.held_at[index] = q
             tree.start_coordinate[tree.axis_start[body] + dof] = q
-        return is_beyond
+        return is_open
 
     @wp.func(inline=effects.inline)
     def measure_velocity(
@@ -1001,6 +1079,57 @@ def make_trees(
             work,
             tree,
         )
+
+    @wp.func
+    def follow_hinge(
+        body: int,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Angle of the body's hinge, by that at the start and how far it has turned since.
+
+        Returns false, and leaves the angle as it is, if the joint is no hinge or has turned far, or
+        if its parent is kinematic and has been put ahead.
+        """
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
+        if angular_count(joints, joint) != 1 or linear_count(joints, joint) != 0:
+            return False
+        sign, frame_p, _frame_c = frames_of(joint, body, joints)
+        if sign < 0.0 or is_put(parent, work):
+            return False
+        if wp.length_sq(full_turns(body, parent, work)) > 0.0:
+            return False
+        index = nonnegative(joints.dof_start[joint])
+        axis = wp.quat_rotate(anchor_rotation(tree, parent, frame_p), joints.axis[index])
+        turn = relative_turn(body, parent, tree)
+        sine = wp.dot(axis, wp.vec3(turn[0], turn[1], turn[2]))
+        x = sine * sine
+        if x > HINGE_NEAR * HINGE_NEAR:
+            return False
+        # 2 asin(sine), by a series that is exact in float32
+        series = wp.static(3 / 20) + x * (wp.static(5 / 56) + x * wp.static(35 / 576))
+        angle = sine * (2.0 + x * (wp.static(1 / 3) + x * series))
+        tree.coordinate[tree.axis_start[body]] = history.joint_angle[index] + wp.float64(angle)
+        return True
+
+    @wp.func
+    def measure_guess(
+        body: int,
+        static_slot: int,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ):
+        """Coordinates of the body's joint where the guess of the increments has the bodies."""
+        if wp.static(1 in effects.kinds.angular):
+            if follow_hinge(body, joints, work, tree, history):
+                return
+        measure_moved(body, static_slot, model, joints, work, tree)
 
     @wp.func(inline=effects.inline)
     def eliminate(
@@ -1089,13 +1218,9 @@ def make_trees(
                     forget_tilting(body, tree)
             return 0.0
 
-        joint = tree.joint[body]
-        parent = tree.parent[body]
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
-        if wp.static(effects.flipped):
-            q_p, q_c = in_joint_order(sign, q_p, q_c)
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
         arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
         arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
         # The sweeps leave the misfit alone. What the joint opens beside it is read off the
@@ -1243,8 +1368,8 @@ def make_trees(
             axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
                 axis.angular, wp.spatial_bottom(push)
             )
-            k = tree.axis_start[body] + dof
-            index = joints.dof_start[joint] + dof
+            k = nonnegative(tree.axis_start[body] + dof)
+            index = nonnegative(joints.dof_start[joint] + dof)
             if wp.static(effects.kinds.gimbals):
                 if dof == linear + 2:
                     # At the pole of a gimbal nothing but this resists the turn of its outer axes
@@ -1396,10 +1521,11 @@ def make_trees(
             pushed = rows_push(body, tree.closures)
         if is_linked(joints, tree, body):
             joint = tree.joint[body]
-            update = algebra.carried(tree.span[body], tree.update[tree.parent[body]])
+            parent = nonnegative(tree.parent[body])
+            update = algebra.carried(tree.span[body], tree.update[parent])
             dofs = linear_count(joints, joint) + angular_count(joints, joint)
             for i in range(dofs):
-                k = tree.axis_start[body] + dofs - 1 - i
+                k = nonnegative(tree.axis_start[body] + dofs - 1 - i)
                 axis = tree.axes[k]
                 if wp.static(effects.closures):
                     axis.push -= pushed[dofs - 1 - i]
@@ -1574,7 +1700,7 @@ def make_trees(
     ):
         """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
         not led to fewer for a while. Limits of drives are then searched along the update."""
-        root = worlds.bodies[first]
+        root = body_at(first, worlds)
         if not has_dual or wrong < tree.fewest[root]:
             tree.fewest[root] = wrong
             tree.patience[root] = PATIENCE
@@ -1584,11 +1710,11 @@ def make_trees(
         if tree.patience[root] < 0:
             left = 1
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-                    index = joints.dof_start[joint] + dof
+                    index = nonnegative(joints.dof_start[joint] + dof)
                     law = tree.laws[tree.axis_start[body] + dof]
                     piece = law.piece
                     if wp.static(effects.bounded_axes):
@@ -1626,7 +1752,7 @@ def make_trees(
             begin_rows(first, end, recovery, model, joints, worlds, work, tree, loops, history)
         mismatch = float(0.0)
         for i in range(end - first):
-            body = worlds.bodies[end - 1 - i]
+            body = body_at(end - 1 - i, worlds)
             if work.inv_mass[body] > 0.0:
                 off = eliminate(
                     body,
@@ -1652,13 +1778,13 @@ def make_trees(
         is_newton = bool(True)
         is_searched = bool(False)
         if wp.static(effects.bounded_axes):
-            is_searched = has_dual and tree.patience[worlds.bodies[first]] < PATIENCE
+            is_searched = has_dual and tree.patience[body_at(first, worlds)] < PATIENCE
         wrong = int(0)
         curvature = float(0.0)
         held_work = float(0.0)
         turned_most = float(0.0)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 misplaced, curved, worked = substitute(body, is_searched, h, joints, work, tree)
                 wrong += misplaced
@@ -1678,7 +1804,7 @@ def make_trees(
                 least = least_energy(first, end, curvature, held_work, joints, worlds, tree)
                 share = wp.min(share, least)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 move(body, share, model, joints, work, tree)
                 turn = wp.spatial_bottom(work.increment[body])
@@ -1714,7 +1840,7 @@ def make_trees(
                 largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
         left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 shift = wp.spatial_top(tree.update[body])
                 turn = wp.spatial_bottom(tree.update[body])
@@ -1729,10 +1855,9 @@ def make_trees(
         return farthest
 
     return TreeFunctions(
-        measure_misfit,
         measure_start,
         measure_velocity,
-        measure_moved,
+        measure_guess,
         count_turns,
         align_spins,
         sweep_tree,

@@ -27,7 +27,7 @@ from ..data import (
 from ..effects import LIGHT_LINK, Effects
 from ..rows import joint as joint_rows
 from .beginning import is_tree
-from .bodies import has_rows
+from .bodies import body_at, has_rows
 from .piles import LINK_WEIGHT
 from .trees import anchor_arm, anchor_rotation, is_linked
 
@@ -159,7 +159,7 @@ def make_weigh(effects: Effects) -> wp.Function:
         count = end - first
         mass = float(0.0)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             parent = tree.parent[body]
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
             if work.inv_mass[parent] == 0.0 and parent != static_slot:
@@ -173,7 +173,7 @@ def make_weigh(effects: Effects) -> wp.Function:
         # of that; inwards own_* becomes what the body feels of all that is not behind it.
         for k in range(2 * count):
             is_inward = k >= count
-            body = worlds.bodies[wp.where(is_inward, first + k - count, end - 1 - k)]
+            body = body_at(wp.where(is_inward, first + k - count, end - 1 - k), worlds)
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 parent = tree.parent[body]
                 side = wp.where(is_inward, parent, body)
@@ -208,7 +208,7 @@ def make_weigh(effects: Effects) -> wp.Function:
                     tree.h_al[parent] = tree.h_al[parent] + h_al
                     tree.h_aa[parent] = tree.h_aa[parent] + h_aa
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = body_at(i, worlds)
             own = wp.diag(wp.vec3(model.mass[body]))
             tree.own_ll[body] = tree.own_ll[body] + tree.h_ll[body] + own
             tree.h_ll[body] = wp.mat33(0.0)
@@ -233,8 +233,8 @@ def make_weigh(effects: Effects) -> wp.Function:
             end = worlds.block_end[start]
             is_touched = bool(False)
             for i in range(start, end):
-                is_touched = is_touched or has_rows(rows, worlds.bodies[i])
-            if is_touched and is_tree(start, end, worlds.bodies[start], tree):
+                is_touched = is_touched or has_rows(rows, body_at(i, worlds))
+            if is_touched and is_tree(start, end, body_at(start, worlds), tree):
                 weigh_tree(start, end, body_q, model, joints, worlds, work, tree)
             start = end
 

@@ -29,7 +29,7 @@ from .denormals import flush_denormals, restore_denormals
 from .energy import keep_start
 from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
-from .links import gather_body, gather_joint, scatter_link
+from .links import gather_body, gather_joint, place_fixed_links, scatter_body
 from .phases import make_phases
 from .scale import COLD_FACTOR, COLD_STEPS, is_struck, is_unsettled
 
@@ -636,8 +636,9 @@ def make_step_links(effects: Effects) -> wp.Kernel:
             links[0].body_q_out,
             links[0].body_qd_out,
         )
-        for link in range(link_q.shape[0]):
-            scatter_link(link, links[0], link_q, link_qd, link_q_out, link_qd_out)
+        for body in range(links[0].leader.shape[0]):
+            scatter_body(body, links[0], link_q, link_qd, link_q_out, link_qd_out)
+        place_fixed_links(links[0], link_q_out, link_qd_out)
         restore_denormals(mode)
 
     return step_links

@@ -31,8 +31,8 @@ SAMPLES = 10
 GRAPH_STEPS = 4
 """Steps in a captured graph: a frame's. Even, so that a replay ends in the state it began with."""
 FRAMES_IN_ONE_GO = 16
-"""Of those that are timed at once where nothing collides: reading a clock and launching from Python
-take half as long as the steps of a cartpole."""
+"""Of those that are replayed at once where nothing collides, as ``mj_step`` makes as many steps in
+a call: reading a clock and launching from Python take as long as the steps of a cartpole."""
 
 
 @dataclass(frozen=True)
@@ -222,11 +222,9 @@ class NewtonContestant(Contestant):
         if collide not in self._graphs:
             self._graphs[collide] = self._capture(collide)
         self._collide()
-        frames = FRAMES_IN_ONE_GO if self.is_uninterrupted or collide else 1
         begin = time.process_time()
-        for _ in range(frames):
-            wp.capture_launch(self._graphs[collide])
-        return (time.process_time() - begin) / (frames * GRAPH_STEPS)
+        wp.capture_launch(self._graphs[collide])
+        return (time.process_time() - begin) / self._steps(collide)
 
     def _collide(self) -> None:
         if self._pipeline is not None:
@@ -236,10 +234,14 @@ class NewtonContestant(Contestant):
         self.solver.step(self.state, self._next, self._control, self._contacts, self.scene.dt)
         self.state, self._next = self._next, self.state
 
+    def _steps(self, collide: bool) -> int:
+        """Steps in a captured graph."""
+        return GRAPH_STEPS * (FRAMES_IN_ONE_GO if self.is_uninterrupted or collide else 1)
+
     def _capture(self, collide: bool) -> wp.Graph:
-        """Record a frame of steps."""
+        """Record a frame of steps, or as many frames as nothing interrupts."""
         with wp.ScopedCapture(device="cpu") as capture:
-            for _ in range(GRAPH_STEPS):
+            for _ in range(self._steps(collide)):
                 if collide:
                     self._collide()
                 elif self._contacts is not None:

@@ -5,9 +5,10 @@
 
 Robots come out of the packages ``example-robot-data`` (URDF), ``dm_control`` and ``gymnasium``
 (MJCF), where they are installed. Nothing collides. Joints of URDF robots hold their first pose by
-drives, those of MJCF robots do what their file says. SolverAVBD's steps are replayed from a graph,
-``mj_step`` runs on what SolverMuJoCo makes of the same model, with MuJoCo's default integrator
-(Euler). Both take turns in one process on one core.
+drives, those of MJCF robots do what their file says. URDF robots are imported plainly, and once
+more with ``collapse_fixed_joints=True``. SolverAVBD's steps are replayed from a graph, ``mj_step``
+runs on what SolverMuJoCo makes of the model with the fewest links, with MuJoCo's default integrator
+(Euler). All take turns in one process on one core.
 """
 
 import argparse
@@ -20,13 +21,12 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
-from statistics import median
 
 import newton
 import numpy as np
 
 from newton_avbd.study.bench import chosen, pinned
-from newton_avbd.study.contestants import NewtonContestant
+from newton_avbd.study.contestants import Contestant, NewtonContestant
 from newton_avbd.study.mujoco_native import MujocoContestant, silence
 from newton_avbd.study.peers import PEERS
 from newton_avbd.study.robots import place
@@ -52,15 +52,21 @@ class Timing:
 
     robot: str
     dofs: int
-    bodies: int
+    links: int
     sweeps: float
     ours: float
+    collapsed: float
     mujoco: float
 
     @property
     def ratio(self) -> float:
         """Ours as a share of MuJoCo's."""
         return self.ours / self.mujoco
+
+    @property
+    def welds(self) -> float:
+        """Ours of the plain import as a share of that with fixed joints collapsed."""
+        return self.ours / self.collapsed
 
 
 def robots() -> dict[str, Path]:
@@ -79,10 +85,10 @@ def robots() -> dict[str, Path]:
     return found
 
 
-def add_robot(path: Path, builder: newton.ModelBuilder) -> None:
-    """Add a robot of which nothing collides."""
+def add_robot(path: Path, collapse: bool, builder: newton.ModelBuilder) -> None:
+    """Add a robot of which nothing collides; with ``collapse`` fixed joints of a URDF are gone."""
     if path.suffix == ".urdf":
-        _add_urdf(path, builder)
+        _add_urdf(path, collapse, builder)
     else:
         builder.add_mjcf(str(path), parse_visuals=False, parse_sites=False)
     for shape in range(builder.shape_count):
@@ -90,7 +96,7 @@ def add_robot(path: Path, builder: newton.ModelBuilder) -> None:
     place(builder)
 
 
-def _add_urdf(path: Path, builder: newton.ModelBuilder) -> None:
+def _add_urdf(path: Path, collapse: bool, builder: newton.ModelBuilder) -> None:
     """Add a robot without its shapes, held by drives at its first pose within its limits."""
     tree = ET.parse(path).getroot()
     for link in tree.iter("link"):
@@ -98,7 +104,7 @@ def _add_urdf(path: Path, builder: newton.ModelBuilder) -> None:
             link.remove(shape)
     floating = path.stem.startswith(FALLING)
     builder.add_urdf(
-        ET.tostring(tree, encoding="unicode"), floating=floating, collapse_fixed_joints=True
+        ET.tostring(tree, encoding="unicode"), floating=floating, collapse_fixed_joints=collapse
     )
     for joint, kind in enumerate(builder.joint_type):
         if kind not in (newton.JointType.REVOLUTE, newton.JointType.PRISMATIC):
@@ -113,25 +119,26 @@ def _add_urdf(path: Path, builder: newton.ModelBuilder) -> None:
 
 
 def time_robot(name: str, path: Path) -> Timing:
-    """Time a robot's step in both solvers, taking turns."""
-    scene = Scene(name, str(path), partial(add_robot, path))
-    ours = NewtonContestant(scene, PEERS["avbd"])
-    for _ in range(round(SETTLING / scene.dt)):
-        ours.advance()
-    sweeps = float(ours.solver.report().sweeps.max())
-    mujoco = _mujoco(scene)
-    times: tuple[list[float], list[float]] = ([], [])
-    for _ in range(REPEATS):
-        times[0].append(ours.replayed(TURN))
-        if mujoco is not None:
-            times[1].append(mujoco.replayed(TURN))
+    """Time a robot's step in both solvers and both imports, taking turns."""
+    is_urdf = path.suffix == ".urdf"
+    imports = (False, True) if is_urdf else (False,)
+    scenes = [Scene(name, str(path), partial(add_robot, path, each)) for each in imports]
+    ours = [NewtonContestant(scene, PEERS["avbd"]) for scene in scenes]
+    for contestant in ours:
+        for _ in range(round(SETTLING / contestant.scene.dt)):
+            contestant.advance()
+    mujoco = _mujoco(scenes[-1])
+    sides: list[Contestant] = [*ours, *([mujoco] if mujoco else [])]
+    times = np.array([[1e6 * side.replayed(TURN) for side in sides] for _ in range(REPEATS)])
+    medians = np.median(times, axis=0)
     return Timing(
         name,
-        ours.model.joint_dof_count,
-        ours.model.body_count,
-        sweeps,
-        1e6 * median(times[0]),
-        1e6 * median(times[1]) if times[1] else math.nan,
+        ours[0].model.joint_dof_count,
+        ours[0].model.body_count,
+        float(ours[0].solver.report().sweeps.max()),
+        medians[0],
+        medians[1] if is_urdf else math.nan,
+        medians[-1] if mujoco else math.nan,
     )
 
 
@@ -154,16 +161,20 @@ def _mujoco(scene: Scene) -> MujocoContestant | None:
 
 
 def summary(timings: Iterable[Timing]) -> str:
-    """Median and geometric mean of the ratios, and the robots above 1."""
-    ratios = {t.robot: t.ratio for t in timings if math.isfinite(t.ratio)}
-    if not ratios:
-        return "no robot that both load"
-    values = np.array(list(ratios.values()))
-    above = sorted((name for name in ratios if ratios[name] > 1.0), key=lambda n: -ratios[n])
-    return (
-        f"{len(values)} robots: median {np.median(values):.2f}, geometric mean "
-        f"{np.exp(np.mean(np.log(values))):.2f}\nabove 1: {', '.join(above) or 'none'}"
-    )
+    """Median and geometric mean of the ratios, and the robots above what is asked of them."""
+    lines = []
+    for what, most in (("ratio", 1.0), ("welds", 1.1)):
+        ratios = {t.robot: getattr(t, what) for t in timings}
+        ratios = {robot: value for robot, value in ratios.items() if math.isfinite(value)}
+        if not ratios:
+            continue
+        values = np.array(list(ratios.values()))
+        above = sorted((r for r in ratios if ratios[r] > most), key=lambda r: -ratios[r])
+        lines.append(
+            f"{what} of {len(values)} robots: median {np.median(values):.2f}, geometric mean "
+            f"{np.exp(np.mean(np.log(values))):.2f}, above {most:g}: {', '.join(above) or 'none'}"
+        )
+    return "\n".join(lines)
 
 
 def main(names: list[str]) -> int:
@@ -174,8 +185,8 @@ def main(names: list[str]) -> int:
     wanted = chosen("robot", parser.parse_args(names).names, tuple(known))
     silence()
     timings = []
-    print("| robot | dofs | bodies | sweeps | SolverAVBD [us] | mj_step [us] | ratio |")
-    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: |")
+    print("| robot | dofs | links | sweeps | plain [us] | collapsed | mj_step | ratio | welds |")
+    print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
     with pinned():
         for name in wanted:
             try:
@@ -183,12 +194,12 @@ def main(names: list[str]) -> int:
             except Exception as error:
                 # A robot that an importer or a solver refuses must not keep the others from it.
                 reason = str(error).strip().partition("\n")[0]
-                print(f"| {name} | {type(error).__name__}: {reason} | | | | | |", flush=True)
+                print(f"| {name} | {type(error).__name__}: {reason} | | | | | | | |", flush=True)
                 continue
             timings.append(t)
             print(
-                f"| {t.robot} | {t.dofs} | {t.bodies} | {t.sweeps:.0f} | {t.ours:.1f} "
-                f"| {t.mujoco:.1f} | {t.ratio:.2f} |",
+                f"| {t.robot} | {t.dofs} | {t.links} | {t.sweeps:.0f} | {t.ours:.2f} "
+                f"| {t.collapsed:.2f} | {t.mujoco:.2f} | {t.ratio:.2f} | {t.welds:.2f} |",
                 flush=True,
             )
     print(f"\n{summary(timings)}")
