@@ -273,7 +273,10 @@ class SolverArrays:
         """Which world each body belongs to, what is solved together, and with which effects."""
         groups = _solver_worlds(self._solved)
         topology = Topology.of_model(
-            self._solved, groups, trees=self.settings.blocks == "articulation"
+            self._solved,
+            groups,
+            trees=self.settings.blocks == "articulation",
+            has_tendons="tendons" not in self._without,
         )
         flags, callers = Effects.of_model(
             self._solved,
@@ -318,7 +321,7 @@ class SolverArrays:
         bodies at once.
         """
         groups, topology, self._flags, self._callers = self._look_at_model()
-        self._make_actuation()
+        self._make_actuation(topology)
         self._make_limit_law()
         self._flags_apart = self._flags.without_contact()
         if self._flags.put_bodies and self._work.put is None:
@@ -349,6 +352,7 @@ class SolverArrays:
         is_special |= self._flags.welds and self._flags.breaking
         self._at_once = self.device.is_cpu and not (is_special or groups.any())
         if topology == self._topology and is_large == (self._large is not None):
+            self._bind_tendons()
             return
         if self._topology is not None:
             self._forget_contacts()
@@ -376,6 +380,7 @@ class SolverArrays:
         self._allocate_trees(topology)
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
+        self._bind_tendons()
         if is_large:
             self._large = LargeWorlds(
                 self._worlds, self._loops, topology, self.iterations, self.device
@@ -616,15 +621,23 @@ class SolverArrays:
         for name, values in self._limit_law.items():
             setattr(self._joints, name, values)
 
-    def _make_actuation(self) -> None:
-        """Buffers for MuJoCo's actuators and gravity compensation, where the model has any."""
-        names = (*ACTING, "effort_limits", "force_ranges")
+    def _bind_tendons(self) -> None:
+        """Points the kernels to the tendons that actuators pull."""
+        if self._actuation is not None and self._flags.tendons:
+            self._tree.tendons = self._actuation.tendons
+            self._forget_launches()
+
+    def _make_actuation(self, topology: Topology) -> None:
+        """Buffers for MuJoCo's actuators, tendons and gravity compensation, where there are any."""
+        names = (*ACTING, "effort_limits", "force_ranges", "compliance", "bdf2")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
         # graphs that were captured before go on using the old arrays
         self._retired.append((before,))
         if not wanted.isdisjoint(ACTING):
-            self._actuation = Actuation(self.model, self._joints, wanted, before)
+            self._actuation = Actuation(
+                self.model, self._solved, topology, self._joints, wanted, before
+            )
             self._actuation.bind(self._joints)
         # the next step makes its view of the control anew
         self._control_arrays = (None, None, None)

@@ -217,6 +217,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 worlds,
                 work,
                 rows,
+                tree,
                 loops,
                 islands,
                 history,
