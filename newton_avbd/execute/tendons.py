@@ -62,12 +62,10 @@ def rounding_of(length: wp.float64) -> float:
 
 
 @wp.func
-def mobility_of(body: int, way: wp.spatial_vector, h: float, work: wp.ref[BodyWork]) -> float:
-    """How far a wrench moves its own row by a body that nothing else holds [m/N]."""
-    force = wp.spatial_top(way)
-    torque = wp.spatial_bottom(way)
-    turned = wp.dot(torque, work.inv_inertia[body] * torque)
-    return h * h * (work.inv_mass[body] * wp.dot(force, force) + turned)
+def mobility_of(body: int, way: wp.spatial_vector, h: float, model: wp.ref[BodyModel]) -> float:
+    """How far a wrench moves its own row at most by a body that nothing else holds [m/N]."""
+    turned = wp.trace(model.inv_inertia[body]) * wp.length_sq(wp.spatial_bottom(way))
+    return h * h * (model.inv_mass[body] * wp.length_sq(wp.spatial_top(way)) + turned)
 
 
 def make_join_tendons(join: wp.Function) -> wp.Function:
@@ -301,6 +299,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         ends: int,
         share: float,
         h: float,
+        model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
@@ -324,9 +323,9 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                     met = closures.met[place]
                     met[0] = met[0] + coefficient
                     closures.met[place] = met
-                    free = work.inv_mass[body]
+                    free = model.inv_mass[body]
                     if linear_count(joints, joint) == 0:
-                        free = wp.trace(work.inv_inertia[body])
+                        free = wp.trace(model.inv_inertia[body])
                     mobility += coefficient * coefficient * h * h * free
             return mobility
         if wp.static(effects.spatial_tendons):
@@ -342,7 +341,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                         torque = wp.cross(point - center_of(k, work, tree), force)
                         way = wp.spatial_vector(force, torque)
                         closures.way[slot] = closures.way[slot] + way
-                        mobility += mobility_of(tendons.body[k], way, h, work)
+                        mobility += mobility_of(tendons.body[k], way, h, model)
         return mobility
 
     @wp.func
@@ -548,10 +547,10 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         if closure.other >= 0:
             other = find_length(closure.other, False, model, work, tree, history)
             led = led_by(closure, length, other, joints, tree)
-            pull_along(i, closure.ends, 1.0, h, joints, work, tree)
+            pull_along(i, closure.ends, 1.0, h, model, joints, work, tree)
             if closure.other != i:
                 ends = closure.ends + tendons.start[i + 1] - tendons.start[i]
-                pull_along(closure.other, ends, -led[1], h, joints, work, tree)
+                pull_along(closure.other, ends, -led[1], h, model, joints, work, tree)
             left = led[0]
             if recovery == 0.0:
                 left -= closures.misfit[row]
@@ -571,7 +570,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         is_held = axis_rows.is_held(law)
         if force == 0.0 and stiffness == 0.0 and not is_held:
             return
-        mobility = pull_along(i, closure.ends, 1.0, h, joints, work, tree)
+        mobility = pull_along(i, closure.ends, 1.0, h, model, joints, work, tree)
         tension = -force
         if is_held:
             tension = -tendons.force[i]

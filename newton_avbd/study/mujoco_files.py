@@ -232,9 +232,9 @@ def native_path(
     if integrator is not None:
         native.opt.integrator = integrator
     if is_stiff:
-        for name in ("jnt", "dof"):
-            getattr(native, f"{name}_solref")[:] = (4.0 * dt, 10.0)
-            getattr(native, f"{name}_solimp")[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+        for kind in ("jnt_{}", "dof_{}", "tendon_{}_lim", "tendon_{}_fri"):
+            getattr(native, kind.format("solref"))[:] = (4.0 * dt, 10.0)
+            getattr(native, kind.format("solimp"))[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
     owners = solver.mjc_body_to_newton.numpy()[0]
     known = np.flatnonzero(owners >= 0)
     rows = np.zeros(0, dtype=int)
