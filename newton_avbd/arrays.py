@@ -35,6 +35,7 @@ from .limits import limit_law
 from .rows.joint import KINDS
 from .settings import Settings
 from .solved import SolvedModel, solved_model
+from .tendons import tendon_count
 from .topology import Topology, mimics, moving
 from .welds import Welds
 
@@ -153,7 +154,8 @@ class SolverArrays:
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
             self._free_joint = wp.array(
-                free if linking_joints(model).size else free[:0], dtype=wp.int32
+                free if linking_joints(model).size or tendon_count(model) else free[:0],
+                dtype=wp.int32,
             )
             self._free_dof = wp.array(free_dof, dtype=wp.int32)
             self._pushing = wp.array(pushing_joints(model), dtype=wp.int32)

@@ -116,7 +116,8 @@ CAUSES: dict[str, Cause] = {
     ),
     "joints": Cause(
         "joint",
-        "of another type than FREE, with a parent body, or not the child's first",
+        "of another type than FREE, with a parent body, not the child's first, or at a body that a "
+        "tendon pulls",
         "execute/trees.py",
         _OF_JOINTS,
     ),
@@ -379,7 +380,7 @@ class Effects:
             "reaction": pushing_joints(model),
             "light_roots": _light_roots(model, topology),
             "light_links": _light_links(model, topology)[: 0 if ramp else model.body_count],
-            "joints": linking_joints(model),
+            "joints": np.union1d(linking_joints(model), _joints_of(model, pulled)),
             "flipped": topology.flipped,
             "loops": topology.loops,
             "closures": _closing_joints(model, topology, pulled),
@@ -706,12 +707,17 @@ def _tied_bodies(topology: Topology, only_spatial: bool) -> np.ndarray:
     return np.unique(np.array(found, dtype=int))
 
 
+def _joints_of(model: newton.Model, bodies: np.ndarray) -> np.ndarray:
+    """Joints whose children are some bodies."""
+    if bodies.size == 0 or model.joint_count == 0:
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(np.isin(model.joint_child.numpy(), bodies))
+
+
 def _closing_joints(model: newton.Model, topology: Topology, pulled: np.ndarray) -> np.ndarray:
     """Joints that ask for equations beside the trees: their own, or those of tendons."""
     own = [closure.joint for closure in topology.closures if closure.joint >= 0]
-    if pulled.size and model.joint_count:
-        own += np.flatnonzero(np.isin(model.joint_child.numpy(), pulled)).tolist()
-    return np.unique(np.array(own, dtype=int))
+    return np.union1d(np.array(own, dtype=int), _joints_of(model, pulled))
 
 
 def _pushing(model: newton.Model) -> np.ndarray:

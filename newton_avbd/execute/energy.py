@@ -235,7 +235,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             for c in range(block.first, block.end):
                 closure = closures.closures[c]
                 if closure.tendon >= 0 and closure.other < 0:
-                    sum.before += wp.max(tendon_work(closure.tendon, tree), 0.0)
+                    sum.before += tendon_work(closure.tendon, tree)
             islands.balance[root] = sum
 
     @wp.func

@@ -51,6 +51,9 @@ from .trees import (
 FREE = wp.constant(1.0e6)
 """How much softer a row without a slope is than the bodies that it pulls are mobile: it then pushes
 with F but for a millionth, which the next sweep finds."""
+WILD = wp.constant(0.25)
+"""Turn of a body in a sweep from which the curvature of a path counts with the most that it has at
+any turn [rad], where it is more than the body's inertia. Always, it would slow all light bodies."""
 LEAST_MISSED = wp.constant(1.0e-9)
 """Length that a row may be off by in a sweep at least [m or rad]."""
 
@@ -110,7 +113,7 @@ def tendon_work(i: int, tree: wp.ref[TreeWork]) -> float:
     moved = wp.float32(tendons.length[i] - tendons.start_length[i])
     if axis_rows.is_held(tendons.law[i]):
         return 0.0
-    return (tendons.force[i] + 0.5 * tendons.pull[i][1] * moved) * moved
+    return (tendons.pull[i][0] + 0.5 * tendons.pull[i][1] * moved) * moved
 
 
 @dataclass(frozen=True)
@@ -475,6 +478,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
     def bend(
         i: int,
         tension: float,
+        h: float,
         rank: wp.array[wp.int32],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
@@ -510,6 +514,16 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                         work,
                         tree,
                     )
+                    turned = wp.spatial_bottom(tree.update[body])
+                    is_wild = wp.length_sq(turned) > WILD * WILD
+                    if is_wild and wp.length_sq(wp.spatial_bottom(motion)) > 0.0:
+                        # what turns a light body over within the step has more on its way
+                        lever = wp.length(moved)
+                        most = lever + lever * lever / wp.max(span.length, 1.0e-6)
+                        inert = wp.static(1 / 3) * wp.trace(work.inertia[body])
+                        inert += model.mass[body] * wp.length_sq(wp.spatial_top(motion))
+                        most *= wp.abs(span.share * tension)
+                        bound = wp.max(bound, most - inert / (h * h))
                     if is_linked(joints, tree, body):
                         at = tree.axis_start[body] + dof
                         tendons.curvature[at] = tendons.curvature[at] + bound
@@ -583,7 +597,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
             closures.multiplier[row] = -wp.float64(force) * soft
         if wp.static(effects.spatial_tendons):
             if tendons.kind[tendons.start[i]] != JOINT:
-                bend(i, tension, rank, model, joints, work, tree)
+                bend(i, tension, h, rank, model, joints, work, tree)
 
     @wp.func
     def settle_tendon(
