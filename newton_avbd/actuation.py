@@ -23,8 +23,6 @@ from .rows import actuator as rules
 from .rows.motor import MOTOR
 from .rows.path import JOINT
 from .tendon_arrays import KEPT, TendonArrays
-from .tendons import is_limited as is_bounded
-from .tendons import tendons
 from .topology import Topology
 from .views import AllJoints, coordinates_of, indices, lists
 
@@ -278,8 +276,7 @@ class Actuation:
         return bool(np.any(needs)) or bool(several) or shared
 
     def _length_ranges(self, found: Actuators) -> np.ndarray:
-        """Length range of each actuator; of a muscle without one that of the limits of its joint or
-        tendon.
+        """Length range of each actuator; of a muscle without one that of its joint's limits.
 
         Raises:
             ValueError: If a muscle has neither.
@@ -291,20 +288,17 @@ class Actuation:
         for row in np.flatnonzero(is_muscle & (ranges[:, 0] >= ranges[:, 1])).tolist():
             if row in found.left:
                 continue
-            gear = mujoco.actuator_gear.numpy()[row][0]
-            cord = found.tendons.get(row, -1)
-            by_row = {tendon.row: tendon for tendon in tendons(self._model)}
-            if cord in by_row and is_bounded(self._model, [by_row[cord]])[0]:
-                ranges[row] = sorted(gear * mujoco.tendon_range.numpy()[cord])
-                continue
             dof = found.axes.get(row, -1)
             limits = [getattr(self._model, f"joint_limit_{end}").numpy() for end in _LIMITS]
             if dof < 0 or limits[0][dof] <= -newton.MAXVAL or limits[1][dof] >= newton.MAXVAL:
+                ends = "tendon" if row in found.tendons else "joint without limits"
                 raise ValueError(
-                    f"The muscle actuator {row} ('{found.labels[row]}') has no length range, and "
-                    "no limits of its joint or tendon that say one. Set mujoco:actuator_lengthrange "
-                    "(lengthrange in MJCF), as MuJoCo's compiler computes it."
+                    f"The muscle actuator {row} ('{found.labels[row]}') pulls a {ends} and has no "
+                    "length range. Set mujoco:actuator_lengthrange (lengthrange in MJCF), as "
+                    "MuJoCo's compiler finds it: mujoco.MjModel.from_xml_path(FILE)"
+                    ".actuator_lengthrange."
                 )
+            gear = mujoco.actuator_gear.numpy()[row][0]
             ends = [gear * (limit[dof] + mujoco.dof_ref.numpy()[dof]) for limit in limits]
             ranges[row] = sorted(ends)
         return ranges
