@@ -126,9 +126,9 @@ def report_ignored(
         )
     if idle := _idle_tendons(model):
         messages.append(
-            f"SolverAVBD leaves out {', '.join(idle)}, which combine no joint of one axis: Newton's "
-            "importer does not say which axis of a joint of several is meant. Give the joints bodies "
-            "of their own in the file."
+            f"SolverAVBD leaves out {', '.join(idle)}, which combine no joint of one axis: "
+            "Newton's importer does not say which axis of a joint of several is meant. Give the "
+            "joints bodies of their own in the file."
         )
     if actuators := _actuators(model):
         messages.append(
@@ -216,7 +216,7 @@ def _deformables(model: newton.Model) -> list[str]:
 
 
 def _equalities(model: newton.Model) -> list[str]:
-    """MuJoCo's equality constraints that no importer made a joint of and no tendon or joint obeys."""
+    """MuJoCo's equality constraints that no importer made a joint of, and that nothing obeys."""
     mujoco: Any = getattr(model, "mujoco", None)
     counts = model.custom_frequency_counts
     found = []

@@ -711,7 +711,7 @@ class Closure:
     """Equality constraints of tendons: the tendon that it follows, itself where it is held; -1 for
     what acts along a tendon."""
     ends: int
-    """Tendons: first in ``ends`` of where the elements of its path push, then those of ``other``."""
+    """Tendons: first in ``ends`` of where elements of its path push, then those of ``other``."""
     slot: int
     """Tendons: first of the entries in ``way`` of its row beyond the two that each row has."""
     slot_end: int
@@ -830,7 +830,7 @@ class AxisMotion:
 
 @wp.struct
 class Wrap:
-    """Where a path touches a geom, and how long it is along it; a length below 0 where it does not."""
+    """Where a path touches a geom, and its length along it, which is below 0 where it does not."""
 
     length: wp.float64
     first: wp.vec3d

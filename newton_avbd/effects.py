@@ -127,7 +127,8 @@ CAUSES: dict[str, Cause] = {
     "loops": Cause("joint", "outside of trees", "execute/loops.py", _OF_JOINTS),
     "closures": Cause(
         "joint",
-        "to close a loop, bound a distance or mimic within a tree, or at a body that a tendon pulls",
+        "to close a loop, bound a distance or mimic within a tree, or at a body that a tendon "
+        "pulls",
         "execute/closures.py",
         _OF_JOINTS,
     ),

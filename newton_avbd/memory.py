@@ -77,8 +77,10 @@ _OWNERS: dict[str, str] = {
 }
 """Effect that a struct or one of its arrays is for; what is not here every scene has."""
 _AUTHORED = frozenset(
-    ("ref", "stiffness", "damping", "springlength", "friction", "armature", "range", "margin")
-    + ("limit_impedance",)
+    (
+        *("ref", "stiffness", "damping", "springlength", "friction", "armature", "range"),
+        *("margin", "limit_impedance"),
+    )
 )
 """Arrays of tendons that are the model's."""
 

@@ -166,7 +166,7 @@ def _path(model: newton.Model, row: int) -> list[Element]:
             if geom not in _GEOMS:
                 raise ValueError(
                     f"{name} wraps around '{model.shape_label[shape]}', which is a "
-                    f"{newton.GeoType(geom).name}. Only spheres and cylinders can be wrapped around."
+                    f"{newton.GeoType(geom).name}. Take a sphere or a cylinder, which can be."
                 )
             radius = float(model.shape_scale.numpy()[shape][0])
             path.append(Element(_GEOMS[geom], shape, radius))

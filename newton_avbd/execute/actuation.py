@@ -151,7 +151,7 @@ def forget_tendons(
     # Out:
     tendons: TendonModel,
 ):
-    """Lets go what limits and friction of the tendons of selected worlds hold; a thread a tendon."""
+    """Lets go what holds the tendons of selected worlds; one thread a tendon."""
     i = wp.tid()
     if mask.shape[0] == 0 or is_selected(tendons.world[i], mask):
         tendons.piece[i] = wp.vec3i(0, 0, 0)
