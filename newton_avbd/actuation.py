@@ -291,9 +291,9 @@ class Actuation:
             dof = found.axes.get(row, -1)
             limits = [getattr(self._model, f"joint_limit_{end}").numpy() for end in _LIMITS]
             if dof < 0 or limits[0][dof] <= -newton.MAXVAL or limits[1][dof] >= newton.MAXVAL:
-                ends = "tendon" if row in found.tendons else "joint without limits"
+                what = "tendon" if row in found.tendons else "joint without limits"
                 raise ValueError(
-                    f"The muscle actuator {row} ('{found.labels[row]}') pulls a {ends} and has no "
+                    f"The muscle actuator {row} ('{found.labels[row]}') pulls a {what} and has no "
                     "length range. Set mujoco:actuator_lengthrange (lengthrange in MJCF), as "
                     "MuJoCo's compiler finds it: mujoco.MjModel.from_xml_path(FILE)"
                     ".actuator_lengthrange."
@@ -324,9 +324,9 @@ class Actuation:
                 moved[row] = (own, norm)
         if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
             number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
-            own, norms = self._cords.inertia(), self._cords.mobility()[1]
+            inertias, norms = self._cords.inertia(), self._cords.mobility()[1]
             for row, cord in found.tendons.items():
-                moved[row] = (own[number[cord]], norms[number[cord]])
+                moved[row] = (inertias[number[cord]], norms[number[cord]])
         for row, (own, norm) in moved.items():
             if is_servo[row] and gear[row] != 0.0:
                 mass = own / gear[row] ** 2

@@ -348,8 +348,8 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     starts = np.cumsum([0, *map(len, passing)])
     for node, start, stop in zip(nodes, starts[:-1], starts[1:], strict=True):
         node.start, node.stop = start, stop
-    for at, body, place in of_joint:
-        ends[at] = int(starts[body]) + place
+    for at, body, nth in of_joint:
+        ends[at] = int(starts[body]) + nth
     for closure in closures:
         if closure.loop < 0 and closure.tendon < 0:
             place = [

@@ -399,7 +399,8 @@ def _held(
     if not tendon.is_fixed:
         owner = model.shape_body.numpy()
         return [(int(owner[e.index]), False) if e.is_held else None for e in tendon.path]
-    number, found = solved_joints(model), []
+    number = solved_joints(model)
+    found: list[tuple[int, bool] | None] = []
     for element in tendon.path:
         if number[element.index] not in body_of:
             label = getattr(model, "user_model", model).joint_label[element.index]
@@ -466,9 +467,10 @@ def _closures(
             )
         links.append(_Link(index, leader, [body_of[index], body_of[leader]], rows, equality))
     ends_of = {cord.row: _held(cord, model, body_of) for cord in cords}
-    for cord in [*cords, *tendon_equalities(model, cords)]:
-        held = [end for one in pulled(cord) for end in ends_of[one.row]]
-        links.append(_Link(-1, -1, [end[0] for end in held if end], 1, None, cord))
+    rows_of: list[Tendon | TendonEquality] = [*cords, *tendon_equalities(model, cords)]
+    for one in rows_of:
+        held = [end for each in pulled(one) for end in ends_of[each.row]]
+        links.append(_Link(-1, -1, [end[0] for end in held if end], 1, None, one))
 
     def tied(bodies: list[int]) -> list[int]:
         """The bodies that move; one at least."""
@@ -501,7 +503,8 @@ def _closures(
     ]
     closures = []
     for joint, leader, bodies, rows, equality, cord in kept:
-        first, softness, tied_to = tied(bodies)[0], 1.0, ()
+        first, softness = tied(bodies)[0], 1.0
+        tied_to: tuple[int, ...] = ()
         if cord is None:
             top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)
             softness = STRING_SOFTNESS if kinds[joint] == _DISTANCE else 1.0

@@ -7,8 +7,8 @@ With its length L, the force F along it and the slope K = -dF/dL of what acts al
     J delta - (mu + F)/K = 0
 
 of the update delta of a sweep and the tension mu, where J is how L changes with the bodies: exact
-for what is linear along it, however stiff. What holds L, a stop or friction, is J delta = step. Rows
-are made anew in each sweep where L then is, and settle as Newton's method does.
+for what is linear along it, however stiff. What holds L, a stop or friction, is J delta = step.
+Rows are made anew in each sweep where L then is, and settle as Newton's method does.
 
 As bodies move the path turns, which is a curvature of mu L beside that of J. It is kept along
 the axes of the joints that a span passes, by the sum of its absolute values for each axis, which is
@@ -425,8 +425,8 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
     ) -> float:
-        """Sum of the second derivatives of a span's length by one axis and each that it passes, times
-        its tension; what is negative of the axis' own does not count.
+        """Sum of the second derivatives of a span's length by one axis and each that it passes,
+        times its tension; what is negative of the axis' own does not count.
 
         Of axes i above j they are P u_i . P u_j / l + n . (a_i x u_j), with the motions u of the
         end against the start, the turn a, and P square to the span.
