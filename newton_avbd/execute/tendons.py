@@ -646,13 +646,18 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                 )
                 more, slope = axis_rows.law_force(law)
                 whole = closures.whole[row]
-                left = now + more - slope * step - pulled
+                now += more - slope * step
+                left = now - pulled
+                # what was slack had no row
+                is_wrong = force == 0.0 and stiffness == 0.0 and now != 0.0
+                tendons.pull[i] = wp.vec2(now, stiffness)
                 missed = left * whole / (1.0 + stiffness * whole)
             if recovery == 0.0:
                 # what was wrong before goes by no force
                 tendons.force[i] = pulled
+            tendons.length[i] = length
             found = next_piece(law, step, held)
-            is_wrong = not (found == law.piece)
+            is_wrong = is_wrong or not (found == law.piece)
             tendons.piece[i] = found
         if is_wrong:
             return wp.inf
