@@ -13,7 +13,6 @@ from . import data
 from .actuators import (
     Actuators,
     compensating_axes,
-    fixed_tendons,
     is_limited,
     reflected_armature,
 )
@@ -22,7 +21,10 @@ from .execute.launch import Launcher
 from .inertia import reference_inertia
 from .rows import actuator as rules
 from .rows.motor import MOTOR
-from .views import AllJoints
+from .rows.path import JOINT
+from .tendon_arrays import KEPT, TendonArrays
+from .topology import Topology
+from .views import AllJoints, coordinates_of, indices, lists
 
 ACTUATED = frozenset({"actuators", "gravity_compensation"})
 """Effects by which actuators compensate gravity."""
@@ -40,6 +42,8 @@ class Actuation:
     def __init__(
         self,
         model: newton.Model,
+        solved: Any,
+        topology: Topology,
         joints: Any,
         wanted: frozenset[str],
         before: "Actuation | None" = None,
@@ -48,9 +52,11 @@ class Actuation:
 
         Args:
             model: The user's model.
+            solved: The model as the solver solves it.
+            topology: How joints link its bodies.
             joints: The joints as kernels see them.
-            wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits`` and
-                ``force_ranges``.
+            wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits``,
+                ``force_ranges``, ``compliance`` and ``bdf2``.
             before: What there was before the model changed, whose activations go on.
 
         Raises:
@@ -61,12 +67,18 @@ class Actuation:
         found = Actuators.of_model(model)
         axes = found.axes if "actuators" in wanted else {}
         bodies = found.bodies if "body_actuators" in wanted else {}
-        tendons = fixed_tendons(model) if "tendons" in wanted else {}
-        pulling = {row: tendon for row, tendon in found.tendons.items() if tendon in tendons}
+        cords = topology.tendons
+        pulling = found.tendons if cords else {}
         self.rows = sorted({*axes, *bodies, *pulling})
         self.control_count = len(found.labels)
         with wp.ScopedDevice(model.device):
             self.law = data.ActuatorModel()
+            self.tendons = data.TendonModel()
+            if cords:
+                self._cords = TendonArrays(model, solved, topology, wanted, pulling)
+                self.tendons = self._cords.arrays
+                if before is not None and before.tendons.row is not None:
+                    self._cords.take_on(before.tendons)
             if self.rows:
                 self._make_law(found)
                 if before is not None and before.law.activation is not None:
@@ -74,10 +86,9 @@ class Actuation:
                     if before.law.motor.size == self.law.motor.size:
                         self.law.motor = before.law.motor
             carried = compensating_axes(model) if ACTUATED <= wanted else {}
-            self._make_axes(axes, tendons, carried)
+            self._make_axes(axes, carried)
             count = self._rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
-            self._make_tendons(tendons, pulling)
             self._make_bodies(bodies)
             self._compensation = wp.empty(0, dtype=float)
             if "gravity_compensation" in wanted:
@@ -92,10 +103,11 @@ class Actuation:
         model = self._model
         if self._is_measured:
             newton.eval_ik(self._all_joints, state, self._joint_q, self._joint_qd)
-        if self._tendons.tendon is not None:
-            motion = [self._joint_q, self._joint_qd, ctrl, dt]
-            given = [self.law, model.mujoco.dof_ref, *motion, self._tendons]
-            launch(kernels.pull_tendons, self._tendons.tendon.size, given)
+        if self._measures_tendons:
+            motion = [state.body_q, state.body_qd, self._joint_q, self._joint_qd]
+            count = self.tendons.row.size
+            launch(kernels.measure_tendons, count, [model.body_com, *motion, self.tendons])
+            launch(kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons])
         if self._carried is not None:
             launch(
                 kernels.compensate_axes,
@@ -116,7 +128,6 @@ class Actuation:
                     model.mujoco.dof_ref,
                     *(self._dofs, self._start, self._rows, self._coordinate),
                     *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
-                    *(self._tendons, self._tendon_start, self._tendon_items),
                     *(self._compensated, self.ranged, self.pushes),
                 ],
             )
@@ -144,6 +155,8 @@ class Actuation:
             world = self._model.mujoco.actuator_world
             states = [self.law.activation, self.law.motor]
             launch(kernels.reset_activations, world.size, [world, mask, *states])
+        if self.tendons.row is not None:
+            launch(kernels.forget_tendons, self.tendons.row.size, [mask, self.tendons])
 
     def bind(self, joints: Any) -> None:
         """Adds the armature of actuators to that of their axes."""
@@ -156,6 +169,10 @@ class Actuation:
             yield "actuators.activation", self.law.activation
             if self.law.motor.size:
                 yield "actuators.motor", self.law.motor
+        if self.tendons.row is not None:
+            for name in KEPT:
+                if getattr(self.tendons, name).size:
+                    yield f"tendons.{name}", getattr(self.tendons, name)
 
     def _make_law(self, found: Actuators) -> None:
         mujoco: Any = self._model.mujoco
@@ -181,29 +198,22 @@ class Actuation:
         for name, attribute in (("inputs", "ctrlspec"), ("crank", "cranklength")):
             setattr(law, name, getattr(mujoco, f"actuator_{attribute}", None))
         law.lengthrange = wp.array(self._length_ranges(found), dtype=wp.vec2)
-        velocity_bias, acc0 = self._by_inertia(found.axes)
+        velocity_bias, acc0 = self._by_inertia(found)
         law.velocity_bias = wp.array(velocity_bias, dtype=float)
         law.acc0 = wp.array(acc0, dtype=float)
 
     def _make_axes(
         self,
         axes: dict[int, int],
-        tendons: dict[int, tuple[list[int], list[float]]],
         carried: dict[int, list[int]],
     ) -> None:
-        """Lists actuators and tendons by degree of freedom."""
+        """Lists actuators by degree of freedom."""
         model = self._model
-        tied = [dof for of_tendon, _ in tendons.values() for dof in of_tendon]
-        dofs = np.unique(np.array([*axes.values(), *tied, *carried], dtype=int))
+        dofs = np.unique(np.array([*axes.values(), *carried], dtype=int))
         rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
-        owner = np.repeat(np.arange(len(tendons)), [len(of) for of, _ in tendons.values()])
-        items = [[(owner[k], k) for k, dof in enumerate(tied) if dof == known] for known in dofs]
         self.pushes = wp.zeros(model.joint_dof_count if dofs.size else 0, dtype=data.AxisPush)
-        self._dofs, self._coordinate = _indices(dofs), _indices(self._coordinates(dofs))
-        self._start, self._rows = _lists(rows)
-        self._tendon_start = _indices(np.cumsum([0, *map(len, items)]))
-        flat = np.array([item for of_dof in items for item in of_dof], dtype=np.int32)
-        self._tendon_items = wp.array(flat.reshape(-1, 2), dtype=wp.vec2i)
+        self._dofs, self._coordinate = indices(dofs), indices(coordinates_of(model, dofs))
+        self._start, self._rows = lists(rows)
         armature = reflected_armature(model, axes)
         self._armature = None
         if np.any(armature):
@@ -211,52 +221,19 @@ class Actuation:
         self._carried, self._compensated = None, wp.empty(0, dtype=float)
         if carried:
             joint = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
-            links = _lists([carried.get(dof, []) for dof in dofs.tolist()])
-            self._carried = (_indices(joint), self._coordinate, *links)
+            links = lists([carried.get(dof, []) for dof in dofs.tolist()])
+            self._carried = (indices(joint), self._coordinate, *links)
             self._compensated = wp.zeros(dofs.size, dtype=float)
+        self._measures_tendons = self.tendons.row is not None and self._cords.is_measured
+        combines = self._measures_tendons and np.any(self.tendons.kind.numpy() == int(JOINT))
         self._is_measured = (
-            bool(tendons) or bool(carried) or (bool(axes) and self._needs_motion(axes, rows))
+            bool(combines) or bool(carried) or (bool(axes) and self._needs_motion(axes, rows))
         )
-        is_measured = int(self._is_measured)
-        self._joint_q = wp.zeros(is_measured * model.joint_coord_count, dtype=float)
-        self._joint_qd = wp.zeros(is_measured * model.joint_dof_count, dtype=float)
+        measures = int(self._is_measured)
+        self._joint_q = wp.zeros(measures * model.joint_coord_count, dtype=float)
+        self._joint_qd = wp.zeros(measures * model.joint_dof_count, dtype=float)
         if self._is_measured:
             self._all_joints = AllJoints(model)
-
-    def _make_tendons(
-        self, tendons: dict[int, tuple[list[int], list[float]]], pulling: dict[int, int]
-    ) -> None:
-        """Lists what each tendon combines, and the actuators that pull it."""
-        work, model = data.TendonModel(), self._model
-        self._tendons = work
-        if not tendons:
-            return
-        mujoco: Any = model.mujoco
-        dofs = [of_tendon for of_tendon, _ in tendons.values()]
-        coefficients = [values for _, values in tendons.values()]
-        work.tendon = _indices(np.array(list(tendons)))
-        work.joint_start, work.dof = _lists(dofs)
-        work.coordinate = _indices(self._coordinates(work.dof.numpy()))
-        work.coefficient = wp.array(np.concatenate(coefficients), dtype=float)
-        work.row_start, work.rows = _lists(
-            [[row for row, pulled in pulling.items() if pulled == tendon] for tendon in tendons]
-        )
-        for name in ("stiffness", "damping", "springlength"):
-            setattr(work, name, getattr(mujoco, f"tendon_{name}"))
-        ref = mujoco.dof_ref.numpy()
-        rest = [np.dot(c, ref[of]) for of, c in zip(dofs, coefficients, strict=True)]
-        work.rest = wp.array(rest, dtype=float)
-        for name in ("force", "slope", "rate", "size"):
-            setattr(work, name, wp.zeros(len(tendons), dtype=float))
-
-    def _coordinates(self, dofs: np.ndarray) -> np.ndarray:
-        """Joint coordinate of degrees of freedom that have an axis."""
-        model = self._model
-        if dofs.size == 0:
-            return dofs
-        starts = model.joint_qd_start.numpy()
-        joint = np.searchsorted(starts, dofs, side="right") - 1
-        return dofs - starts[joint] + model.joint_q_start.numpy()[joint]
 
     def _make_bodies(self, bodies: dict[int, tuple[int, int, Any, int, Any]]) -> None:
         """Lists actuators that push bodies, and by link those that push it."""
@@ -277,7 +254,7 @@ class Actuation:
             items[link[i]].append(2 * i)
             if against[i] >= 0:
                 items[against[i]].append(2 * i + 1)
-        self._link_start, self._items = _lists(items)
+        self._link_start, self._items = lists(items)
 
     def _needs_motion(self, axes: dict[int, int], rows: list[list[int]]) -> bool:
         """Whether a force takes length and velocity at the start of the step."""
@@ -314,17 +291,19 @@ class Actuation:
             dof = found.axes.get(row, -1)
             limits = [getattr(self._model, f"joint_limit_{end}").numpy() for end in _LIMITS]
             if dof < 0 or limits[0][dof] <= -newton.MAXVAL or limits[1][dof] >= newton.MAXVAL:
+                what = "tendon" if row in found.tendons else "joint without limits"
                 raise ValueError(
-                    f"The muscle actuator {row} ('{found.labels[row]}') has no length range, and "
-                    "no limits of its joint that say one. Set mujoco:actuator_lengthrange "
-                    "(lengthrange in MJCF), as MuJoCo's compiler computes it."
+                    f"The muscle actuator {row} ('{found.labels[row]}') pulls a {what} and has no "
+                    "length range. Set mujoco:actuator_lengthrange (lengthrange in MJCF), as "
+                    "MuJoCo's compiler finds it: mujoco.MjModel.from_xml_path(FILE)"
+                    ".actuator_lengthrange."
                 )
             gear = mujoco.actuator_gear.numpy()[row][0]
             ends = [gear * (limit[dof] + mujoco.dof_ref.numpy()[dof]) for limit in limits]
             ranges[row] = sorted(ends)
         return ranges
 
-    def _by_inertia(self, axes: dict[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    def _by_inertia(self, found: Actuators) -> tuple[np.ndarray, np.ndarray]:
         """What damping ratios and the peak forces of muscles come to in the reference pose.
 
         MuJoCo takes a ``biasprm[2]`` above zero of a position actuator for a damping ratio, and
@@ -335,25 +314,22 @@ class Actuation:
         velocity_bias, acc0 = bias[:, 2].copy(), np.zeros(len(bias))
         is_servo = (bias[:, 2] > 0.0) & (gain[:, 0] == -bias[:, 1])
         muscle = (gain[:, 2] < 0.0) & (mujoco.actuator_gaintype.numpy() == int(rules.MUSCLE_GAIN))
-        if not np.any((is_servo | muscle)[list(axes)]):
-            return velocity_bias, acc0
-        inertia = reference_inertia(self._model)
+        needed = is_servo | muscle
         gear = mujoco.actuator_gear.numpy()[:, 0].astype(float)
-        for row, dof in axes.items():
-            own, _, mobility = inertia.get(dof, (0.0, 0.0, 0.0))
+        moved: dict[int, tuple[float, float]] = {}
+        if np.any(needed[list(found.axes)]):
+            inertia = reference_inertia(self._model)
+            for row, dof in found.axes.items():
+                own, _, norm = inertia.get(dof, (0.0, 0.0, 0.0))
+                moved[row] = (own, norm)
+        if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
+            number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
+            inertias, norms = self._cords.inertia(), self._cords.mobility()[1]
+            for row, cord in found.tendons.items():
+                moved[row] = (inertias[number[cord]], norms[number[cord]])
+        for row, (own, norm) in moved.items():
             if is_servo[row] and gear[row] != 0.0:
                 mass = own / gear[row] ** 2
                 velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
-            acc0[row] = abs(gear[row]) * mobility
+            acc0[row] = abs(gear[row]) * norm
         return velocity_bias, acc0
-
-
-def _indices(values: np.ndarray) -> wp.array:
-    """An array of indices on the current device."""
-    return wp.array(values.astype(np.int32), dtype=wp.int32)
-
-
-def _lists(items: list[list[int]]) -> tuple[wp.array, wp.array]:
-    """Where each of some lists starts in one array, and that array."""
-    flat = np.array([item for one in items for item in one], dtype=int)
-    return _indices(np.cumsum([0, *map(len, items)])), _indices(flat)

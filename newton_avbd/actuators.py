@@ -16,6 +16,7 @@ from newton.solvers import SolverMuJoCo
 
 from .rows import actuator as rules
 from .rows.joint import KINDS, NO_LIMIT
+from .tendons import tendon_count, tendons
 
 _TRANSMISSION = SolverMuJoCo.TrnType
 _CTRL_DIRECT = int(SolverMuJoCo.CtrlSource.CTRL_DIRECT)
@@ -25,7 +26,6 @@ ACTING = ("actuators", "tendons", "body_actuators", "gravity_compensation")
 """Effects of what acts before a step."""
 _AUTO = 2
 """A limit that holds where a range is given."""
-_ONE_AXIS = (int(newton.JointType.REVOLUTE), int(newton.JointType.PRISMATIC))
 _IDENTITY = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _DYNAMICS = (0, 1, 2, 3, 4, 5)
 """Dynamics of activation that :mod:`.rows.actuator` knows."""
@@ -67,6 +67,7 @@ class Actuators:
         if not model.custom_frequency_counts.get("mujoco:actuator", 0):
             return found
         found.labels = list(model.mujoco.actuator_label)
+        cords = {tendon.row for tendon in tendons(model)}
         kinds = model.mujoco.actuator_trntype.numpy()
         for row in np.flatnonzero(model.mujoco.ctrl_source.numpy() == _CTRL_DIRECT).tolist():
             why = _unknown_law(model, row)
@@ -81,10 +82,10 @@ class Actuators:
             elif kind == _TRANSMISSION.SLIDERCRANK and target >= 0:
                 found._add_crank(model, row, target)
             elif kind == _TRANSMISSION.TENDON and target >= 0:
-                if target in fixed_tendons(model):
+                if target in cords:
                     found.tendons[row] = target
                 else:
-                    found.left[row] = "the tendon that it pulls is left out"
+                    found.left[row] = "the tendon that it pulls does not act"
             elif target < 0:
                 found.left[row] = "its target does not exist"
             else:
@@ -184,7 +185,7 @@ def _target(model: newton.Model, row: int, kind: int) -> tuple[int, int]:
     counts = {
         _TRANSMISSION.JOINT: model.joint_dof_count,
         _TRANSMISSION.JOINT_IN_PARENT: model.joint_dof_count,
-        _TRANSMISSION.TENDON: model.custom_frequency_counts.get("mujoco:tendon", 0),
+        _TRANSMISSION.TENDON: tendon_count(model),
         _TRANSMISSION.SITE: model.shape_count,
         _TRANSMISSION.SLIDERCRANK: model.shape_count,
     }
@@ -257,25 +258,3 @@ def compensating_axes(model: newton.Model) -> dict[int, list[int]]:
                         carried.setdefault(dof, []).append(link)
             at = int(parent[joint])
     return carried
-
-
-def fixed_tendons(model: newton.Model) -> dict[int, tuple[list[int], list[float]]]:
-    """Degrees of freedom and coefficients of each fixed tendon that acts, by its row.
-
-    Of a joint with several axes Newton's importer does not say which one a tendon combines. As in
-    SolverMuJoCo the tendon goes without it then, and a tendon of such joints only does not act.
-    """
-    found: dict[int, tuple[list[int], list[float]]] = {}
-    count = model.custom_frequency_counts.get("mujoco:tendon", 0)
-    if not count:
-        return found
-    mujoco: Any = model.mujoco
-    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy()
-    for row in np.flatnonzero(mujoco.tendon_type.numpy() == 0).tolist():
-        first, size = mujoco.tendon_joint_adr.numpy()[row], mujoco.tendon_joint_num.numpy()[row]
-        joints = mujoco.tendon_joint.numpy()[first : first + size]
-        is_known = np.isin(kinds[joints], _ONE_AXIS) & (joints >= 0)
-        if np.any(is_known):
-            coefficients = mujoco.tendon_coef.numpy()[first : first + size][is_known]
-            found[row] = (starts[joints[is_known]].tolist(), coefficients.tolist())
-    return found

@@ -36,6 +36,7 @@ from .limits import limit_law
 from .rows.joint import KINDS
 from .settings import Settings
 from .solved import SolvedModel, solved_model
+from .tendons import tendon_count
 from .topology import Topology, mimics, moving
 from .welds import Welds
 
@@ -152,7 +153,8 @@ class SolverArrays:
         self._no_contacts = data.ContactInput()
         self._control = data.ControlInput()
         self._control_arrays: tuple[wp.array | None, ...] = (None, None, None)
-        is_linked = linking_joints(model).size > 0 or self.model.tendon_count > 0
+        is_linked = linking_joints(model).size > 0
+        is_linked |= self.model.tendon_count > 0 or tendon_count(model) > 0
         with wp.ScopedDevice(self.device):
             self._no_mask = wp.empty(0, dtype=wp.bool)
             self._free_joint = wp.array(free if is_linked else free[:0], dtype=wp.int32)
@@ -278,7 +280,11 @@ class SolverArrays:
         if "cables" not in self._without:
             cabled = cabled_bodies(self._solved)
         topology = Topology.of_model(
-            self._solved, groups, trees=self.settings.blocks == "articulation", cabled=cabled
+            self._solved,
+            groups,
+            trees=self.settings.blocks == "articulation",
+            cabled=cabled,
+            has_tendons="tendons" not in self._without,
         )
         flags, callers = Effects.of_model(
             self._solved,
@@ -329,7 +335,7 @@ class SolverArrays:
         bodies at once.
         """
         groups, topology, self._flags, self._callers = self._look_at_model()
-        self._make_actuation()
+        self._make_actuation(topology)
         self._make_limit_law()
         self._flags_apart = self._flags.without_contact()
         if self._flags.put_bodies and self._work.put is None:
@@ -360,6 +366,7 @@ class SolverArrays:
         is_special |= self._flags.welds and self._flags.breaking
         self._at_once = self.device.is_cpu and not (is_special or groups.any())
         if topology == self._topology and is_large == (self._large is not None):
+            self._bind_tendons()
             return
         if self._topology is not None:
             self._forget_contacts()
@@ -388,6 +395,7 @@ class SolverArrays:
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
         self._allocate_cables(topology)
+        self._bind_tendons()
         if is_large:
             self._large = LargeWorlds(
                 self._worlds,
@@ -642,15 +650,23 @@ class SolverArrays:
         for name, values in self._limit_law.items():
             setattr(self._joints, name, values)
 
-    def _make_actuation(self) -> None:
-        """Buffers for MuJoCo's actuators and gravity compensation, where the model has any."""
-        names = (*ACTING, "effort_limits", "force_ranges")
+    def _bind_tendons(self) -> None:
+        """Points the kernels to the tendons that actuators pull."""
+        if self._actuation is not None and self._flags.tendons:
+            self._tree.tendons = self._actuation.tendons
+            self._forget_launches()
+
+    def _make_actuation(self, topology: Topology) -> None:
+        """Buffers for MuJoCo's actuators, tendons and gravity compensation, where there are any."""
+        names = (*ACTING, "effort_limits", "force_ranges", "compliance", "bdf2")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
         # graphs that were captured before go on using the old arrays
         self._retired.append((before,))
         if not wanted.isdisjoint(ACTING):
-            self._actuation = Actuation(self.model, self._joints, wanted, before)
+            self._actuation = Actuation(
+                self.model, self._solved, topology, self._joints, wanted, before
+            )
             self._actuation.bind(self._joints)
         # the next step makes its view of the control anew
         self._control_arrays = (None, None, None)

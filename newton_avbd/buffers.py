@@ -12,6 +12,8 @@ from . import data
 from .algebra.block import BlockFactor
 from .effects import Effects
 from .execute.piles import OUTSIDE
+from .rows.path import JOINT
+from .tendons import TendonEquality, pulled
 from .topology import Topology, moving
 
 SIDES = 2
@@ -286,8 +288,12 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     blocks: list[data.ClosureBlock] = []
     closures: list[data.Closure] = []
     nodes = [data.ClosureNode() for _ in range(slots)]
-    passing: list[list[int]] = [[] for _ in range(slots)]
+    passing: list[list[tuple[int, int, int]]] = [[] for _ in range(slots)]
     top: list[int] = []
+    ends: list[int] = []
+    of_joint: list[tuple[int, int, int]] = []
+    number = {cord.row: i for i, cord in enumerate(topology.tendons)}
+    way_count = 2 * sum(item.rows for item in topology.closures)
     for item in topology.closures:
         first = int(np.searchsorted(topology.block_end, topology.block_end[rank[item.body]]))
         if block_of[first] < 0:
@@ -298,7 +304,8 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
             nodes.append(data.ClosureNode())
             passing.append([])
         closure = data.Closure()
-        closure.loop = loop_of[item.joint] if item.leader < 0 else -1
+        closure.loop = loop_of.get(item.joint, -1) if item.leader < 0 else -1
+        closure.tendon = closure.other = -1
         closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
         closure.softness = item.softness
         closure.equality = -1
@@ -315,20 +322,42 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
         top.extend([at] * item.rows)
         block.end = node.end = len(closures)
         node.row_end = len(top)
+        if item.tendon is not None:
+            cords = [number[cord.row] for cord in pulled(item.tendon)]
+            closure.tendon = cords[0]
+            if isinstance(item.tendon, TendonEquality):
+                closure.other, closure.equality = cords[-1], item.tendon.row
+            slot = {body: way_count + i for i, body in enumerate(item.ways[0])}
+            closure.slot, closure.slot_end = way_count, way_count + len(slot)
+            way_count = closure.slot_end
+            for body in item.ways[0]:
+                above = slot.get(int(topology.parent[body]), 2 * closure.row)
+                passing[body].append((2 * closure.row, slot[body], above))
+            slot[item.top] = 2 * closure.row
+            closure.ends = len(ends)
+            path = [element for cord in pulled(item.tendon) for element in cord.path]
+            for body, element in zip(item.ends, path, strict=True):
+                if element.kind == int(JOINT) and body >= 0:
+                    of_joint.append((len(ends), body, len(passing[body]) - 1))
+                ends.append(slot[body] if body >= 0 else -1)
+            continue
         for side, way in enumerate(item.ways):
             for body in way:
-                passing[body].extend(range(2 * closure.row + side, 2 * len(top), 2))
+                rows = range(2 * closure.row + side, 2 * len(top), 2)
+                passing[body].extend((row, row, row) for row in rows)
     starts = np.cumsum([0, *map(len, passing)])
     for node, start, stop in zip(nodes, starts[:-1], starts[1:], strict=True):
         node.start, node.stop = start, stop
+    for at, body, nth in of_joint:
+        ends[at] = int(starts[body]) + nth
     for closure in closures:
-        if closure.loop < 0:
+        if closure.loop < 0 and closure.tendon < 0:
             place = [
-                starts[body] + [item // 2 for item in passing[body]].index(closure.row)
+                starts[body] + [item // 2 for item, *_ in passing[body]].index(closure.row)
                 for body in (closure.body, closure.leader_body)
             ]
             closure.place, closure.leader_place = place
-    last = [max([nodes[at].row_end - 1, *(i // 2 for i in passing[at][-1:])]) for at in top]
+    last = [max([nodes[at].row_end - 1, *(i // 2 for i, *_ in passing[at][-1:])]) for at in top]
     gram = np.cumsum([0, *(np.array(last, dtype=int) - np.arange(len(top)) + 1)])
     for block in blocks:
         end = closures[block.end - 1]
@@ -338,9 +367,12 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     work.blocks = wp.array(blocks, dtype=data.ClosureBlock)
     work.closures = wp.array(closures, dtype=data.Closure)
     work.nodes = wp.array(nodes, dtype=data.ClosureNode)
-    work.items = wp.array(np.concatenate(passing), dtype=wp.int32)
+    places = np.array([place for body in passing for place in body], dtype=np.int32).reshape(-1, 3)
+    for name, values in zip(("items", "slots", "next"), places.T, strict=True):
+        setattr(work, name, wp.array(values, dtype=wp.int32))
+    work.ends = wp.array(ends, dtype=wp.int32)
     work.met = wp.zeros(int(starts[-1]), dtype=wp.spatial_vector)
-    work.way = wp.zeros(2 * len(top), dtype=wp.spatial_vector)
+    work.way = wp.zeros(way_count, dtype=wp.spatial_vector)
     work.misfit = wp.zeros(len(top), dtype=float)
     work.direction = wp.zeros(len(top), dtype=wp.vec3)
     work.whole = wp.zeros(len(top), dtype=float)
@@ -390,6 +422,7 @@ def sleep_work(
     sleep.islands.parent = wp.zeros(slots, dtype=wp.int32)
     sleep.islands.fixed = wp.zeros(slots, dtype=wp.int32)
     sleep.gravity = wp.clone(model.gravity)
+    sleep.pull = wp.zeros(len(topology.tendons), dtype=float)
     if effects.joints:
         sleep.joint_f = wp.zeros(model.joint_dof_count, dtype=float)
         sleep.target_qd = wp.zeros(model.joint_dof_count, dtype=float)

@@ -11,12 +11,13 @@ import newton
 import numpy as np
 import warp as wp
 
-from .actuators import Actuators, fixed_tendons
+from .actuators import Actuators
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .cables import check_cables
 from .condim import CONDIMS, Condims
 from .equalities import equalities
 from .rows.joint import KINDS
+from .tendons import tendon_count, tendon_equalities, tendons
 
 _MOST_NAMES = 3
 """Labels in a message."""
@@ -33,6 +34,8 @@ _OF_MUJOCO = (
     *(f"actuator_{name}" for name in ("gear", "gainprm", "biasprm", "dynprm", "armature")),
 )
 """Attributes of the ``mujoco`` namespace that act, finite."""
+_OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
+"""The same of tendons, none below zero."""
 _FLAGS = (
     *("actuation", "clampctrl", "constraint", "contact", "damper", "equality", "frictionloss"),
     *("limit", "spring"),
@@ -63,7 +66,8 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
         ValueError: If a pose, velocity, mass, inertia, center of mass, joint frame, axis, limit,
             gain, material coefficient, gravity or wind is not finite, a mass, gain or coefficient
             is negative, an inertia not symmetric or not positive, an axis or the quaternion of a
-            frame not of unit length, or a condim is none of MuJoCo's.
+            frame not of unit length, a condim is none of MuJoCo's, or the path of a tendon makes
+            no sense.
     """
     _check_joints(model, ramp)
     _check_bodies(model)
@@ -79,6 +83,11 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             labels = getattr(model.mujoco, "actuator_label", ())
             labels = model.body_label if name == "gravcomp" else labels
             _check_numbers(model, f"mujoco.{name}", labels)
+    for name in _OF_TENDONS if tendon_count(model) else ():
+        _check_numbers(model, f"mujoco.tendon_{name}", model.mujoco.tendon_label, minimum=0.0)
+    for name in ("springlength", "range", "margin") if tendon_count(model) else ():
+        _check_numbers(model, f"mujoco.tendon_{name}", model.mujoco.tendon_label)
+    tendons(model)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
     _check_fluid(model)
@@ -116,6 +125,12 @@ def report_ignored(
             f"SolverAVBD leaves out {', '.join(rows)}. Import with "
             "convert_mjc_equality_constraints=True, which makes joints of CONNECT and WELD and "
             "mimics of JOINT; otherwise use Newton's joints and set_joint_mimic()."
+        )
+    if idle := _idle_tendons(model):
+        messages.append(
+            f"SolverAVBD leaves out {', '.join(idle)}, which combine no joint of one axis: "
+            "Newton's importer does not say which axis of a joint of several is meant. Give the "
+            "joints bodies of their own in the file."
         )
     if actuators := _actuators(model):
         messages.append(
@@ -203,7 +218,7 @@ def _deformables(model: newton.Model) -> list[str]:
 
 
 def _equalities(model: newton.Model) -> list[str]:
-    """MuJoCo's equality constraints that no importer made a joint of, and its tendons."""
+    """MuJoCo's equality constraints that no importer made a joint of, and that nothing obeys."""
     mujoco: Any = getattr(model, "mujoco", None)
     counts = model.custom_frequency_counts
     found = []
@@ -212,23 +227,19 @@ def _equalities(model: newton.Model) -> list[str]:
             mujoco.equality_constraint_target.numpy() < 0
         )
         left[[equality.row for equality in equalities(model)]] = False
+        left[[equality.row for equality in tendon_equalities(model, tendons(model))]] = False
         labels = [mujoco.equality_constraint_label[i] for i in np.flatnonzero(left)]
         found += _named(len(labels), "MuJoCo equality constraint", labels)
-    if count := counts.get("mujoco:tendon", 0):
-        fixed = fixed_tendons(model)
-        spatial = [mujoco.tendon_label[i] for i in range(count) if i not in fixed]
-        found += _named(len(spatial), "MuJoCo tendon", spatial)
-        limited = mujoco.tendon_limited.numpy()
-        ranges = mujoco.tendon_range.numpy()
-        is_limited = (limited == 1) | ((limited == 2) & (ranges[:, 0] < ranges[:, 1]))
-        for what, left in (
-            ("limit", is_limited),
-            ("friction loss", mujoco.tendon_frictionloss.numpy() > 0.0),
-            ("armature", mujoco.tendon_armature.numpy() > 0.0),
-        ):
-            names = [mujoco.tendon_label[i] for i in fixed if left[i]]
-            found += _named(len(names), f"{what} of a MuJoCo tendon", names)
     return found
+
+
+def _idle_tendons(model: newton.Model) -> list[str]:
+    """MuJoCo's tendons of which nothing acts."""
+    acting = {tendon.row for tendon in tendons(model)}
+    labels = [
+        model.mujoco.tendon_label[row] for row in range(tendon_count(model)) if row not in acting
+    ]
+    return _named(len(labels), "MuJoCo tendon", labels)
 
 
 def _actuators(model: newton.Model) -> list[str]:

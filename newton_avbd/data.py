@@ -407,37 +407,6 @@ class BodyActuation:
 
 
 @wp.struct
-class TendonModel:
-    """MuJoCo's fixed tendons: linear combinations of coordinates, with what pulls them."""
-
-    tendon: wp.array[wp.int32]
-    """Row in the ``mujoco`` namespace of each."""
-    joint_start: wp.array[wp.int32]
-    """First of the degrees of freedom that each combines."""
-    dof: wp.array[wp.int32]
-    coordinate: wp.array[wp.int32]
-    """Joint coordinate of each of these."""
-    coefficient: wp.array[float]
-    row_start: wp.array[wp.int32]
-    """First of the actuators of each."""
-    rows: wp.array[wp.int32]
-    stiffness: wp.array[float]
-    """The model's arrays, by row."""
-    damping: wp.array[float]
-    springlength: wp.array[wp.vec2]
-    rest: wp.array[float]
-    """Length in the reference pose, by row."""
-    force: wp.array[float]
-    """Tension less what it slackens by its slopes, in the step [N or N m]."""
-    slope: wp.array[float]
-    """How much the tension falls with velocity, at the end of the step [N s/m]."""
-    rate: wp.array[float]
-    """How much of that is damping [N s/m]."""
-    size: wp.array[float]
-    """Sum of the coefficients' absolute values."""
-
-
-@wp.struct
 class ControlInput:
     """What drives the joints in the step."""
 
@@ -715,10 +684,10 @@ class TreeAxis:
 
 @wp.struct
 class Closure:
-    """A joint that closes a loop within a block, or one that mimics another."""
+    """A joint that closes a loop within a block, one that mimics another, or a tendon."""
 
     loop: int
-    """Index in ``LoopWork.joints``; -1 for a mimic."""
+    """Index in ``LoopWork.joints``; -1 for a mimic or a tendon."""
     joint: int
     body: int
     """Mimics: the body that the joint links to its parent."""
@@ -739,6 +708,16 @@ class Closure:
     """The same: axis of the joint that it ties."""
     leader_dof: int
     """The same: axis of the leader, -1 where the joint is held."""
+    tendon: int
+    """Index of the tendon whose row it is; -1 for others."""
+    other: int
+    """Equality constraints of tendons: the tendon that it follows, itself where it is held; -1 for
+    what acts along a tendon."""
+    ends: int
+    """Tendons: first in ``ends`` of where elements of its path push, then those of ``other``."""
+    slot: int
+    """Tendons: first of the entries in ``way`` of its row beyond the two that each row has."""
+    slot_end: int
 
 
 @wp.struct
@@ -786,8 +765,16 @@ class ClosureWork:
     parent of a joint or on the shorter one of a mimic."""
     met: wp.array[wp.spatial_vector]
     """By place: what the row meets of each axis of the body's joint, or of a free root."""
+    slots: wp.array[wp.int32]
+    """By place: entry of ``way`` that the row has at the body. Of joints it is the item itself all
+    the way up; a tendon, which may branch, has one at each body."""
+    next: wp.array[wp.int32]
+    """By place: the entry that it adds to at the parent."""
+    ends: wp.array[wp.int32]
+    """By element of a tendon's path and row: entry of ``way`` at its body, -1 where that does not
+    move; of a fixed tendon the place of the joint."""
     way: wp.array[wp.spatial_vector]
-    """By item: wrench by which the row pushes the body that it has come to [1, m]."""
+    """By entry: wrench by which the row pushes the body that it has come to [1, m]."""
     misfit: wp.array[float]
     """By row: how far a mimic is off at the start of the step [m or rad]."""
     direction: wp.array[wp.vec3]
@@ -965,6 +952,133 @@ class CableWork:
     """The same by axis of the trees."""
 
 
+@wp.struct
+class AxisMotion:
+    """How a coordinate of a joint, or its velocity, changed in the last step."""
+
+    start: wp.float64
+    """Its value at the start of the step."""
+    rate: float
+    """Its rate at the end."""
+    slope: float
+
+
+@wp.struct
+class Wrap:
+    """Where a path touches a geom, and its length along it, which is below 0 where it does not."""
+
+    length: wp.float64
+    first: wp.vec3d
+    last: wp.vec3d
+
+
+@wp.struct
+class TendonSpan:
+    """A straight piece of a spatial tendon."""
+
+    a: int
+    """Element of the path whose body holds its start."""
+    b: int
+    """That of its end."""
+    start: wp.vec3
+    end: wp.vec3
+    along: wp.vec3
+    """Direction from start to end; zero where they coincide."""
+    length: float
+    share: float
+    """1 over the divisor of the pulley before it."""
+
+
+@wp.struct
+class TendonModel:
+    """MuJoCo's tendons that act, their paths, and what acts along them; see :mod:`.rows.tendon`."""
+
+    row: wp.array[wp.int32]
+    """Row in the ``mujoco`` namespace of each."""
+    world: wp.array[wp.int32]
+    """Newton world of each."""
+    start: wp.array[wp.int32]
+    """First of the elements of each tendon's path."""
+    kind: wp.array[wp.int32]
+    """By element: joint of a fixed tendon, site, sphere, cylinder, pulley or side site."""
+    value: wp.array[float]
+    """Coefficient of a joint, radius of a geom [m], or divisor of a pulley."""
+    dof: wp.array[wp.int32]
+    """Joints: degree of freedom."""
+    coordinate: wp.array[wp.int32]
+    """Joints: coordinate in the model's array."""
+    axis: wp.array[wp.int32]
+    """Joints: entry of :attr:`TreeWork.axes`."""
+    link: wp.array[wp.int32]
+    """Others: link that holds the element, -1 for the world, and where on it."""
+    link_frame: wp.array[wp.transform]
+    body: wp.array[wp.int32]
+    """The same of the body that the link belongs to."""
+    frame: wp.array[wp.transform]
+    ref: wp.array[float]
+    """``mujoco:dof_ref``, by degree of freedom."""
+    apart: wp.array[wp.vec3]
+    """Start-of-step COM of the element's body, or the place in the world, from an origin near it
+    [m]."""
+    begun: wp.array[wp.vec3]
+    """Where elements start, from there [m]."""
+    point: wp.array[wp.vec3d]
+    """Where they are [m]."""
+    rotation: wp.array[wp.quat]
+    """Orientation of geoms."""
+    spans: wp.array[TendonSpan]
+    """Spans of a tendon from its first element on."""
+    span_end: wp.array[wp.int32]
+    """Where they end."""
+    stiffness: wp.array[float]
+    """The model's arrays, by row."""
+    damping: wp.array[float]
+    springlength: wp.array[wp.vec2]
+    friction: wp.array[float]
+    armature: wp.array[float]
+    range: wp.array[wp.vec2]
+    margin: wp.array[float]
+    limit_impedance: wp.array[vec5]
+    is_limited: wp.array[wp.bool]
+    """By tendon: whether it keeps to its range."""
+    limit_rates: wp.array[wp.vec2]
+    """As those of :class:`JointModel`, by tendon."""
+    limit_mobility: wp.array[float]
+    rest: wp.array[float]
+    """Length in the reference pose [m or rad]."""
+    force_range: wp.array[wp.vec2]
+    """What bounds the sum of its actuators [N or N m]."""
+    row_start: wp.array[wp.int32]
+    """First of the actuators of each."""
+    rows: wp.array[wp.int32]
+    push: wp.array[AxisPush]
+    """What actuators push along it in the step."""
+    velocity: wp.array[float]
+    """Rate of its length at the start of the step, as measured [m/s or rad/s]."""
+    start_velocity: wp.array[float]
+    """The same as the scheme of the step has it."""
+    start_length: wp.array[wp.float64]
+    """Length at the start of the step [m or rad], ahead of it in steps of second order."""
+    length: wp.array[wp.float64]
+    """Length after the increments."""
+    law: wp.array[AxisLaw]
+    pull: wp.array[wp.vec2]
+    """What is linear along it in the sweep: force and curvature."""
+    force: wp.array[float]
+    """What acts along it [N or N m], negative where it pulls its ends together; kept."""
+    piece: wp.array[wp.vec3i]
+    """Piece of its law, kept between steps."""
+    held_at: wp.array[wp.float64]
+    """Length at which friction holds it, kept between steps."""
+    motion: wp.array[AxisMotion]
+    """Second order: how its length and its rate changed in the last step, kept."""
+    rate: wp.array[AxisMotion]
+    curvature: wp.array[float]
+    """By entry of :attr:`TreeWork.axes`: curvature of its coordinate by which paths bend."""
+    root_curvature: wp.array[wp.spatial_vector]
+    """By body slot: the same of a root that floats, by shift and by turn."""
+
+
 NO_JOINT = wp.constant(-1)
 """In the place of the joint that links a body to its parent: the body has none."""
 LONE = wp.constant(-2)
@@ -1042,6 +1156,7 @@ class TreeWork:
     """Children's share of the wrench that holds the tree; zero between sweeps."""
     closures: ClosureWork
     cables: CableWork
+    tendons: TendonModel
 
 
 @wp.struct
@@ -1210,6 +1325,8 @@ class SleepWork:
     """At the first body of an island: where the next of its bodies is listed."""
     gravity: wp.array[wp.vec3]
     """Gravity of the last step [m/s^2], by Newton world."""
+    pull: wp.array[float]
+    """By tendon: what actuators pull it with."""
     joint_f: wp.array[float]
     """The last step's control."""
     target_q: wp.array[float]
@@ -1243,17 +1360,6 @@ class LastStep:
     wrench: wp.spatial_vectorf
     """External force [N], weight included, and torque [N m]."""
     pose: wp.transform
-
-
-@wp.struct
-class AxisMotion:
-    """How a coordinate of a joint, or its velocity, changed in the last step."""
-
-    start: wp.float64
-    """Its value at the start of the step."""
-    rate: float
-    """Its rate at the end."""
-    slope: float
 
 
 @wp.struct

@@ -15,7 +15,6 @@ from .actuators import (
     Actuators,
     compensated_links,
     compensating_axes,
-    fixed_tendons,
     reflected_armature,
 )
 from .attributes import authored_fluid, break_limits, dahl_friction
@@ -23,6 +22,7 @@ from .condim import Condims
 from .execute.slopes import SCHEMES
 from .limits import has_authored_limit
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
+from .tendons import Tendon
 from .topology import Topology, moving
 
 _FREE = int(newton.JointType.FREE)
@@ -116,7 +116,8 @@ CAUSES: dict[str, Cause] = {
     ),
     "joints": Cause(
         "joint",
-        "of another type than FREE, with a parent body, or not the child's first",
+        "of another type than FREE, with a parent body, not the child's first, or at a body that a "
+        "tendon pulls",
         "execute/trees.py",
         _OF_JOINTS,
     ),
@@ -126,7 +127,8 @@ CAUSES: dict[str, Cause] = {
     "loops": Cause("joint", "outside of trees", "execute/loops.py", _OF_JOINTS),
     "closures": Cause(
         "joint",
-        "to close a loop, bound a distance or mimic within a tree",
+        "to close a loop, bound a distance or mimic within a tree, or at a body that a tendon "
+        "pulls",
         "execute/closures.py",
         _OF_JOINTS,
     ),
@@ -163,7 +165,10 @@ CAUSES: dict[str, Cause] = {
     "springs": Cause("joint", "with a passive stiffness or damping", "rows/axis.py"),
     "armature": Cause("joint", "with armature above zero", "rows/axis.py"),
     "joint_friction": Cause("joint", "with friction above zero", "rows/axis.py"),
-    "tendons": Cause("joint", "that a fixed MuJoCo tendon combines", "execute/actuation.py"),
+    "tendons": Cause("body", "that a MuJoCo tendon pulls (mujoco:tendon_*)", "execute/tendons.py"),
+    "spatial_tendons": Cause(
+        "body", "that holds a site or geom of a spatial MuJoCo tendon", "execute/tendons.py"
+    ),
     "gravity_compensation": Cause(
         "body", "with gravity compensation (mujoco:gravcomp)", "execute/actuation.py"
     ),
@@ -195,6 +200,7 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
     "limits": ("limit_impedance",),
     "actuators": ("force_ranges",),
     "effort_limits": ("force_ranges",),
+    "tendons": ("spatial_tendons",),
 }
 """What goes with an effect that is left out."""
 
@@ -245,7 +251,9 @@ class Effects:
     force_ranges: bool = False
     """An actuator with a force range that shares its axis with others."""
     tendons: bool = False
-    """A joint axis that a fixed tendon of MuJoCo's combines with others."""
+    """A tendon of MuJoCo's."""
+    spatial_tendons: bool = False
+    """One that runs through sites."""
     gravity_compensation: bool = False
     """A body whose weight is compensated."""
     body_actuators: bool = False
@@ -349,7 +357,7 @@ class Effects:
         actuators = Actuators.of_model(user_model)
         compensated = list(compensating_axes(user_model))
         actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated])
-        tied = [dof for dofs, _ in fixed_tendons(user_model).values() for dof in dofs]
+        pulled, threaded = (_tied_bodies(topology, only) for only in (False, True))
         reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
         ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
         shared = ranged & (actuators.is_shared(user_model)[axes.dofs] | driven)
@@ -376,10 +384,10 @@ class Effects:
             "reaction": pushing_joints(model),
             "light_roots": _light_roots(model, topology),
             "light_links": _light_links(model, topology)[: 0 if ramp else model.body_count],
-            "joints": linking_joints(model),
+            "joints": np.union1d(linking_joints(model), _joints_of(model, pulled)),
             "flipped": topology.flipped,
             "loops": topology.loops,
-            "closures": np.array([closure.joint for closure in topology.closures], dtype=int),
+            "closures": _closing_joints(model, topology, pulled),
             "mimics": np.array(
                 [closure.joint for closure in topology.closures if closure.leader >= 0], dtype=int
             ),
@@ -390,7 +398,8 @@ class Effects:
             "drives": axes.joints(driven),
             "actuators": axes.joints(actuated),
             "force_ranges": axes.joints(shared),
-            "tendons": axes.joints(np.isin(axes.dofs, tied)),
+            "tendons": pulled,
+            "spatial_tendons": threaded,
             "gravity_compensation": _bodies_of(model, compensated_links(user_model)),
             "body_actuators": _bodies_of(
                 model, np.array([link for _, link, *_ in actuators.bodies.values()], dtype=int)
@@ -432,8 +441,8 @@ class Effects:
 
     @property
     def joints(self) -> bool:
-        """Whether a joint holds anything."""
-        return bool(self.kinds.angular) or self.reaction or self.cables
+        """Whether a joint, tendon or cable holds anything."""
+        return bool(self.kinds.angular) or self.reaction or self.tendons or self.cables
 
     @property
     def inline(self) -> bool | None:
@@ -465,7 +474,8 @@ class Effects:
         """Whether coordinates of joints count, because something acts along axes that depends on
         them, or because poses alone do not tell them."""
         linear = self.drives or self.springs or self.armature or self.rods or self.limits
-        return linear or self.pushed_axes or self.laws or self.mimics or self.kinds.gimbals
+        tied = self.mimics or self.tendons
+        return linear or self.pushed_axes or self.laws or tied or self.kinds.gimbals
 
     @property
     def axis_rates(self) -> bool:
@@ -474,8 +484,8 @@ class Effects:
 
     @property
     def pushed_axes(self) -> bool:
-        """Whether actuators or tendons push along joint axes."""
-        return self.actuators or self.tendons
+        """Whether actuators push along joint axes."""
+        return self.actuators
 
     @property
     def free_balls(self) -> bool:
@@ -695,6 +705,31 @@ def _bodies_of(model: newton.Model, links: np.ndarray) -> np.ndarray:
     """The bodies that some links of the user's model belong to."""
     bodies = getattr(model, "body_of_link", None)
     return np.unique(links if bodies is None else bodies[links][bodies[links] >= 0])
+
+
+def _tied_bodies(topology: Topology, only_spatial: bool) -> np.ndarray:
+    """Bodies that tendons pull, all of them or spatial ones."""
+    found = [
+        body
+        for closure in topology.closures
+        if isinstance(closure.tendon, Tendon) and not (only_spatial and closure.tendon.is_fixed)
+        for body in closure.ends
+        if body >= 0
+    ]
+    return np.unique(np.array(found, dtype=int))
+
+
+def _joints_of(model: newton.Model, bodies: np.ndarray) -> np.ndarray:
+    """Joints whose children are some bodies."""
+    if bodies.size == 0 or model.joint_count == 0:
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(np.isin(model.joint_child.numpy(), bodies))
+
+
+def _closing_joints(model: newton.Model, topology: Topology, pulled: np.ndarray) -> np.ndarray:
+    """Joints that ask for equations beside the trees: their own, or those of tendons."""
+    own = [closure.joint for closure in topology.closures if closure.joint >= 0]
+    return np.union1d(np.array(own, dtype=int), _joints_of(model, pulled))
 
 
 def _pushing(model: newton.Model) -> np.ndarray:

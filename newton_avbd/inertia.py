@@ -2,12 +2,38 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inertia along joint axes in the reference pose, by which MuJoCo scales what is soft."""
 
+from collections.abc import Iterator
+
 import newton
 import numpy as np
-import warp as wp
 
 from .actuators import Actuators, reflected_armature
 from .rows.joint import KINDS
+
+
+def reference_state(model: newton.Model) -> newton.State:
+    """A state in the reference pose: all coordinates along axes are zero."""
+    state = model.state()
+    joint_q = model.joint_q.numpy().copy()  # on a CPU it is the array itself
+    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
+    for joint, kind in enumerate(kinds):
+        if KINDS[newton.JointType(kind)].has_axes:
+            joint_q[starts[joint] : starts[joint + 1]] = 0.0
+    state.joint_q.assign(joint_q)
+    newton.eval_fk(model, state.joint_q, model.joint_qd, state)
+    return state
+
+
+def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included."""
+    if not model.articulation_count:
+        return
+    armature = reflected_armature(model, Actuators.of_model(model).axes)
+    matrices = newton.eval_mass_matrix(model, reference_state(model)).numpy().astype(float)
+    first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
+    for k in range(model.articulation_count):
+        dofs = np.arange(first[k], first[k + 1])
+        yield dofs, matrices[k, : dofs.size, : dofs.size] + np.diag(armature[dofs])
 
 
 def reference_inertia(model: newton.Model) -> dict[int, tuple[float, float, float]]:
@@ -17,23 +43,8 @@ def reference_inertia(model: newton.Model) -> dict[int, tuple[float, float, floa
         Diagonal entry of the mass matrix, that of its inverse, and the norm of the inverse's
         column, which is how a unit force accelerates all; by degree of freedom.
     """
-    state = model.state()
-    joint_q = model.joint_q.numpy().copy()  # on a CPU it is the array itself
-    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
-    for joint, kind in enumerate(kinds):
-        if KINDS[newton.JointType(kind)].has_axes:
-            joint_q[starts[joint] : starts[joint + 1]] = 0.0
-    pose = wp.array(joint_q, dtype=float, device=model.device)
-    newton.eval_fk(model, pose, model.joint_qd, state)
     found: dict[int, tuple[float, float, float]] = {}
-    if not model.articulation_count:
-        return found
-    armature = reflected_armature(model, Actuators.of_model(model).axes)
-    matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
-    first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
-    for k in range(model.articulation_count):
-        dofs = np.arange(first[k], first[k + 1])
-        matrix = matrices[k, : dofs.size, : dofs.size] + np.diag(armature[dofs])
+    for dofs, matrix in reference_matrices(model):
         inverse = np.linalg.pinv(matrix)
         for i, dof in enumerate(dofs.tolist()):
             norm = float(np.linalg.norm(inverse[:, i]))

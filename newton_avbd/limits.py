@@ -38,12 +38,31 @@ def has_authored_limit(model: newton.Model) -> np.ndarray:
     return (kinds == _RAW) | is_default
 
 
-def limit_law(model: newton.Model) -> dict[str, wp.array]:
-    """Arrays of :class:`.data.JointModel` for limits with an impedance, each of shape (dofs,).
+def impedance_rates(reference: np.ndarray, impedance: np.ndarray) -> np.ndarray:
+    """How limits return what has passed them.
 
     MuJoCo's formulas ("Solver parameters"): a limit that is passed by r returns by
     a = -b v - k d(r) r, with b = 2/(d_width T) and k = 1/(d_width T zeta)^2 of ``solref`` = (T,
     zeta); or ``solref`` = (-k', -b') with k = k'/d_width^2 and b = b'/d_width.
+
+    Args:
+        reference: ``solref`` of each limit, shape (limits, 2).
+        impedance: ``solimp``, shape (limits, 5).
+
+    Returns:
+        k and b, shape (limits, 2).
+    """
+    width = np.clip(impedance[:, 1].astype(float), 1.0 - _MOST, _MOST)
+    first, second = reference.T
+    is_direct = (first <= 0.0) | (second <= 0.0)
+    time, ratio = (np.where(is_direct, 1.0, values) for values in (first, second))
+    k = np.where(is_direct, -first / width**2, 1.0 / (width * time * ratio) ** 2)
+    b = np.where(is_direct, -second / width, 2.0 / (width * time))
+    return np.stack((k, b), axis=1)
+
+
+def limit_law(model: newton.Model) -> dict[str, wp.array]:
+    """Arrays of :class:`.data.JointModel` for limits with an impedance, each of shape (dofs,).
 
     Args:
         model: The user's model.
@@ -55,18 +74,13 @@ def limit_law(model: newton.Model) -> dict[str, wp.array]:
         mobility[dof] = inverse
     reference = mujoco.solreflimit.numpy().astype(float)
     reference[mujoco.solreflimit_mode.numpy() != _RAW] = _DEFAULT_REFERENCE
-    width = np.clip(mujoco.solimplimit.numpy()[:, 1].astype(float), 1.0 - _MOST, _MOST)
-    first, second = reference.T
-    is_direct = (first <= 0.0) | (second <= 0.0)
-    time, ratio = (np.where(is_direct, 1.0, values) for values in (first, second))
-    k = np.where(is_direct, -first / width**2, 1.0 / (width * time * ratio) ** 2)
-    b = np.where(is_direct, -second / width, 2.0 / (width * time))
+    rates = impedance_rates(reference, mujoco.solimplimit.numpy())
     margin = getattr(mujoco, "limit_margin", None)
     if margin is None:
         margin = wp.zeros(model.joint_dof_count, dtype=float, device=model.device)
     return {
         "limit_mobility": wp.array(mobility * is_authored, dtype=float, device=model.device),
-        "limit_rates": wp.array(np.stack((k, b), axis=1), dtype=wp.vec2, device=model.device),
+        "limit_rates": wp.array(rates, dtype=wp.vec2, device=model.device),
         "limit_impedance": mujoco.solimplimit,
         "limit_margin": margin,
     }

@@ -14,6 +14,7 @@ _OWNERS: dict[str, str] = {
     "tree": "joints",
     "tree.closures": "closures",
     "tree.cables": "cables",
+    "tree.tendons": "tendons",
     "loops": "loops",
     "work.put": "put_bodies",
     "work.put_from": "put_bodies",
@@ -76,6 +77,13 @@ _OWNERS: dict[str, str] = {
     "free_joint": "joints",
 }
 """Effect that a struct or one of its arrays is for; what is not here every scene has."""
+_AUTHORED = frozenset(
+    (
+        *("ref", "stiffness", "damping", "springlength", "friction", "armature", "range"),
+        *("margin", "limit_impedance"),
+    )
+)
+"""Arrays of tendons that are the model's."""
 
 _OWNED: tuple[Any, ...] = (
     data.BodyWork,
@@ -99,7 +107,9 @@ def bytes_by_effect(solver: object) -> Counter[str]:
     """
     sizes: Counter[str] = Counter()
     for name, array in _arrays(solver):
-        group = name.rpartition(".")[0]
+        group, _, own = name.rpartition(".")
+        if group == "tree.tendons" and own in _AUTHORED:
+            continue
         sizes[_OWNERS.get(name, _OWNERS.get(group, ""))] += array.capacity
     for name in ("restitution", "put_bodies", "bdf2"):  # moving surfaces share their drift
         if sizes[name]:

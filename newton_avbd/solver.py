@@ -57,6 +57,7 @@ from .execute.sleeping import (
     make_form_islands,
     make_watch_bodies,
     watch_joints,
+    watch_tendons,
 )
 from .execute.sorting import sort_at_once
 from .execute.workers import Workers
@@ -539,6 +540,10 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 self._solved.joint_count,
                 [self._joints, control, self._worlds, self._sleep],
             )
+        if effects.tendons:
+            tendons = self._tree.tendons
+            given = [tendons, self._worlds, self._sleep]
+            self._launch(watch_tendons, tendons.row.size, given)
         self._launch(
             make_form_islands(effects),
             1,

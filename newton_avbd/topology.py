@@ -12,6 +12,7 @@ import numpy as np
 
 from .equalities import Equality, equalities, replaced_mimics
 from .rows.joint import KINDS
+from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 
 _DISTANCE = int(newton.JointType.DISTANCE)
 
@@ -34,37 +35,43 @@ def moving(model: newton.Model) -> np.ndarray:
 
 @dataclass(frozen=True)
 class ClosureOf:
-    """A joint whose rows are solved with the tree that they are within."""
+    """A joint or tendon whose rows are solved with the tree that they are within."""
 
     joint: int
-    """The joint that closes a loop, or that mimics."""
+    """The joint that closes a loop, or that mimics; -1 for a tendon."""
     leader: int
     """The joint that it mimics, -1 for one that closes a loop."""
     rows: int
-    """Directions that it locks, or coordinates that it ties."""
+    """Directions that it locks, or coordinates that it ties; 1 for a tendon."""
     body: int
     """A body of the block."""
     top: int
     """The nearest body that carries all that the rows act on, -1 without: what they say does not
     depend on how it moves."""
     ways: tuple[tuple[int, ...], tuple[int, ...]]
-    """Bodies on the two ways up the tree that lead there, without it."""
+    """Bodies on the two ways up the tree that lead there, without it. Those of a tendon, which may
+    have more, are all in the first, each before its parent."""
     softness: float
     """How soft its rows are, of what those are that may imply each other."""
     equality: Equality | None = None
     """The polynomial by which it mimics, where that is MuJoCo's."""
+    tendon: Tendon | TendonEquality | None = None
+    """The tendon, or what ties it to another one."""
+    ends: tuple[int, ...] = ()
+    """The body that each element of its path pulls, then those of the other one, -1 where none."""
 
 
 class _Link(NamedTuple):
-    """A joint that ties bodies beyond their tree."""
+    """A joint or tendon that ties bodies beyond their tree."""
 
     joint: int
     leader: int
     """The joint that it mimics, -1 for one that closes a loop."""
     bodies: list[int]
-    """The two that are tied."""
+    """Those that are tied, two by a joint."""
     rows: int
     equality: Equality | None = None
+    tendon: Tendon | TendonEquality | None = None
 
 
 def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
@@ -151,6 +158,8 @@ class Topology:
     """World, as the solver sees it, of each body."""
     cabled: np.ndarray
     """Whether a cable touches each body, which is then solved as a tree, alone or not."""
+    tendons: list[Tendon]
+    """MuJoCo's tendons that act."""
 
     def __eq__(self, other: object) -> bool:
         """Whether everything is equal."""
@@ -203,7 +212,13 @@ class Topology:
 
     @classmethod
     def of_model(
-        cls, model: newton.Model, worlds: np.ndarray, *, trees: bool, cabled: np.ndarray
+        cls,
+        model: newton.Model,
+        worlds: np.ndarray,
+        *,
+        trees: bool,
+        cabled: np.ndarray,
+        has_tendons: bool,
     ) -> "Topology":
         """Reads the joints of a model; copies model arrays to the host.
 
@@ -212,6 +227,10 @@ class Topology:
             worlds: World, as the solver sees it, of each body.
             trees: Whether joints make blocks; otherwise each body is a block of its own.
             cabled: Whether a cable touches each body.
+            has_tendons: Whether MuJoCo's tendons act.
+
+        Raises:
+            NotImplementedError: If tendons act, and joints make no blocks.
         """
         count = model.body_count
         joint = np.full(count, -1)
@@ -254,7 +273,14 @@ class Topology:
                 root[_find(root, below)] = _find(root, above)
 
         outer = loops if trees else []
-        closures, block_root = _closures(model, outer, joint, parent_of, root, moves)
+        cords = tendons(model) if has_tendons else []
+        if cords and not trees:
+            raise NotImplementedError(
+                f"blocks='body' solves each body by itself, and {tendon_name(model, cords[0].row)} "
+                "ties bodies. Use blocks='articulation', or leave tendons out with "
+                "effects={'tendons': False}."
+            )
+        closures, block_root = _closures(model, outer, cords, joint, parent_of, root, moves)
 
         order: list[int] = []
         ends: list[int] = []
@@ -302,6 +328,7 @@ class Topology:
             loops=np.array(loops, dtype=np.int32),
             closures=closures,
             cabled=cabled,
+            tendons=cords,
         )
 
 
@@ -342,9 +369,73 @@ def _ways(
     return top, (tuple(first), tuple(body for body in second if body not in taken))
 
 
+def _branches(
+    ends: list[tuple[int, bool]], parent: np.ndarray, moves: np.ndarray
+) -> tuple[int, tuple[int, ...]]:
+    """As :func:`_ways` of any number of bodies: the top, and the bodies below it, children first.
+
+    Args:
+        ends: The bodies, -1 for the world, and whether each may not be the top itself.
+        parent: Parent of each body in its tree, -1 for a root.
+        moves: Whether a body moves.
+    """
+    lines: list[list[int]] = []
+    above: list[set[int]] = []
+    for end, is_below in ends:
+        body, line = int(end), []
+        while body >= 0 and moves[body]:
+            line.append(body)
+            body = int(parent[body])
+        lines.append(line)
+        above.append(set(line[is_below:]))
+    shared = set.intersection(*above)
+    top = next((body for body in lines[0] if body in shared), -1)
+    height = {body: len(line) - i for line in lines for i, body in enumerate(line)}
+    below = [body for body in height if body not in shared]
+    return top, tuple(sorted(below, key=lambda body: (-height[body], body)))
+
+
+def _held(
+    tendon: Tendon, model: newton.Model, body_of: dict[int, int]
+) -> list[tuple[int, bool] | None]:
+    """What each element of a tendon's path pulls, None where nothing.
+
+    A site or geom pulls the body that holds it, -1 for the world; a joint of a fixed tendon the
+    body that it links to its parent, and so never with that as a whole.
+
+    Raises:
+        NotImplementedError: If a joint is not part of a tree.
+    """
+    if not tendon.is_fixed:
+        owner = model.shape_body.numpy()
+        return [(int(owner[e.index]), False) if e.is_held else None for e in tendon.path]
+    number = solved_joints(model)
+    found: list[tuple[int, bool] | None] = []
+    for element in tendon.path:
+        if number[element.index] not in body_of:
+            label = getattr(model, "user_model", model).joint_label[element.index]
+            raise NotImplementedError(
+                f"{tendon_name(model, tendon.row)} combines joint {element.index} ('{label}'), "
+                "which is not part of a tree: let another joint close the loop."
+            )
+        found.append((body_of[number[element.index]], True))
+    return found
+
+
+def solved_joints(model: newton.Model) -> list[int]:
+    """By joint of the user's model: its index in what the solver makes of it, -1 for a weld."""
+    welds = getattr(model, "welds", None)
+    if welds is None or not welds.any:
+        return list(range(model.joint_count))
+    number = np.full(model.user_model.joint_count, -1)
+    number[welds.joint] = np.arange(welds.joint.size)
+    return number.tolist()
+
+
 def _closures(
     model: newton.Model,
     loops: list[int],
+    cords: list[Tendon],
     tree_joint: np.ndarray,
     tree_parent: np.ndarray,
     tree_root: list[int],
@@ -385,6 +476,11 @@ def _closures(
                 "let another joint close the loop, and use blocks='articulation'."
             )
         links.append(_Link(index, leader, [body_of[index], body_of[leader]], rows, equality))
+    ends_of = {cord.row: _held(cord, model, body_of) for cord in cords}
+    rows_of: list[Tendon | TendonEquality] = [*cords, *tendon_equalities(model, cords)]
+    for one in rows_of:
+        held = [end for each in pulled(one) for end in ends_of[each.row]]
+        links.append(_Link(-1, -1, [end[0] for end in held if end], 1, None, one))
 
     def tied(bodies: list[int]) -> list[int]:
         """The bodies that move; one at least."""
@@ -406,18 +502,28 @@ def _closures(
             rows_of[_find(root, tied(link.bodies)[0])] += link.rows
         return lambda bodies: rows_of[_find(root, tied(bodies)[0])]
 
+    links = [link for link in links if tied(link.bodies)]
     rows_with = rows_by_block(links + strings)
     strings = [link for link in strings if rows_with(link.bodies) <= STRING_ROWS]
     rows_with = rows_by_block(links + strings)
     kept = [
         link
         for link in links + strings
-        if link.leader >= 0 or rows_with(link.bodies) <= CLOSURE_ROWS
+        if link.leader >= 0 or link.tendon or rows_with(link.bodies) <= CLOSURE_ROWS
     ]
     closures = []
-    for joint, leader, bodies, rows, equality in kept:
-        top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)
-        softness = STRING_SOFTNESS if kinds[joint] == _DISTANCE else 1.0
-        first = tied(bodies)[0]
-        closures.append(ClosureOf(joint, leader, rows, first, top, ways, softness, equality))
+    for joint, leader, bodies, rows, equality, cord in kept:
+        first, softness = tied(bodies)[0], 1.0
+        tied_to: tuple[int, ...] = ()
+        if cord is None:
+            top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)
+            softness = STRING_SOFTNESS if kinds[joint] == _DISTANCE else 1.0
+        else:
+            held = [end for one in pulled(cord) for end in ends_of[one.row]]
+            top, below = _branches([end for end in held if end], tree_parent, moves)
+            ways = (below, ())
+            tied_to = tuple(end[0] if end and tied([end[0]]) else -1 for end in held)
+        closures.append(
+            ClosureOf(joint, leader, rows, first, top, ways, softness, equality, cord, tied_to)
+        )
     return closures, merged(kept)

@@ -5,6 +5,7 @@
 from typing import Any
 
 import newton
+import numpy as np
 import warp as wp
 
 from . import data
@@ -110,6 +111,26 @@ def contact_input(contacts: newton.Contacts, buffer: int, surfaces: wp.array | N
         source.match_index = contacts.rigid_contact_match_index
         source.match_generation = contacts.rigid_contact_match_generation
     return source
+
+
+def indices(values: np.ndarray) -> wp.array:
+    """An array of indices on the current device."""
+    return wp.array(values.astype(np.int32), dtype=wp.int32)
+
+
+def lists(items: list[list[int]]) -> tuple[wp.array, wp.array]:
+    """Where each of some lists starts in one array, and that array."""
+    flat = np.array([item for one in items for item in one], dtype=int)
+    return indices(np.cumsum([0, *map(len, items)])), indices(flat)
+
+
+def coordinates_of(model: newton.Model, dofs: np.ndarray) -> np.ndarray:
+    """Joint coordinate of degrees of freedom that have an axis."""
+    if dofs.size == 0:
+        return dofs
+    starts = model.joint_qd_start.numpy()
+    joint = np.searchsorted(starts, dofs, side="right") - 1
+    return dofs - starts[joint] + model.joint_q_start.numpy()[joint]
 
 
 class AllJoints:

@@ -319,11 +319,9 @@ def test_actuators_act_in_every_driver_and_scheme(parallel: str, scheme: str) ->
         pytest.skip("steps of second order are solved by worlds")
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, -G))
     SolverMuJoCo.register_custom_attributes(builder)
-    parts = {"body": 'gravcomp="1"', "joint": "", "tendon": ""}
-    builder.add_mjcf(
-        ARM.format(actuator='<motor joint="hinge" gear="3" forcerange="-1 0.1"/>', **parts),
-        ctrl_direct=True,
-    )
+    parts = {"body": 'gravcomp="1"', "joint": "", "tendon": TENDON.format(has="")}
+    actuators = '<motor joint="hinge" gear="3" forcerange="-1 0.1"/><motor tendon="cord"/>'
+    builder.add_mjcf(ARM.format(actuator=actuators, **parts), ctrl_direct=True)
     builder.add_ground_plane()
     box = builder.add_body(xform=wp.transform(wp.vec3(5.0, 0.0, 0.1), wp.quat_identity()))
     builder.add_shape_box(box, hx=0.1, hy=0.1, hz=0.1)
@@ -337,8 +335,9 @@ def test_actuators_act_in_every_driver_and_scheme(parallel: str, scheme: str) ->
         update_joint_state=True,
     )
     assert solver.parallel == parallel
-    q, _ = advance(model, solver, [1.0], 400)
-    assert q[-1, 0] == pytest.approx(0.3 / (2.0 * INERTIA) * 0.4**2, rel=5.0e-3)
+    q, _ = advance(model, solver, [1.0, 0.1], 400)
+    assert q[-1, 0] == pytest.approx((0.3 + 2.0 * 0.1) / (2.0 * INERTIA) * 0.4**2, rel=5.0e-3)
+    assert q[-1, 1] == pytest.approx(-0.1 / (2.0 * 2.0) * 0.4**2, rel=5.0e-3)
 
 
 def test_a_captured_graph_sees_what_is_written_to_ctrl() -> None:

@@ -77,13 +77,14 @@ def meet_root(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
     closures = tree.closures
     node = closures.nodes[body]
     for p in range(node.start, node.stop):
-        item = closures.items[p]
-        w = closures.way[item]
+        row = closures.items[p] / 2
+        at = closures.slots[p]
+        w = closures.way[at]
         half = half_solve(work.factor[body], wp.spatial_top(w), wp.spatial_bottom(w))
         closures.met[p] = half
-        closures.multiplier[item / 2] += wp.float64(wp.dot(half, tree.update[body]))
-        closures.whole[item / 2] += wp.dot(half, half)
-        closures.way[item] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        closures.multiplier[row] += wp.float64(wp.dot(half, tree.update[body]))
+        closures.whole[row] += wp.dot(half, half)
+        closures.way[at] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     meet_rows(node, wp.spatial_vector(wp.vec3(1.0), wp.vec3(1.0)), closures)
 
 
@@ -100,9 +101,10 @@ def meet_axes(body: int, axes: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWor
         inverse[k] = tree.axes[first + k].inv_pivot
     is_carried = work.inv_mass[tree.parent[body]] > 0.0
     for p in range(node.start, node.stop):
-        item = closures.items[p]
-        row = item / 2
-        w = closures.way[item]
+        row = closures.items[p] / 2
+        at = closures.slots[p]
+        to = closures.next[p]
+        w = closures.way[at]
         met = closures.met[p]
         whole = closures.whole[row]
         moved = closures.multiplier[row] + wp.float64(wp.dot(w, tree.closing[body]))
@@ -118,7 +120,9 @@ def meet_axes(body: int, axes: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWor
         closures.met[p] = met
         closures.whole[row] = whole
         closures.multiplier[row] = moved
-        closures.way[item] = wp.where(is_carried, 1.0, 0.0) * handed_down(tree.span[body], w)
+        closures.way[at] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        handed = wp.where(is_carried, 1.0, 0.0) * handed_down(tree.span[body], w)
+        closures.way[to] = closures.way[to] + handed
     meet_rows(node, inverse, closures)
 
 
@@ -140,7 +144,7 @@ def softness_of(is_first: bool) -> float:
 
 @wp.func
 def end_rows(
-    at: int,
+    top: int,
     h_ll: wp.mat33,
     h_al: wp.mat33,
     h_aa: wp.mat33,
@@ -152,7 +156,7 @@ def end_rows(
 
     A row that the ones before it imply gets a multiplier of zero.
     """
-    node = closures.nodes[at]
+    node = closures.nodes[top]
     for c in range(node.first, node.end):
         closure = closures.closures[c]
         mobility = float(0.0)
@@ -203,7 +207,8 @@ def end_rows(
             item = closures.items[p]
             share = inverse * closures.gram[g_row + item / 2]
             if share != wp.float64(0.0):
-                closures.way[item] -= wp.float32(share) * w
+                at = closures.slots[p]
+                closures.way[at] = closures.way[at] - wp.float32(share) * w
                 closures.multiplier[item / 2] -= share * moved
                 g_other = closures.gram_row[item / 2]
                 for q in range(p, node.stop):

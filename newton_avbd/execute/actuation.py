@@ -31,6 +31,7 @@ from ..rows.actuator import (
 )
 from ..rows.axis import POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
 from ..rows.joint import NO_LIMIT
+from ..rows.path import JOINT, PULLEY, double, find_path
 from .launch import KERNEL
 from .resetting import is_selected
 
@@ -43,55 +44,118 @@ def is_driven(joints: wp.ref[JointModel], dof: int) -> bool:
     return has_mode and (joints.target_ke[dof] != 0.0 or joints.target_kd[dof] != 0.0)
 
 
+@wp.func
+def velocity_at(qd: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
+    """Velocity of a point of a body [m/s], ``arm`` from its COM."""
+    return wp.spatial_top(qd) + wp.cross(wp.spatial_bottom(qd), arm)
+
+
+@wp.kernel(**KERNEL)
+def measure_tendons(
+    # Model:
+    com: wp.array[wp.vec3],
+    # State in:
+    body_q: wp.array[wp.transform],
+    body_qd: wp.array[wp.spatial_vector],
+    joint_q: wp.array[float],
+    joint_qd: wp.array[float],
+    # Out:
+    tendons: TendonModel,
+):
+    """Length and velocity of each tendon; one thread a tendon."""
+    i = wp.tid()
+    first = tendons.start[i]
+    end = tendons.start[i + 1]
+    velocity = float(0.0)
+    if tendons.kind[first] == JOINT:
+        length = wp.float64(0.0)
+        for k in range(first, end):
+            if joint_q.shape[0] > 0:
+                at = joint_q[tendons.coordinate[k]] + tendons.ref[tendons.dof[k]]
+                length += wp.float64(tendons.value[k] * at)
+                velocity += tendons.value[k] * joint_qd[tendons.dof[k]]
+        tendons.length[i] = length
+        tendons.velocity[i] = velocity
+        return
+    for k in range(first, end):
+        if tendons.kind[k] != PULLEY:
+            frame = tendons.link_frame[k]
+            if tendons.link[k] >= 0:
+                frame = wp.transform_multiply(body_q[tendons.link[k]], frame)
+            tendons.point[k] = double(wp.transform_get_translation(frame))
+            tendons.rotation[k] = wp.transform_get_rotation(frame)
+    tendons.length[i] = find_path(i, tendons)
+    for s in range(first, tendons.span_end[i]):
+        span = tendons.spans[s]
+        for side in range(2):
+            link = tendons.link[wp.where(side == 0, span.a, span.b)]
+            if link >= 0:
+                point = wp.where(side == 0, span.start, span.end)
+                arm = point - wp.transform_point(body_q[link], com[link])
+                along = wp.dot(span.along, velocity_at(body_qd[link], arm))
+                velocity += wp.where(side == 0, -span.share, span.share) * along
+    tendons.velocity[i] = velocity
+
+
 @wp.kernel(**KERNEL)
 def pull_tendons(
     # Model:
     actuators: wp.array[ActuatorModel],
-    ref: wp.array[float],
     # In:
-    joint_q: wp.array[float],
-    joint_qd: wp.array[float],
     ctrl: wp.array[float],
     h: float,
     # Out:
-    tendons: wp.array[TendonModel],
+    tendons: TendonModel,
 ):
-    """Tension of each fixed tendon at the start of the step, and its slopes; one thread a tendon.
+    """Sums what actuators push along each tendon, as :func:`push_axes` does; one thread a tendon.
 
-    Length and velocity are sums of coefficients times q + ref and v. The spring has a dead band.
+    Bounds of the sum share the mechanism of an axis' drive with the force range of an actuator that
+    is alone. Force ranges of others count as reached or not at the start of the step.
     """
     i = wp.tid()
-    tendon = tendons[0].tendon[i]
-    length = float(0.0)
-    velocity = float(0.0)
-    size = float(0.0)
-    for k in range(tendons[0].joint_start[i], tendons[0].joint_start[i + 1]):
-        dof = tendons[0].dof[k]
-        coefficient = tendons[0].coefficient[k]
-        length += coefficient * (joint_q[tendons[0].coordinate[k]] + ref[dof])
-        velocity += coefficient * joint_qd[dof]
-        size += wp.abs(coefficient)
-    band = tendons[0].springlength[tendon]
-    if band[0] < 0.0 and band[0] == band[1]:
-        band = wp.vec2(tendons[0].rest[i], tendons[0].rest[i])
-    beyond = wp.min(length - band[0], 0.0) + wp.max(length - band[1], 0.0)
-    force = -tendons[0].stiffness[tendon] * beyond - tendons[0].damping[tendon] * velocity
-    stiffness = wp.where(beyond != 0.0, tendons[0].stiffness[tendon], 0.0)
-    damping = tendons[0].damping[tendon]
-    for k in range(tendons[0].row_start[i], tendons[0].row_start[i + 1]):
-        row = tendons[0].rows[k]
+    length = wp.float32(tendons.length[i])
+    velocity = tendons.velocity[i]
+    most = tendons.force_range[i]
+    is_bound = wp.isfinite(most[0]) or wp.isfinite(most[1])
+    push = AxisPush()
+    push.least = most[0]
+    push.most = most[1]
+    is_alone = tendons.row_start[i + 1] == tendons.row_start[i] + 1
+    for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
+        row = tendons.rows[k]
         gear = actuators[0].gear[row][0]
         law = law_in_step(actuators[0], row, ctrl, gear * length, gear * velocity, h)
-        law = at_limit(law, gear * length, gear * velocity)
-        push = law.force - law.stiffness * gear * length - law.damping * gear * velocity
-        own = own_damping(actuators[0], row, velocity) + law.own_damping
-        force += gear * (push + law.own_force) - gear * gear * own * velocity
-        stiffness += gear * gear * law.stiffness
-        damping += gear * gear * (law.damping + own)
-    tendons[0].force[i] = force
-    tendons[0].rate[i] = damping
-    tendons[0].slope[i] = damping + h * stiffness
-    tendons[0].size[i] = size
+        is_limited = (actuators[0].limits[row] & LIMITS_FORCE) != 0
+        if is_limited and is_alone:
+            push.least = wp.max(push.least, wp.min(gear * law.least, gear * law.most))
+            push.most = wp.min(push.most, wp.max(gear * law.least, gear * law.most))
+        elif is_limited:
+            law = at_limit(law, gear * length, gear * velocity)
+        if is_bound or (is_limited and is_alone):
+            push.drive += gear * law.force
+            push.drive_stiffness += gear * gear * law.stiffness
+            push.drive_damping += gear * gear * law.damping
+        else:
+            push.force += gear * law.force
+            push.stiffness += gear * gear * law.stiffness
+            push.damping += gear * gear * law.damping
+        push.force += gear * law.own_force
+        push.damping += gear * gear * (own_damping(actuators[0], row, velocity) + law.own_damping)
+    tendons.push[i] = push
+
+
+@wp.kernel(**KERNEL)
+def forget_tendons(
+    # In:
+    mask: wp.array[wp.bool],
+    # Out:
+    tendons: TendonModel,
+):
+    """Lets go what holds the tendons of selected worlds; one thread a tendon."""
+    i = wp.tid()
+    if mask.shape[0] == 0 or is_selected(tendons.world[i], mask):
+        tendons.piece[i] = wp.vec3i(0, 0, 0)
+        tendons.force[i] = 0.0
 
 
 @wp.kernel(**KERNEL)
@@ -161,9 +225,6 @@ def push_axis(
     ctrl: wp.array[float],
     has_limits: bool,
     h: float,
-    tendons: wp.ref[TendonModel],
-    tendon_start: wp.array[wp.int32],
-    tendon_items: wp.array[wp.vec2i],
     compensation: wp.array[float],
     # Out:
     ranged: wp.array[ActuatorLaw],
@@ -177,10 +238,6 @@ def push_axis(
     as having reached them or not at the start of the step.
 
     Compensation of gravity by actuators moves from the links to what the limit of the axis bounds.
-
-    The tension of a tendon depends on several axes. Each gets its share at the start of the step,
-    and of c c^T times the slope the sums of the rows (Gershgorin): the step is stable, however
-    stiff the tendon.
     """
     dof = dofs[i]
     q = 0.0
@@ -239,12 +296,6 @@ def push_axis(
     if compensation.shape[0] > 0 and has_effort:
         push.force -= compensation[i]
         push.drive += compensation[i]
-    for k in range(tendon_start[i], tendon_start[i + 1]):
-        tendon = tendon_items[k][0]
-        coefficient = tendons.coefficient[tendon_items[k][1]]
-        weight = wp.abs(coefficient) * tendons.size[tendon]
-        push.force += coefficient * tendons.force[tendon] + weight * tendons.rate[tendon] * qd
-        push.damping += weight * tendons.slope[tendon]
     pushes[dof] = push
 
 
@@ -264,9 +315,6 @@ def push_axes(
     ctrl: wp.array[float],
     has_limits: bool,
     h: float,
-    tendons: wp.array[TendonModel],
-    tendon_start: wp.array[wp.int32],
-    tendon_items: wp.array[wp.vec2i],
     compensation: wp.array[float],
     # Out:
     ranged: wp.array[ActuatorLaw],
@@ -290,19 +338,10 @@ def push_axes(
         ctrl,
         has_limits,
         h,
-        tendons[0],
-        tendon_start,
-        tendon_items,
         compensation,
         ranged,
         pushes,
     )
-
-
-@wp.func
-def velocity_at(qd: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
-    """Velocity of a point of a body [m/s], ``arm`` from its COM."""
-    return wp.spatial_top(qd) + wp.cross(wp.spatial_bottom(qd), arm)
 
 
 @wp.func

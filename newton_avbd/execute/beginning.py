@@ -81,6 +81,7 @@ def make_begin(
     trees: TreeFunctions,
     loop_functions: LoopFunctions,
     begin_closures: wp.Function,
+    begin_tendons: wp.Function,
     assemble_body: wp.Function,
 ) -> BeginFunctions:
     """Device functions that measure joints at the start of a step and start its bodies.
@@ -90,6 +91,7 @@ def make_begin(
         trees: Those of joints in trees.
         loop_functions: Those of joints outside of trees.
         begin_closures: Device function that measures the mimics of a block.
+        begin_tendons: Device function that measures its tendons.
         assemble_body: Device function that sums the block of a body.
     """
     coasting_increment = make_coasting(effects)
@@ -274,7 +276,7 @@ def make_begin(
     def place_blocks(
         first: int,
         end: int,
-        static_slot: int,
+        scale: WorldScale,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
@@ -283,8 +285,15 @@ def make_begin(
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> bool:
-        """Puts blocks to the guess of their increments; returns whether a mimic joint is open."""
+        """Puts blocks to the guess of their increments.
+
+        Returns whether a mimic joint is open, or a tendon beyond its limits.
+        """
         is_open = bool(False)
+        if wp.static(effects.tendons):
+            for i in range(first, end):
+                if begin_tendons(i, scale, body_q, model, joints, work, tree, history):
+                    is_open = True
         if wp.static(effects.mimics):
             for i in range(first, end):
                 if begin_closures(i, joints, tree, history):
@@ -305,7 +314,7 @@ def make_begin(
             for i in range(first, end):
                 body = body_at(i, worlds)
                 if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                    measure_guess(body, static_slot, model, joints, work, tree, history)
+                    measure_guess(body, scale.static_slot, model, joints, work, tree, history)
         return is_open
 
     @wp.func

@@ -60,12 +60,15 @@ class BreakFunctions(NamedTuple):
     break_loop: wp.Function
 
 
-def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
+def make_break_joints(
+    effects: Effects, gather: wp.Function, load_tendons: wp.Function
+) -> BreakFunctions:
     """Device functions for the joints of trees, and for one outside of them.
 
     Args:
         effects: What the kernel is compiled with.
-        gather: Device function that sums what pulls a body beside its joints.
+        gather: Device function that sums what pulls a body beside its joints and tendons.
+        load_tendons: Device function that adds what tendons pull bodies with to their loads.
     """
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_misfit = joint_functions.linear_misfit
@@ -119,6 +122,9 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
         gave.
         """
         static_slot = work.inv_mass.shape[0] - 1
+        if wp.static(effects.spatial_tendons):
+            for i in range(first, end):
+                load_tendons(i, 1.0, work, tree)
         for i in range(end - first):
             body = worlds.bodies[end - 1 - i]
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Equations between the bodies of a tree, solved with it: joints that close loops, and mimics.
+"""Equations between the bodies of a tree, solved with it: joints that close loops, mimics, tendons.
 
 What they are is here, how they are eliminated in :mod:`..blocks.closure`.
 """
@@ -17,13 +17,16 @@ from ..data import (
     JointModel,
     LoopWork,
     TreeWork,
+    WorldScale,
     WorldWork,
 )
 from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.joint import is_point, is_string
+from .launch import ABSENT
 from .loops import bound_of, distance_force, loop_geometry, string_direction
+from .tendons import make_tendons
 from .trees import ROUNDING, anchor_shift, is_linked, is_put, parent_slot, relative_turn
 
 
@@ -98,6 +101,12 @@ def equality_start(
 
 
 @wp.func
+def is_mimic(closure: Closure) -> bool:
+    """Whether a closure ties coordinates of joints."""
+    return closure.loop < 0 and closure.tendon < 0
+
+
+@wp.func
 def is_mimicking(closure: Closure, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
     """Whether a mimic joint and its leader are enabled."""
     return is_linked(joints, tree, closure.body) and is_linked(joints, tree, closure.leader_body)
@@ -160,6 +169,10 @@ class ClosureFunctions:
     begin_rows: wp.Function
     keep_forces: wp.Function
     missed_by_lines: wp.Function
+    begin_tendons: wp.Function
+    settle_tendons: wp.Function
+    load_tendons: wp.Function
+    end_tendons: wp.Function
 
 
 def make_closures(effects: Effects) -> ClosureFunctions:
@@ -171,6 +184,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     angular_misfit = joint_functions.angular_misfit
     locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
     angular_lock = joint_functions.angular_lock
+    angular_count = joint_functions.angular_count
+    tendons = make_tendons(effects) if effects.tendons else ABSENT
+    begin_tendon, tendon_row = tendons.begin_tendon, tendons.tendon_row
+    settle_tendon, tendon_wrench = tendons.settle_tendon, tendons.tendon_wrench
+    end_tendon = tendons.end_tendon
 
     @wp.func
     def begin_closures(
@@ -191,7 +209,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         block = closures.blocks[number]
         for c in range(block.first, block.end):
             closure = closures.closures[c]
-            if closure.loop < 0 and is_mimicking(closure, joints, tree):
+            if is_mimic(closure) and is_mimicking(closure, joints, tree):
                 for dof in range(closure.rows):
                     axis = int(dof)
                     misfit = mimic_misfit(closure, dof, tree.start_coordinate, joints, tree)
@@ -404,6 +422,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         first: int,
         end: int,
         recovery: float,
+        h: float,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         worlds: wp.ref[WorldWork],
@@ -422,9 +441,16 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         for k in range(block.gram, block.gram_end):
             closures.gram[k] = wp.float64(0.0)
         for i in range(first, end):
-            node = closures.nodes[worlds.bodies[i]]
+            body = worlds.bodies[i]
+            node = closures.nodes[body]
             for p in range(node.start, node.stop):
                 closures.met[p] = none
+            if wp.static(effects.spatial_tendons):
+                tree.tendons.root_curvature[body] = none
+                if tree.joint[body] >= 0:
+                    joint = tree.joint[body]
+                    for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+                        tree.tendons.curvature[tree.axis_start[body] + dof] = 0.0
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             for row in range(closure.row, closure.row + closure.rows):
@@ -443,8 +469,16 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 if wp.static(effects.loops):
                     if not is_bound:
                         loop_rows(closure, recovery, model, joints, work, tree, loops, history)
-            elif wp.static(effects.mimics):
-                mimic_rows(closure, recovery, joints, tree)
+            else:
+                is_cord = bool(False)
+                if wp.static(effects.tendons):
+                    is_cord = closure.tendon >= 0
+                    if is_cord:
+                        rank = worlds.rank
+                        tendon_row(closure, recovery, h, rank, model, joints, work, tree, history)
+                if wp.static(effects.mimics):
+                    if not is_cord:
+                        mimic_rows(closure, recovery, joints, tree)
 
     @wp.func
     def string_move(
@@ -576,7 +610,8 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         block = closures.blocks[number]
         for c in range(block.first, block.end):
             closure = closures.closures[c]
-            if closure.equality >= 0 and is_mimicking(closure, joints, tree):
+            is_own = closure.equality >= 0 and is_mimic(closure)
+            if is_own and is_mimicking(closure, joints, tree):
                 missed = equality_misfit(closure, tree.coordinate, joints, tree)[0]
                 if recovery == 0.0:
                     missed -= closures.misfit[closure.row]
@@ -590,4 +625,89 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     largest = wp.max(largest, size * missed * missed)
         return largest
 
-    return ClosureFunctions(begin_closures, begin_rows, keep_forces, missed_by_lines)
+    @wp.func
+    def begin_tendons(
+        first: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Lengths of the tendons of a block at the start of the step, where bodies are there.
+
+        Returns whether one is beyond its limits, or off what an equality constraint says.
+        """
+        closures = tree.closures
+        number = closures.block_of[first]
+        is_open = bool(False)
+        if number < 0:
+            return is_open
+        block = closures.blocks[number]
+        for turn in range(2):
+            for c in range(block.first, block.end):
+                closure = closures.closures[c]
+                if closure.tendon >= 0 and (closure.other >= 0) == (turn == 1):
+                    if begin_tendon(closure, scale, body_q, model, joints, work, tree, history):
+                        is_open = True
+        return is_open
+
+    @wp.func
+    def settle_tendons(
+        first: int,
+        recovery: float,
+        h: float,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> float:
+        """After a sweep: what the tendons of a block are off by, the largest square of it [m^2]."""
+        closures = tree.closures
+        largest = float(0.0)
+        number = closures.block_of[first]
+        if number < 0:
+            return largest
+        block = closures.blocks[number]
+        for c in range(block.first, block.end):
+            closure = closures.closures[c]
+            if closure.tendon >= 0:
+                off = settle_tendon(closure, recovery, h, model, joints, work, tree, history)
+                largest = wp.max(largest, off)
+        return largest
+
+    @wp.func
+    def load_tendons(first: int, sign: float, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
+        """Adds what spatial tendons of a block pull its bodies with to their loads."""
+        closures = tree.closures
+        number = closures.block_of[first]
+        if number >= 0:
+            block = closures.blocks[number]
+            for c in range(block.first, block.end):
+                if closures.closures[c].tendon >= 0:
+                    tendon_wrench(closures.closures[c], sign, work, tree)
+
+    @wp.func
+    def end_tendons(first: int, scale: WorldScale, tree: wp.ref[TreeWork]):
+        """Second order: how the tendons of a block have moved."""
+        closures = tree.closures
+        number = closures.block_of[first]
+        if number >= 0:
+            block = closures.blocks[number]
+            for c in range(block.first, block.end):
+                if closures.closures[c].tendon >= 0:
+                    end_tendon(closures.closures[c], scale, tree)
+
+    return ClosureFunctions(
+        begin_closures,
+        begin_rows,
+        keep_forces,
+        missed_by_lines,
+        begin_tendons,
+        settle_tendons,
+        load_tendons,
+        end_tendons,
+    )

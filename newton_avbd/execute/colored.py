@@ -48,7 +48,7 @@ from .finite import make_is_world_finite
 from .gathering import make_assemble, make_gather
 from .impacts import make_impacts
 from .joining import join_at_once
-from .launch import KERNEL, uncollected
+from .launch import KERNEL, absent, uncollected
 from .loops import make_loops, reach_farther
 from .resetting import forget_joints
 from .scale import (
@@ -64,6 +64,7 @@ from .scale import (
     settled_update,
 )
 from .sweeps import make_sweep, make_sweep_block
+from .tendons import make_join_tendons
 from .trees import is_linked, make_trees
 from .weights import make_weigh
 
@@ -207,7 +208,12 @@ def make_colored(effects: Effects) -> Colored:
     gather = make_gather(effects, contact_force, sweep_gap, loop_wrench)
     closures = make_closures(effects)
     trees = make_trees(
-        effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
+        effects,
+        gather,
+        closures.begin_rows,
+        closures.keep_forces,
+        closures.missed_by_lines,
+        closures.settle_tendons,
     )
     align_block, put_together = trees.align_spins, trees.put_together
     stop_coordinates = trees.stop_coordinates
@@ -215,10 +221,15 @@ def make_colored(effects: Effects) -> Colored:
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_at_once)
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
-        effects, trees, loop_functions, closures.begin_closures, assemble_body
+        effects,
+        trees,
+        loop_functions,
+        closures.begin_closures,
+        closures.begin_tendons,
+        assemble_body,
     )
     end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
-    break_blocks, break_loop = make_break_joints(effects, gather)
+    break_blocks, break_loop = make_break_joints(effects, gather, closures.load_tendons)
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     bound_world = make_energy(effects).bound_world if effects.balanced else None
@@ -227,6 +238,7 @@ def make_colored(effects: Effects) -> Colored:
     begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
     give_back = cables.give_back
     join_cluster = make_join(join_at_once)
+    join_tendons = make_join_tendons(join_at_once) if effects.tendons else absent
 
     def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
         """Decorator: makes a kernel of the module, or nothing where the scene does without it."""
@@ -509,7 +521,7 @@ def make_colored(effects: Effects) -> Colored:
             if place_blocks(
                 first,
                 worlds.block_end[first],
-                colors.scale[world].static_slot,
+                colors.scale[world],
                 body_q,
                 model,
                 joints,
@@ -777,6 +789,9 @@ def make_colored(effects: Effects) -> Colored:
                         other = other_end(body, loops.items[k], joints, loops)
                         slot = wp.where(other < 0, scale.static_slot, other)
                         join_at_once(islands, worlds, work, body, slot)
+                if wp.static(effects.tendons):
+                    if colors.block[body] == body:
+                        join_tendons(worlds.rank[body], islands, worlds, work, tree)
         if not wp.isfinite(vector_sum(work.increment[body])):
             colors.is_finite[world] = 0
 

@@ -39,6 +39,8 @@ from ..rows import contact as contact_rows
 from ..rows import joint as joint_rows
 from ..rows.joint import BALL, ROD, make_joint
 from .islands import begin_island, island_of, join_islands, point_inertia
+from .launch import absent
+from .tendons import make_join_tendons, tendon_work
 from .trees import anchor_arm, anchor_rotation, is_linked, parent_slot
 
 NEARLY = wp.constant(1.0e-5)
@@ -229,6 +231,21 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     angular_count = joint_functions.angular_count
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
     is_gimbal = joint_functions.is_gimbal
+    join_tendons = make_join_tendons(join_islands) if effects.tendons else absent
+
+    @wp.func
+    def add_tendons(first: int, root: int, tree: wp.ref[TreeWork], islands: wp.ref[IslandWork]):
+        """Adds the work of the tendons of the block that starts at a place in visiting order."""
+        closures = tree.closures
+        number = closures.block_of[first]
+        if number >= 0:
+            sum = islands.balance[root]
+            block = closures.blocks[number]
+            for c in range(block.first, block.end):
+                closure = closures.closures[c]
+                if closure.tendon >= 0 and closure.other < 0:
+                    sum.before += tendon_work(closure.tendon, tree)
+            islands.balance[root] = sum
 
     @wp.func
     def begin_balance(body: int, islands: wp.ref[IslandWork]):
@@ -587,6 +604,8 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     islands.balance[root],
                 )
                 islands.balance[root] = sum
+                if wp.static(effects.tendons):
+                    add_tendons(worlds.rank[body], root, tree, islands)
         for i in range(first, end):
             body = bodies[i]
             if work.inv_mass[body] > 0.0:
@@ -735,6 +754,9 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 body = worlds.bodies[i]
                 if work.inv_mass[body] > 0.0:
                     join_joints(body, scale.static_slot, joints, worlds, work, tree, loops, islands)
+            if wp.static(effects.tendons):
+                for i in range(first, end):
+                    join_tendons(i, islands, worlds, work, tree)
         bound_energy(
             first,
             end,

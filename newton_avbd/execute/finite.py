@@ -52,6 +52,23 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
         return frames + wp.vec3(total, 0.0, 0.0)
 
     @wp.func
+    def pull_sum(first: int, tree: wp.ref[TreeWork]) -> float:
+        """Sum of what pulls the tendons of the block that starts at a place in visiting order."""
+        total = float(0.0)
+        number = tree.closures.block_of[first]
+        if number >= 0:
+            block = tree.closures.blocks[number]
+            for c in range(block.first, block.end):
+                i = tree.closures.closures[c].tendon
+                if i >= 0:
+                    row = tree.tendons.row[i]
+                    push = tree.tendons.push[i]
+                    total += push.force + push.stiffness + push.damping + push.drive
+                    total += tree.tendons.stiffness[row] + tree.tendons.damping[row]
+                    total += tree.tendons.velocity[i]
+        return total
+
+    @wp.func
     def is_world_finite(
         world: int,
         joints: wp.ref[JointModel],
@@ -69,6 +86,8 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
             if wp.static(effects.joints):
                 if tree.joint[body] >= 0:
                     total += joint_sum(tree.joint[body], joints, control)
+            if wp.static(effects.tendons):
+                total += wp.vec3(pull_sum(i, tree), 0.0, 0.0)
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 total += joint_sum(loops.joints[i], joints, control)

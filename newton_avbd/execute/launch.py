@@ -164,3 +164,18 @@ class Compiler(Launcher):
     ) -> None:
         """Makes ``kernel`` ready for ``dim`` threads."""
         self._pack(kernel, dim, arguments, block)
+
+
+@wp.func
+def absent():
+    """In the place of functions of an effect that a scene does without: nothing calls them."""
+
+
+class _Absent:
+    """Functions of an absent effect, which take time to make also where nothing calls them."""
+
+    def __getattr__(self, name: str) -> wp.Function:
+        return absent
+
+
+ABSENT: Any = _Absent()

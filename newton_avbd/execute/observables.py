@@ -20,8 +20,9 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
+from .closures import make_closures
 from .fluid import resistance
-from .launch import KERNEL, uncollected
+from .launch import KERNEL, absent, uncollected
 from .loops import make_loops
 from .trees import is_linked
 
@@ -76,6 +77,7 @@ def export_contact_force(
 def make_export_parent_force(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
     loop_wrench = make_loops(effects).loop_wrench
+    load_tendons = make_closures(effects).load_tendons if effects.spatial_tendons else absent
 
     @wp.kernel(**KERNEL)
     def export_parent_force(
@@ -140,6 +142,9 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                     torque = wp.cross(arm, row.force) + row_torque(rows.other_rows[k], rows)
                     wrench -= wp.spatial_vector(row.force, torque)
             tree.load[body] = wrench
+        if wp.static(effects.spatial_tendons):
+            for i in range(first, end):
+                load_tendons(i, -1.0, work, tree)
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 joint = loops.joints[i]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The phases of a world's step, in the order in which ``world.solve_world`` runs them."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import warp as wp
 
@@ -35,6 +35,7 @@ from .energy import make_energy
 from .gathering import make_assemble, make_gather
 from .impacts import leave_impacts, make_impacts
 from .islands import join_islands, keep_momentum, keep_spin
+from .launch import ABSENT, absent
 from .loops import make_loops, reach_farther
 from .piles import make_piles
 from .scale import (
@@ -48,23 +49,9 @@ from .scale import (
     settled_update,
 )
 from .sweeps import make_sweep, make_sweep_block, make_sweep_world
+from .tendons import make_join_tendons
 from .trees import is_linked, make_trees, parent_slot
 from .weights import make_weigh
-
-
-@wp.func
-def absent():
-    """In the place of functions of an effect that a scene does without: nothing calls them."""
-
-
-class _Absent:
-    """Functions of an absent effect, which take time to make also where nothing calls them."""
-
-    def __getattr__(self, name: str) -> wp.Function:
-        return absent
-
-
-ABSENT: Any = _Absent()
 
 
 class Phases(NamedTuple):
@@ -109,12 +96,22 @@ def make_phases(effects: Effects) -> Phases:
     trees = ABSENT
     if effects.joints:
         trees = make_trees(
-            effects, gather, closures.begin_rows, closures.keep_forces, closures.missed_by_lines
+            effects,
+            gather,
+            closures.begin_rows,
+            closures.keep_forces,
+            closures.missed_by_lines,
+            closures.settle_tendons,
         )
     align_spins, put_together = trees.align_spins, trees.put_together
     stop_coordinates = trees.stop_coordinates
     measure_blocks, measure_loop, place_blocks, begin_body = make_begin(
-        effects, trees, loop_functions, closures.begin_closures, assemble_body
+        effects,
+        trees,
+        loop_functions,
+        closures.begin_closures,
+        closures.begin_tendons,
+        assemble_body,
     )
     sweep_block = make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree)
     cables = make_cables(effects) if effects.cables else ABSENT
@@ -125,7 +122,11 @@ def make_phases(effects: Effects) -> Phases:
         effects, sweep_block, piles.sweep_piles, loop_wrench, cables.solve_cluster
     )
     remember_rows = make_remember(effects, contact_force, sweep_gap, join_islands)
-    breaking = make_break_joints(effects, gather) if effects.breaking else ABSENT
+    breaking = ABSENT
+    if effects.breaking:
+        breaking = make_break_joints(effects, gather, closures.load_tendons)
+    end_tendons = closures.end_tendons
+    join_tendons = make_join_tendons(join_islands) if effects.tendons else absent
     break_blocks, break_loop = breaking.break_blocks, breaking.break_loop
     end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
     count_passes = make_count_passes(effects)
@@ -269,7 +270,7 @@ def make_phases(effects: Effects) -> Phases:
         if place_blocks(
             body_start,
             body_end,
-            scale.static_slot,
+            scale,
             body_q,
             model,
             joints,
@@ -449,6 +450,9 @@ def make_phases(effects: Effects) -> Phases:
             if wp.static(effects.cables and effects.pairs):
                 for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
                     join_cluster(i, worlds, work, tree, islands)
+            if wp.static(effects.tendons and effects.pairs):
+                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                    join_tendons(i, islands, worlds, work, tree)
             if wp.static(effects.pairs and not effects.ramp):
                 if sweeps > 0:
                     has_islands = keep_momentum(world, scale.step, model, worlds, work, islands)
@@ -578,6 +582,9 @@ def make_phases(effects: Effects) -> Phases:
                 if wp.static(effects.bdf2):
                     remember_motion(body, body_qd[body], scale, joints, work, rows, tree, history)
             body_qd_out[body] = velocity
+        if wp.static(effects.bdf2 and effects.tendons):
+            for i in range(body_start, body_end):
+                end_tendons(i, scale, tree)
         if wp.static(effects.spinning):
             align_spins(body_start, body_end, model, joints, worlds, work, tree, loops, body_qd_out)
         if wp.static(effects.restitution):

@@ -24,6 +24,7 @@ from ..data import (
     RowWork,
     ShapeModel,
     SleepWork,
+    TendonModel,
     WorldWork,
 )
 from ..effects import Effects
@@ -201,6 +202,29 @@ def watch_joints(
     if is_changed:
         disturb(child, worlds, sleep)
         disturb(parent, worlds, sleep)
+
+
+@wp.kernel(**KERNEL)
+def watch_tendons(
+    # Model:
+    tendons: TendonModel,
+    # Work:
+    worlds: WorldWork,
+    sleep: SleepWork,
+):
+    """Sees what is pulled otherwise than in the last step, or by the user; one thread a tendon."""
+    i = wp.tid()
+    push = tendons.push[i].force + tendons.push[i].drive
+    is_changed = push != sleep.pull[i]
+    sleep.pull[i] = push
+    for k in range(tendons.start[i], tendons.start[i + 1]):
+        body = tendons.body[k]
+        if body >= 0:
+            is_changed = is_changed or worlds.island[body] == MOVING
+    if is_changed:
+        for k in range(tendons.start[i], tendons.start[i + 1]):
+            if tendons.body[k] >= 0:
+                disturb(tendons.body[k], worlds, sleep)
 
 
 @wp.func

@@ -485,6 +485,7 @@ def make_trees(
     begin_rows: wp.Function,
     keep_forces: wp.Function,
     missed_by_lines: wp.Function,
+    settle_tendons: wp.Function,
 ) -> TreeFunctions:
     """Device functions: how joints stand, and one Newton iteration on a tree.
 
@@ -494,6 +495,7 @@ def make_trees(
         begin_rows: Device function that starts the closures of a block.
         keep_forces: Device function that keeps what they push with.
         missed_by_lines: Device function that measures what equality constraints are off by.
+        settle_tendons: Device function that measures what tendons are off by.
     """
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
@@ -1208,6 +1210,14 @@ def make_trees(
             if wp.static(effects.tilting):
                 if is_fast:
                     push = push_tilting_root(body, h_ll, h_al, h_aa, push, tree)
+            curved = float(0.0)
+            if wp.static(effects.spatial_tendons):
+                bound = tree.tendons.root_curvature[body]
+                for k in range(3):
+                    curved = wp.max(curved, bound[k] / (h_ll[k, k] + bound[k]))
+                    curved = wp.max(curved, bound[3 + k] / (h_aa[k, k] + bound[3 + k]))
+                h_ll += wp.diag(wp.spatial_top(bound))
+                h_aa += wp.diag(wp.spatial_bottom(bound))
             factor = factor_block(h_ll, h_al, h_aa)
             work.factor[body] = factor
             tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
@@ -1216,7 +1226,7 @@ def make_trees(
             if wp.static(effects.tilting):
                 if is_fast:
                     forget_tilting(body, tree)
-            return 0.0
+            return curved
 
         joint = nonnegative(tree.joint[body])
         parent = nonnegative(tree.parent[body])
@@ -1444,6 +1454,10 @@ def make_trees(
                         shifting, thrust = algebra.freed(shifting, thrust, axis.linear, pushed)
                     else:
                         turning, torque = algebra.freed(turning, torque, axis.angular, pushed)
+            if wp.static(effects.spatial_tendons):
+                bent = float(tree.tendons.curvature[k])
+                pivot += bent
+                mismatch = wp.max(mismatch, bent / pivot)
             if axis.pivot > 0.0:
                 push -= axis.step * wp.spatial_vector(axis.force, axis.torque)
             else:
@@ -1749,7 +1763,7 @@ def make_trees(
         the rounding of the poses hides it.
         """
         if wp.static(effects.closures):
-            begin_rows(first, end, recovery, model, joints, worlds, work, tree, loops, history)
+            begin_rows(first, end, recovery, h, model, joints, worlds, work, tree, loops, history)
         mismatch = float(0.0)
         for i in range(end - first):
             body = body_at(end - 1 - i, worlds)
@@ -1835,6 +1849,9 @@ def make_trees(
         if wp.static(effects.equalities):
             # what a line misses of a curve, and the next iteration finds
             farthest = wp.max(farthest, missed_by_lines(first, recovery, joints, work, tree))
+        if wp.static(effects.tendons):
+            off_by = settle_tendons(first, recovery, h, model, joints, work, tree, history)
+            farthest = wp.max(farthest, off_by)
         if wp.static(effects.closures):
             if tree.closures.block_of[first] >= 0:
                 largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))

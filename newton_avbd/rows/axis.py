@@ -211,10 +211,16 @@ def impedance_at(prm: vec5, beyond: float) -> float:
 
 
 @wp.func
-def yielding_limit(
-    joints: wp.ref[JointModel], dof: int, q: float, moved: float, start_velocity: float, h: float
+def returning_force(
+    inside: float,
+    moved: float,
+    start_velocity: float,
+    prm: vec5,
+    rates: wp.vec2,
+    mobility: float,
+    h: float,
 ):
-    """Generalized force of a limit with MuJoCo's impedance [N or N m] and its curvature.
+    """Force of a limit with MuJoCo's impedance away from it [N or N m], and its curvature.
 
     A limit that the coordinate has passed at the start of the step pushes back with
 
@@ -223,7 +229,33 @@ def yielding_limit(
     of acceleration a and velocity v away from it, at the end of the step, and of how far inside of
     it, r, the coordinate is then; with the inverse inertia A of the axis in the reference pose.
     MuJoCo minimises the same ("Constraint model"; f = -(a1 - aref)/R).
+
+    Args:
+        inside: How far inside the coordinate starts [m or rad].
+        moved: How far it has moved away in the step [m or rad].
+        start_velocity: Velocity away at the start of the step [m/s or rad/s].
+        prm: ``solimp``.
+        rates: K and b.
+        mobility: A.
+        h: Time step [s].
     """
+    if inside >= 0.0:
+        return 0.0, 0.0
+    share = impedance_at(prm, -inside)
+    inertia = share / ((1.0 - share) * mobility)
+    ke = share * rates[0]
+    force = start_velocity / h - moved / (h * h) - rates[1] * moved / h - ke * moved
+    force = inertia * (force - ke * inside)
+    if force <= 0.0:
+        return 0.0, 0.0
+    return force, inertia * (1.0 / (h * h) + rates[1] / h + ke)
+
+
+@wp.func
+def yielding_limit(
+    joints: wp.ref[JointModel], dof: int, q: float, moved: float, start_velocity: float, h: float
+):
+    """Generalized force of a limit with MuJoCo's impedance [N or N m] and its curvature."""
     start = q - moved
     margin = joints.limit_margin[dof]
     inside = start - joints.limit_lower[dof] - margin
@@ -231,17 +263,16 @@ def yielding_limit(
     if inside >= 0.0:
         inside = joints.limit_upper[dof] - margin - start
         side = -1.0
-    if inside >= 0.0:
-        return 0.0, 0.0
-    share = impedance_at(joints.limit_impedance[dof], -inside)
-    inertia = share / ((1.0 - share) * joints.limit_mobility[dof])
-    rates = joints.limit_rates[dof]
-    ke = share * rates[0]
-    force = side * (start_velocity / h - moved / (h * h) - rates[1] * moved / h - ke * moved)
-    force = inertia * (force - ke * inside)
-    if force <= 0.0:
-        return 0.0, 0.0
-    return side * force, inertia * (1.0 / (h * h) + rates[1] / h + ke)
+    force, stiffness = returning_force(
+        inside,
+        side * moved,
+        side * start_velocity,
+        joints.limit_impedance[dof],
+        joints.limit_rates[dof],
+        joints.limit_mobility[dof],
+        h,
+    )
+    return side * force, stiffness
 
 
 @wp.func
@@ -253,23 +284,14 @@ def limit_side(joints: wp.ref[JointModel], dof: int, q: float) -> int:
 
 
 @wp.func
-def lower_stop(joints: wp.ref[JointModel], dof: int, start: float, recovery: float) -> float:
-    """Where the lower limit stops the coordinate [m or rad].
+def left_beyond(beyond: float, recovery: float) -> float:
+    """How far beyond a limit a sweep leaves what is beyond it at the start of the step [m or rad].
 
-    What was beyond at the start of the step stays, so that it does not enter the velocity; the
-    recovery takes out a share of it.
+    The motion leaves all of it, so that it does not enter the velocity; the recovery takes out a
+    share.
     """
-    limit = joints.limit_lower[dof]
-    beyond = wp.max(limit - start, 0.0)
-    return limit - wp.max((1.0 - recovery) * beyond, beyond - MOST_RECOVERED)
-
-
-@wp.func
-def upper_stop(joints: wp.ref[JointModel], dof: int, start: float, recovery: float) -> float:
-    """As :func:`lower_stop` for the upper limit."""
-    limit = joints.limit_upper[dof]
-    beyond = wp.max(start - limit, 0.0)
-    return limit + wp.max((1.0 - recovery) * beyond, beyond - MOST_RECOVERED)
+    beyond = wp.max(beyond, 0.0)
+    return wp.max((1.0 - recovery) * beyond, beyond - MOST_RECOVERED)
 
 
 @wp.func
@@ -382,8 +404,56 @@ class AxisFunctions:
     next_piece: wp.Function
 
 
+def make_next_piece(*, friction: bool, stops: bool, limits: bool) -> wp.Function:
+    """Device function that finds the piece of its law that an axis is on.
+
+    Args:
+        friction: Whether laws have friction.
+        stops: Whether they have stops.
+        limits: Whether drives have limits.
+    """
+
+    @wp.func
+    def next_piece(law: AxisLaw, step: float, held: float) -> wp.vec3i:
+        """The piece that an axis should be on, where another than ``law.piece``, the next to it.
+
+        Args:
+            law: The law.
+            step: Step of the coordinate [m or rad].
+            held: What holds it there [N or N m], where something does.
+        """
+        side = law.piece[0]
+        limit = law.piece[1]
+        slip = law.piece[2]
+        if wp.static(friction):
+            moved = step - law.hold
+            if not is_stopped(law) and slip == 0:
+                if wp.abs(held) >= law.friction:
+                    slip = wp.where(held < 0.0, -1, 1)
+            elif law.friction > 0.0 and float(slip) * moved > 0.0:
+                # friction that would push along: it holds, or at a stop is the other one
+                slip = wp.where(is_stopped(law), -slip, 0)
+        if wp.static(stops):
+            if not is_stopped(law):
+                if step < law.lower - wp.where(side == -LEANING, law.slack, 0.0):
+                    side = -1
+                elif step > law.upper + wp.where(side == LEANING, law.slack, 0.0):
+                    side = 1
+            elif float(side) * held >= 0.0:
+                # a stop pushes back; one that would have to pull lets go
+                side = LEANING * side
+        if wp.static(limits):
+            limit = limit_at(law, step)
+        return wp.vec3i(side, limit, slip)
+
+    return next_piece
+
+
 def make_axis(effects: Effects) -> AxisFunctions:
     """Device functions: the law F(q) of an axis, and its solution."""
+    next_piece = make_next_piece(
+        friction=effects.joint_friction, stops=effects.stops, limits=effects.effort_limits
+    )
 
     @wp.func
     def compliant_limit(
@@ -490,8 +560,11 @@ def make_axis(effects: Effects) -> AxisFunctions:
                 upper = h * limit - moved
         if wp.static(effects.hard_limits):
             at = wp.float32(q)
-            least = lower_stop(joints, dof, at - moved, recovery) - at
-            most = upper_stop(joints, dof, at - moved, recovery) - at
+            lower_limit = joints.limit_lower[dof]
+            upper_limit = joints.limit_upper[dof]
+            start = at - moved
+            least = lower_limit - left_beyond(lower_limit - start, recovery) - at
+            most = upper_limit + left_beyond(start - upper_limit, recovery) - at
             lower = wp.clamp(lower, least, most)
             upper = wp.clamp(upper, least, most)
         return lower, upper
@@ -559,38 +632,5 @@ def make_axis(effects: Effects) -> AxisFunctions:
                 # where it is held the force of the drive is known
                 law.piece = wp.vec3i(side, limit_at(law, held_step(law)), slip)
         return law
-
-    @wp.func
-    def next_piece(law: AxisLaw, step: float, held: float) -> wp.vec3i:
-        """The piece that an axis should be on, where another than ``law.piece``, the next to it.
-
-        Args:
-            law: The law.
-            step: Step of the coordinate [m or rad].
-            held: What holds it there [N or N m], where something does.
-        """
-        side = law.piece[0]
-        limit = law.piece[1]
-        slip = law.piece[2]
-        if wp.static(effects.joint_friction):
-            moved = step - law.hold
-            if not is_stopped(law) and slip == 0:
-                if wp.abs(held) >= law.friction:
-                    slip = wp.where(held < 0.0, -1, 1)
-            elif law.friction > 0.0 and float(slip) * moved > 0.0:
-                # friction that would push along: it holds, or at a stop is the other one
-                slip = wp.where(is_stopped(law), -slip, 0)
-        if wp.static(effects.stops):
-            if not is_stopped(law):
-                if step < law.lower - wp.where(side == -LEANING, law.slack, 0.0):
-                    side = -1
-                elif step > law.upper + wp.where(side == LEANING, law.slack, 0.0):
-                    side = 1
-            elif float(side) * held >= 0.0:
-                # a stop pushes back; one that would have to pull lets go
-                side = LEANING * side
-        if wp.static(effects.effort_limits):
-            limit = limit_at(law, step)
-        return wp.vec3i(side, limit, slip)
 
     return AxisFunctions(linear_force, limited_drive, compliant_limit, stops, law_of, next_piece)

@@ -33,6 +33,7 @@ from newton.solvers import SolverMuJoCo
 from newton_avbd import SolverAVBD
 from newton_avbd.io.controls import Controls
 from newton_avbd.io.robots import robots
+from newton_avbd.rows.actuator import MUSCLE_GAIN
 
 from .measure import Array
 
@@ -151,7 +152,28 @@ def read(path: Path) -> newton.Model:
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
     builder.add_mjcf(str(path), ctrl_direct=True)
-    return builder.finalize(device="cpu")
+    model = builder.finalize(device="cpu")
+    _find_length_ranges(model, path)
+    return model
+
+
+def _find_length_ranges(model: newton.Model, path: Path) -> None:
+    """Gives muscles the length ranges that MuJoCo's compiler finds where the file says none."""
+    if not model.custom_frequency_counts.get("mujoco:actuator", 0):
+        return
+    import mujoco
+
+    attributes: Any = model.mujoco
+    ranges = attributes.actuator_lengthrange.numpy()
+    is_muscle = attributes.actuator_gaintype.numpy() == int(MUSCLE_GAIN)
+    missing = is_muscle & (ranges[:, 0] >= ranges[:, 1])
+    if not np.any(missing):
+        return
+    native = mujoco.MjModel.from_xml_path(str(path))
+    for row in np.flatnonzero(missing):
+        actuator = native.actuator(attributes.actuator_label[row].rpartition("/")[2])
+        ranges[row] = native.actuator_lengthrange[actuator.id]
+    attributes.actuator_lengthrange.assign(ranges)
 
 
 def compare(case: Case, scheme: str) -> list[tuple[float, list[float]]]:
@@ -232,9 +254,9 @@ def native_path(
     if integrator is not None:
         native.opt.integrator = integrator
     if is_stiff:
-        for name in ("jnt", "dof"):
-            getattr(native, f"{name}_solref")[:] = (4.0 * dt, 10.0)
-            getattr(native, f"{name}_solimp")[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+        for kind in ("jnt_{}", "dof_{}", "tendon_{}_lim", "tendon_{}_fri"):
+            getattr(native, kind.format("solref"))[:] = (4.0 * dt, 10.0)
+            getattr(native, kind.format("solimp"))[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
     owners = solver.mjc_body_to_newton.numpy()[0]
     known = np.flatnonzero(owners >= 0)
     rows = np.zeros(0, dtype=int)

@@ -1,0 +1,347 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""MuJoCo's tendons have the length and the moments of their geometry, and pull by their laws.
+
+All scenes have the same kinds of joints and effects, so that they share their kernels.
+"""
+
+import mujoco
+import newton
+import numpy as np
+import pytest
+from helpers import G
+from newton.solvers import SolverMuJoCo
+from numpy.typing import NDArray
+
+from newton_avbd import SolverAVBD
+
+DT = 1.0 / 1000.0
+ARM, LEFT, RIGHT = 0, 1, 2
+"""Coordinates of an arm on a hinge, and of two weights that slide up and down."""
+SCENE = """
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom name="drum" type="cylinder" size="0.1 0.3" euler="1.5707963267948966 0 0"
+          contype="0" conaffinity="0"/>
+    <site name="behind" pos="-0.5 0 0"/>
+    <site name="above" pos="0 0 0.3"/>
+    <site name="pulley_left" pos="1 0 2"/>
+    <site name="pulley_right" pos="2 0 2"/>
+    <body name="arm">
+      <joint name="hinge" type="hinge" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.3 0.5 0.4"/>
+      <site name="tip" pos="0.4 0 0"/>
+    </body>
+    <body name="left" pos="1 0 1">
+      <joint name="left" type="slide" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="3" diaginertia="0.3 0.5 0.4"/>
+      <site name="left"/>
+    </body>
+    <body name="right" pos="2 0 1">
+      <joint name="right" type="slide" axis="0 0 1"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.3 0.5 0.4"/>
+      <site name="right"/>
+    </body>
+  </worldbody>
+  <tendon>{tendon}</tendon>
+  <equality>{equality}</equality>
+  <actuator>{actuator}</actuator>
+</mujoco>
+"""
+OVER_DRUM = """<spatial name="cord" {has}><site site="behind"/><geom geom="drum" sidesite="above"/>
+<site site="tip"/></spatial>"""
+ROPE = """<spatial name="rope" {has}><site site="left"/><site site="pulley_left"/>
+<site site="pulley_right"/><site site="right"/></spatial>"""
+BOTH = """<fixed name="both" {has}><joint joint="left" coef="1"/>
+<joint joint="right" coef="1"/></fixed>
+<spatial><site site="behind"/><site site="above"/></spatial>"""
+
+
+def file(tendon: str, actuator: str = "", equality: str = "") -> str:
+    return SCENE.format(tendon=tendon, actuator=actuator, equality=equality)
+
+
+def model_of(text: str, gravity: float = 0.0) -> newton.Model:
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -gravity))
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(text, ctrl_direct=True)
+    return builder.finalize(device="cpu")
+
+
+def run(
+    model: newton.Model,
+    steps: int,
+    ctrl: float | None = None,
+    start: tuple[float, ...] = (0.0, 0.0, 0.0),
+    rates: tuple[float, ...] = (0.0, 0.0, 0.0),
+    dt: float = DT,
+    **settings: object,
+) -> tuple[NDArray[np.float64], SolverAVBD]:
+    """Coordinates after each step, shape (steps, 3)."""
+    solver = SolverAVBD(model, update_joint_state=True, **settings)
+    state, control = model.state(), model.control()
+    state.joint_q.assign(np.array(start, dtype=np.float32))
+    state.joint_qd.assign(np.array(rates, dtype=np.float32))
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    if ctrl is not None:
+        control.mujoco.ctrl.assign(np.array([ctrl], dtype=np.float32))
+    path = []
+    for _ in range(steps):
+        state.clear_forces()
+        solver.step(state, state, control, None, dt)
+        path.append(state.joint_q.numpy().astype(float))
+    return np.array(path), solver
+
+
+def drum_length(angle: float) -> tuple[float, float]:
+    """Length of the cord over the drum with the arm at an angle [rad], and its derivative.
+
+    Two tangents and the arc between them; the arm turns the end of the cord, which its tangent
+    leaves at the distance of the drum's radius from the hinge.
+    """
+    radius, behind, tip = 0.1, 0.5, 0.4
+    spans = np.sqrt(behind**2 - radius**2) + np.sqrt(tip**2 - radius**2)
+    arc = np.pi + angle - np.arccos(radius / behind) - np.arccos(radius / tip)
+    return spans + radius * arc, radius
+
+
+def test_a_tendon_around_a_cylinder_has_its_geodesic_and_its_radius_for_an_arm() -> None:
+    """A constant pull f turns the arm by f r/I, whatever its angle while the cord is on the drum.
+
+    Bounds: rounding of float32 lengths; backward Euler adds t dt/2, exact here.
+    """
+    pull, inertia, steps = 2.0, 0.5, 200
+    model = model_of(file(OVER_DRUM.format(has=""), '<motor tendon="cord"/>'))
+    q, solver = run(model, steps, -pull)
+    angle = -pull * drum_length(0.0)[1] / inertia * steps * (steps + 1) / 2 * DT**2
+    assert q[-1, ARM] == pytest.approx(angle, rel=1.0e-4)
+    found = solver._tree.tendons.length.numpy()[0]
+    assert found == pytest.approx(drum_length(q[-1, ARM])[0], abs=1.0e-6)
+
+
+@pytest.mark.parametrize("ratio", [1.0, 1.0e3])
+def test_two_weights_on_a_rope_over_pulleys_accelerate_as_atwood_says(ratio: float) -> None:
+    """a = (m1 - m2)/(m1 + m2) g, and the rope, a limit of a tendon, keeps its length.
+
+    Bound of the length: rounding of 3 m in float32.
+    """
+    model = model_of(file(ROPE.format(has='limited="true" range="0 3"')), G)
+    masses = model.body_mass.numpy()
+    masses[LEFT] = ratio * 3.0
+    model.body_mass.assign(masses)
+    model.body_inv_mass.assign(1.0 / masses)
+    q, _ = run(model, 200)
+    weights = (masses[LEFT] - masses[RIGHT]) / (masses[LEFT] + masses[RIGHT])
+    assert q[-1, RIGHT] == pytest.approx(weights * G * 0.2 * (0.2 + DT) / 2.0, rel=1.0e-4)
+    np.testing.assert_allclose(q[:, LEFT] + q[:, RIGHT], 0.0, atol=1.0e-6)
+
+
+def test_a_rope_that_goes_slack_pulls_nothing_and_then_holds() -> None:
+    """Thrown up, the weights fall freely until the rope is taut again; it never pushes.
+
+    Bounds: rounding; 1e-5 m where it holds, what one step leaves open.
+    """
+    model = model_of(file(ROPE.format(has='limited="true" range="0 3"')), G)
+    q, _ = run(model, 500, rates=(0.0, 1.0, 1.0))
+    t = DT * np.arange(1, 501)
+    free = t - G * t * (t + DT) / 2.0
+    is_slack = t < 0.2
+    np.testing.assert_allclose(q[is_slack, LEFT], free[is_slack], atol=1.0e-5)
+    np.testing.assert_allclose(q[is_slack, RIGHT], free[is_slack], atol=1.0e-5)
+    assert np.all(q[:, LEFT] + q[:, RIGHT] > -1.0e-5)
+    assert q[-1, RIGHT] > q[-1, LEFT]
+
+
+def test_a_pulley_divides_the_pull_of_what_comes_after_it() -> None:
+    """Of a force on the tendon a branch of divisor 2 gets the half."""
+    tendon = """<spatial name="cord"><site site="left"/><site site="pulley_left"/>
+    <pulley divisor="2"/><site site="right"/><site site="pulley_right"/></spatial>"""
+    q, _ = run(model_of(file(tendon, '<motor tendon="cord"/>')), 100, -3.0)
+    reach = 0.1 * (0.1 + DT) / 2.0
+    assert q[-1, LEFT] == pytest.approx(3.0 / 3.0 * reach, rel=1.0e-4)
+    assert q[-1, RIGHT] == pytest.approx(1.5 / 1.0 * reach, rel=1.0e-4)
+
+
+def test_a_spring_is_slack_in_its_band_and_stable_beyond_however_stiff() -> None:
+    """Within the band nothing pulls; a stiff one holds its end at m g/k beyond the band."""
+    stiffness = 1.0e8
+    tendon = f"""<spatial stiffness="{stiffness}" springlength="0 1.5">
+    <site site="left"/><site site="pulley_left"/></spatial>"""
+    model = model_of(file(tendon), G)
+    q, _ = run(model, 1000)
+    t = DT * np.arange(1, 1001)
+    free = -G * t * (t + DT) / 2.0
+    np.testing.assert_allclose(q[t < 0.3, LEFT], free[t < 0.3], atol=1.0e-5)
+    assert q[-1, LEFT] == pytest.approx(-0.5, abs=1.0e-5)
+    assert np.all(q[:, LEFT] > -0.5 - 1.0e-4)
+
+
+def muscle(length: float) -> float:
+    """Active force of MuJoCo's muscle by its normalised length, with lmin 0.5 and lmax 1.6."""
+    least, most = 0.5, 1.6
+    rise, fall = 0.5 * (least + 1.0), 0.5 * (1.0 + most)
+    if length <= rise:
+        return 0.5 * ((length - least) / (rise - least)) ** 2
+    if length <= 1.0:
+        return 1.0 - 0.5 * ((1.0 - length) / (1.0 - rise)) ** 2
+    if length <= fall:
+        return 1.0 - 0.5 * ((length - 1.0) / (fall - 1.0)) ** 2
+    return 0.5 * ((most - length) / (most - fall)) ** 2
+
+
+@pytest.mark.parametrize("length", [0.7, 0.95, 1.2, 1.45])
+def test_a_muscle_pulls_a_spatial_tendon_by_its_force_length_curve(length: float) -> None:
+    """The weight accelerates by the curve's force. Bound: 1e-5 m that one step moves it by, and
+    that by rounding."""
+    tendon = '<spatial name="cord"><site site="left"/><site site="pulley_left"/></spatial>'
+    peak = 30.0
+    prm = f"0.5 1.5 {peak} 1 0.5 1.6 1e9 0 1.2"
+    actuator = f"""<general tendon="cord" gaintype="muscle" biastype="muscle" dyntype="none"
+    gainprm="{prm}" biasprm="{prm}" lengthrange="0.5 1.5"/>"""
+    dt = 4.0e-3
+    q, _ = run(model_of(file(tendon, actuator)), 1, 1.0, (0.0, 1.0 - length, 0.0), dt=dt)
+    force = (q[0, LEFT] - np.float32(1.0 - length)) * 3.0 / dt**2
+    assert force == pytest.approx(peak * muscle(length), rel=5.0e-3)
+
+
+def test_a_limit_of_a_fixed_tendon_stops_the_sum_of_its_coordinates() -> None:
+    """Both fall freely; from the limit on their sum stays, and it pulls both alike."""
+    model = model_of(file(BOTH.format(has='limited="true" range="-0.5 9"')), G)
+    q, _ = run(model, 600, rates=(0.0, 0.0, -0.5))
+    total = q[:, LEFT] + q[:, RIGHT]
+    assert np.all(total > -0.5 - 1.0e-5)
+    np.testing.assert_allclose(total[-100:], -0.5, atol=1.0e-5)
+    # what holds both pulls them alike, so that 3 q_left - q_right keeps its acceleration, -2 g
+    t = 0.6
+    apart = 3.0 * q[-1, LEFT] - q[-1, RIGHT]
+    assert apart == pytest.approx(0.5 * t - G * t * (t + DT), rel=1.0e-3)
+
+
+def test_friction_loss_holds_a_tendon_and_then_slips() -> None:
+    """Of a pull below it nothing moves, above it what it leaves accelerates the weight."""
+    tendon = """<spatial name="cord" frictionloss="2"><site site="left"/><site site="pulley_left"/>
+    </spatial>"""
+    model = model_of(file(tendon, '<motor tendon="cord"/>'))
+    held, _ = run(model, 100, -1.9)
+    np.testing.assert_allclose(held[:, LEFT], 0.0, atol=1.0e-6)
+    slips, _ = run(model, 100, -5.0)
+    assert slips[-1, LEFT] == pytest.approx(3.0 / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
+
+
+def test_armature_adds_to_the_inertia_along_a_tendon() -> None:
+    """a = f/(m + armature), where the moment is 1."""
+    tendon = """<spatial name="cord" armature="2"><site site="left"/><site site="pulley_left"/>
+    </spatial>"""
+    q, _ = run(model_of(file(tendon, '<motor tendon="cord"/>')), 100, -5.0)
+    assert q[-1, LEFT] == pytest.approx(5.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
+
+
+def test_an_equality_leads_a_tendon_by_a_polynomial_of_another_one() -> None:
+    """The cord of the left weight is 2 d + d^2 longer where that of the right one is d longer."""
+    tendon = """<spatial name="one"><site site="left"/><site site="pulley_left"/></spatial>
+    <fixed name="other"><joint joint="right" coef="1"/></fixed>"""
+    equality = '<tendon tendon1="one" tendon2="other" polycoef="0 2 1 0 0"/>'
+    q, _ = run(model_of(file(tendon, equality=equality), G), 300)
+    d = q[:, RIGHT]
+    np.testing.assert_allclose(-q[:, LEFT], 2.0 * d + d**2, atol=2.0e-6)
+    assert q[-1, LEFT] < -0.1
+
+
+def test_a_force_range_of_a_tendon_bounds_its_actuators() -> None:
+    tendon = """<spatial name="cord" actuatorfrcrange="-2 2"><site site="left"/>
+    <site site="pulley_left"/></spatial>"""
+    actuator = '<position tendon="cord" kp="1e6" kv="1e3"/>'
+    q, _ = run(model_of(file(tendon, actuator)), 100, 0.0)
+    assert q[-1, LEFT] == pytest.approx(2.0 / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
+
+
+def test_random_paths_have_the_lengths_and_moments_of_mujoco() -> None:
+    """Spheres and cylinders, with side sites outside, inside and without, and pulleys.
+
+    Bounds: float32 of some meters.
+    """
+    rng = np.random.default_rng(1)
+    parts, paths, count = "", "", 120
+    for i in range(count):
+        start, end, side = (0.5 * rng.normal(size=3) for _ in range(3))
+        radius, turn = rng.uniform(0.05, 0.3), rng.uniform(-3.0, 3.0, 3)
+        side *= 0.2 * radius if i % 4 == 3 else 0.8
+        kind, size = ("sphere", f"{radius}") if i % 2 else ("cylinder", f"{radius} 0.3")
+        at = {name: " ".join(map(str, v)) for name, v in (("p", start), ("q", end), ("s", side))}
+        parts += f"""<site name="p{i}" pos="{at["p"]}"/><site name="s{i}" pos="{at["s"]}"/>
+        <geom name="g{i}" type="{kind}" size="{size}" euler="{" ".join(map(str, turn))}"/>
+        <body pos="{at["q"]}"><freejoint/><geom type="sphere" size="0.01" mass="1"/>
+        <site name="q{i}" pos="0.02 0.01 0"/></body>"""
+        around = f'sidesite="s{i}"' if i % 4 >= 2 else ""
+        pulley = '<pulley divisor="2"/>' if i % 5 == 0 else ""
+        paths += f"""<spatial>{pulley}<site site="p{i}"/><geom geom="g{i}" {around}/>
+        <site site="q{i}"/></spatial>"""
+    text = f"""<mujoco><compiler angle="radian"/><worldbody>{parts}</worldbody>
+    <tendon>{paths}</tendon></mujoco>"""
+    native = mujoco.MjModel.from_xml_string(text)
+    now = mujoco.MjData(native)
+    mujoco.mj_forward(native, now)
+    moments = np.zeros((count, native.nv))
+    rows = (native.ten_J_rownnz, native.ten_J_rowadr, native.ten_J_colind)
+    mujoco.mju_sparse2dense(moments, now.ten_J, *rows)
+    cords = SolverAVBD(model_of(text))._actuation._cords
+    assert np.sum(now.ten_wrapnum > 2 + 2 * (np.arange(count) % 5 == 0)) > count / 4
+    np.testing.assert_allclose(cords.arrays.rest.numpy(), now.ten_length, atol=1.0e-6)
+    linear = (np.arange(native.nv) % 6) < 3
+    np.testing.assert_allclose(cords.moments()[:, linear], moments[:, linear], atol=2.0e-6)
+
+
+PATH = '<spatial name="cord" {has}><site site="left"/>{rest}<site site="right"/></spatial>'
+
+
+@pytest.mark.parametrize(
+    ("tendon", "actuator", "spoil", "says"),
+    [
+        ('<spatial name="cord"><site site="left"/></spatial>', "", None, "fewer than two sites"),
+        (
+            PATH.format(has="", rest='<geom geom="drum"/>'),
+            "",
+            ("tendon_wrap_shape", 1, 99),
+            r"none of the model's .* shapes",
+        ),
+        (
+            PATH.format(has="", rest='<geom geom="drum"/>'),
+            "",
+            ("tendon_wrap_type", 0, 1),
+            r"fewer than two sites|from no site",
+        ),
+        (PATH.format(has='stiffness="1"', rest=""), "", ("tendon_stiffness", 0, np.nan), "finite"),
+        (
+            PATH.format(has="", rest=""),
+            '<muscle tendon="cord"/>',
+            None,
+            r"has no length range.*MjModel",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_named(
+    tendon: str, actuator: str, spoil: tuple[str, int, float] | None, says: str
+) -> None:
+    model = model_of(file(tendon, actuator))
+    if spoil is not None:
+        array = getattr(model.mujoco, spoil[0])
+        values = array.numpy()
+        values[spoil[1]] = spoil[2]
+        array.assign(values)
+    with pytest.raises(ValueError, match=says) as error:
+        SolverAVBD(model)
+    assert "cord" in str(error.value) or actuator
+
+
+def test_bodies_one_by_one_have_no_tendons_and_say_so() -> None:
+    model = model_of(file(ROPE.format(has="")))
+    with pytest.raises(NotImplementedError, match=r"'rope'.*blocks='articulation'"):
+        SolverAVBD(model, blocks="body")
+    assert not SolverAVBD(model, blocks="body", effects={"tendons": False}).effects["tendons"].on
+
+
+def test_tendons_are_an_effect_with_a_reason() -> None:
+    effects = SolverAVBD(model_of(file(ROPE.format(has="")))).effects
+    assert effects["spatial_tendons"].on and "'worldbody/left'" in effects["tendons"].why
+    assert effects["tendons"].bytes > 0
