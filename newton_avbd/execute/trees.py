@@ -51,8 +51,8 @@ ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
 
 PATIENCE = wp.constant(3)
-"""Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on. After
-the first of them updates are searched along where something on the axes has a bound."""
+"""Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on.
+After the first of them updates are searched along where something on the axes has a bound."""
 SEARCHES = wp.constant(8)
 """Bisections of the share of an update at which the energy along it is least."""
 HIDDEN = wp.constant(2.0e-2)

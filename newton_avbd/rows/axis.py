@@ -15,13 +15,13 @@ coefficient is too stiff:
 F never grows with q and is linear in pieces. In a tree the piece of each axis is taken to be known
 and stands in the matrix; an axis that then turns out to be off its piece takes the next one in the
 next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). A drive
-that leaves its limit, or reaches one, does so within the sweep: given the motion of the parent its
-axis has one equation left (:func:`free_step`). If a sweep does not lower the number of axes that are
-off, the next one goes along its update only as far as the energy falls (``least_energy`` in
-:mod:`..execute.trees`). If the number does not fall for longer, one stop or friction at a time takes
-its next piece (block principal pivoting, which always ends: Portugal, Judice, Vicente, Math. Comput.
-63, 1994). With compliance a limit is a spring
-and damper instead, or where an MJCF file authors it one with MuJoCo's impedance.
+takes or leaves its effort limit within the sweep: given the motion of the parent its axis has one
+equation left (:func:`free_step`). If a sweep does not lower the number of axes that are off, the
+next one goes along its update only as far as the energy falls (``least_energy`` in
+:mod:`..execute.trees`). If the number does not fall for longer, one stop or friction at a time
+takes its next piece (block principal pivoting, which always ends: Portugal, Judice, Vicente, Math.
+Comput. 63, 1994). With compliance a limit is a spring and damper instead, or where an MJCF file
+authors it one with MuJoCo's impedance.
 """
 
 from dataclasses import dataclass
