@@ -19,7 +19,14 @@ from newton_avbd.io import UserError, require
 from newton_avbd.io.converted import as_usd, can_convert, require_converters
 from newton_avbd.io.robots import SOURCES, Robot, find_robot, not_installed, read_robot, robots
 from newton_avbd.study.bench import describe_machine
-from newton_avbd.study.robot_page import line, picture, read_reports, summary, write_page
+from newton_avbd.study.robot_page import (
+    line,
+    picture,
+    read_reports,
+    summary,
+    write_montage,
+    write_page,
+)
 from newton_avbd.study.robot_run import Record
 from newton_avbd.study.robot_trial import Report, try_robot
 
@@ -40,7 +47,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--output",
         type=Path,
         metavar="DIR",
-        help="write robots.md there, with a picture of each robot; what is there of others stays",
+        help="write robots.md there, with a picture of each robot and one of some; what is there "
+        "of others stays",
     )
     parser.add_argument(
         "--untimed",
@@ -100,6 +108,8 @@ def main(args: argparse.Namespace) -> int:
                 # After each robot, so that a run that is interrupted loses none.
                 order = [known[other.name] for other in robots() if other.name in known]
                 _write(args.output, order, stem)
+    if args.output and not args.usd:
+        write_montage(args.output)
     print(f"\n{summary(reports)}")
     return interruption.status(int(any(report.failures for report in reports)))
 

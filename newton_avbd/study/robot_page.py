@@ -16,6 +16,16 @@ from newton_avbd.study.robot_trial import BLEW_UP, SOLVERS, Report
 PICTURES = Path("images") / "robots"
 """Folder of the pictures, beside the page."""
 
+MONTAGE = Path("images") / "robots.jpg"
+"""Some of the pictures in one, beside the page."""
+
+SHOWN = (
+    ("anymal_c", "panda", "pr2", "g1_29dof_rev_1_0", "so101"),
+    ("hyq", "tiago", "allegro_right_hand", "centauro", "b1-z1"),
+    ("iris", "baxter", "nv_ant", "dm_control/dog", "ur5_robot"),
+)
+"""Robots of that picture, by row."""
+
 _INTRODUCTION = """# Robots
 
 Written by `newton-avbd robots --output docs`. Each robot is imported as its file has it: no welded
@@ -135,6 +145,30 @@ def write_page(
     page = folder / f"{stem}.md"
     page.write_text("\n".join(parts).lstrip("\n"))
     return page
+
+
+def write_montage(folder: Path) -> Path | None:
+    """Put the pictures of :data:`SHOWN` into one.
+
+    Args:
+        folder: That of the page; pictures lie below it.
+
+    Returns:
+        The picture; None where one of its parts has not been drawn.
+    """
+    from PIL import Image
+
+    paths = [[folder / picture(name) for name in row] for row in SHOWN]
+    if not all(path.exists() for row in paths for path in row):
+        return None
+    rows = [[Image.open(path) for path in row] for row in paths]
+    width, height = rows[0][0].size
+    whole = Image.new("RGB", (width * len(rows[0]), height * len(rows)))
+    for i, row in enumerate(rows):
+        for j, image in enumerate(row):
+            whole.paste(image, (width * j, height * i))
+    whole.save(folder / MONTAGE, quality=90)
+    return folder / MONTAGE
 
 
 def _row(folder: Path, report: Report) -> list[str]:
