@@ -37,7 +37,7 @@ def target_translation(v: wp.vec3, acceleration: wp.vec3, h: float) -> wp.vec3:
     return h * v + (h * h) * acceleration
 
 
-@wp.func
+@wp.func(inline=True)
 def target_spin(inertia: wp.mat33, inv_inertia: wp.mat33, momentum: wp.vec3, h: float) -> wp.vec3:
     """Angular velocity w [rad/s] that keeps the angular momentum over a step, all in body axes.
 
@@ -85,7 +85,7 @@ def spin_of(inv_inertia: wp.mat33, rotation: wp.quat, momentum: wp.vec3) -> wp.v
     return wp.quat_rotate(rotation, inv_inertia * wp.quat_rotate_inv(rotation, momentum))
 
 
-@wp.func
+@wp.func(inline=True)
 def free_turn(
     inertia: wp.mat33,
     inv_inertia: wp.mat33,
