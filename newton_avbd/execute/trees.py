@@ -1382,11 +1382,13 @@ def make_trees(
             index = nonnegative(joints.dof_start[joint] + dof)
             if wp.static(effects.kinds.gimbals):
                 if dof == linear + 2:
-                    # At the pole of a gimbal nothing but this resists the turn of its outer axes
-                    # against each other.
+                    # At the pole of a gimbal nothing but this and the axis' own armature resists the
+                    # turn of its outer axes against each other.
                     along = wp.dot(axis.angular, first_axis)
                     lean = wp.max(1.0 - (1.0 - along * along) / NEAR_POLE, 0.0)
                     drag = wp.static(POLE_DRAG) * lean * inv_h2 / wp.trace(model.inv_inertia[body])
+                    if wp.static(effects.armature):
+                        drag = wp.max(drag - inv_h2 * joints.armature[index], 0.0)
                     moved = wp.float32(tree.coordinate[k] - tree.start_coordinate[k])
                     axis.push -= drag * moved
                     pivot += drag
