@@ -7,7 +7,7 @@ import argparse
 import os
 import sys
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -92,9 +92,13 @@ def main(args: argparse.Namespace) -> int:
         for number, robot in enumerate(chosen, 1):
             report = Report(robot.name, robot.package)
             shown = partial(show, f"{robot.name} ({number} of {len(chosen)})")
-            load = partial(_load_usd, robot, Path(folder)) if args.usd else partial(_load, robot)
+            notes: list[str] = []
+            source = partial(as_usd, robot, Path(folder)) if args.usd else partial(_as_it_is, robot)
             with silence():
+                load = partial(_load, source, notes)
                 record = try_robot(report, load, shown, timed=not args.untimed)
+                if report.failures:
+                    report.failures += dict.fromkeys(notes)
                 if args.output and record is not None and not args.usd:
                     _draw(robot, record, args.output / picture(robot.name))
             if args.untimed and robot.name in known:
@@ -127,12 +131,16 @@ def chosen_robots(names: list[str]) -> list[Robot]:
     return list(chosen.values())
 
 
-def _load(robot: Robot) -> newton.ModelBuilder:
-    return read_robot(robot)[0]
+def _as_it_is(robot: Robot) -> Robot:
+    return robot
 
 
-def _load_usd(robot: Robot, folder: Path) -> newton.ModelBuilder:
-    return read_robot(as_usd(robot, folder))[0]
+def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:
+    """Import a robot; ``notes`` gets what is to be known of what its file says."""
+    robot = source()
+    builder, found = read_robot(robot)
+    notes += [note for note in found if note.startswith(f"{robot.path.name}:")]
+    return builder
 
 
 def _listing() -> str:

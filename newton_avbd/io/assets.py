@@ -4,6 +4,7 @@
 """Simulating USD, URDF and MJCF files."""
 
 import re
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -222,7 +223,21 @@ def _read_urdf(
             for name in absent
             if str(find_asset(name, path)) not in unreadable
         ]
-        return builder, (*bad, *lost)
+        return builder, (*bad, *lost, *_weighed_by_shapes(path, text, builder))
+
+
+def _weighed_by_shapes(path: Path, text: str, builder: newton.ModelBuilder) -> Iterator[str]:
+    """Says which mass Newton's importer gives to links without ``<inertial>``, which have none."""
+    links = ElementTree.fromstring(text).iter("link")
+    bare = {link.get("name") for link in links if link.find("inertial") is None}
+    named = zip(builder.body_label, builder.body_mass, strict=True)
+    masses = [mass for label, mass in named if label.rpartition("/")[2] in bare and mass > 0.0]
+    if masses:
+        yield (
+            f"{path.name}: {len(masses)} links without <inertial> get {sum(masses):.3g} of "
+            f"{sum(builder.body_mass):.3g} kg, as Newton's importer weighs their shapes; "
+            "builder.default_shape_cfg.density = 0.0 before add_urdf leaves them without mass"
+        )
 
 
 def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
