@@ -319,7 +319,7 @@ class LargeWorlds:
         launch(
             kernels.end_velocities,
             bodies,
-            [model, body_q, body_qd, h, worlds, *end, history, body_qd_out],
+            [model, joints, body_q, body_qd, h, worlds, *end, history, body_qd_out],
         )
         if effects.spinning:
             spins = [model, joints, worlds, work, tree, loops, colors, body_qd_out]

@@ -232,7 +232,10 @@ def make_colored(effects: Effects) -> Colored:
     break_blocks, break_loop = make_break_joints(effects, gather, closures.load_tendons)
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
-    bound_world = make_energy(effects).bound_world if effects.balanced else None
+    energy = make_energy(effects) if effects.balanced else None
+    bound_world = energy.bound_world if energy else None
+    is_body_led = energy.is_body_led if energy else None
+    is_world_led = energy.is_world_led if energy else None
     count_passes = make_count_passes(effects)
     cables = make_cables(effects)
     begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
@@ -864,6 +867,7 @@ def make_colored(effects: Effects) -> Colored:
     def end_velocities(
         # Model:
         model: BodyModel,
+        joints: JointModel,
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -906,6 +910,9 @@ def make_colored(effects: Effects) -> Colored:
                 True,
                 history,
             )
+            if wp.static(effects.balanced and effects.kinds.gimbals):
+                if is_body_led(body, joints, work, tree):
+                    colors.is_excessive[0] = 1
             if wp.static(effects.restitution):
                 if colors.has_impacts[world] == 1:
                     release_impacts(body, worlds, rows, tree, loops)
@@ -1194,7 +1201,11 @@ def make_colored(effects: Effects) -> Colored:
         world = wp.tid()
         scale = colors[0].scale[world]
         update = worlds[0].update[world]
-        if colors[0].is_finite[world] == 1 and is_unsettled(update * update, scale):
+        has_not_settled = is_unsettled(update * update, scale)
+        if wp.static(effects.kinds.gimbals):
+            if is_world_led(world, joints[0], worlds[0], work[0], tree[0]):
+                has_not_settled = True
+        if colors[0].is_finite[world] == 1 and has_not_settled:
             bound_world(
                 world,
                 scale,

@@ -222,6 +222,8 @@ class EnergyFunctions(NamedTuple):
     begin_balance: wp.Function
     bound_energy: wp.Function
     bound_world: wp.Function
+    is_body_led: wp.Function
+    is_world_led: wp.Function
 
 
 def make_energy(effects: Effects) -> EnergyFunctions:
@@ -230,7 +232,8 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
-    is_gimbal = joint_functions.is_gimbal
+    is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
+    known_angles = joint_functions.known_angles
     join_tendons = make_join_tendons(join_islands) if effects.tendons else absent
 
     @wp.func
@@ -446,8 +449,9 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         out.start += kinetic_energy(body, body_q[body], velocity, model)
         out.start += h * (wp.dot(force, wp.spatial_top(velocity)) + wp.dot(torque, w))
         if wp.static(not effects.drives and not effects.pushed_axes):
-            # drives may make a body faster than anything was
-            if h * wp.length(wp.spatial_top(body_qd_out[body])) > reach:
+            # drives may make a body faster than anything was; without contacts the reach of a world
+            # with weight is not measured
+            if reach > 0.0 and h * wp.length(wp.spatial_top(body_qd_out[body])) > reach:
                 out.is_wild = True
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
@@ -722,6 +726,39 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     join_islands(islands, worlds, work, body, parent)
 
     @wp.func
+    def is_body_led(
+        body: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
+    ) -> bool:
+        """Whether the angles of the body's gimbal lead its pose where the step starts or ends.
+
+        What acts on the angles then has long levers, whose changes within the step put energy in
+        also where the sweeps have settled.
+        """
+        if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+            joint = tree.joint[body]
+            first = tree.axis_start[body]
+            if is_gimbal(joints, joint):
+                start = known_angles(joints, joint, tree.start_coordinate, first)
+                end = known_angles(joints, joint, tree.coordinate, first)
+                return is_led(joints, joint, start) or is_led(joints, joint, end)
+        return False
+
+    @wp.func
+    def is_world_led(
+        world: int,
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+    ) -> bool:
+        """Whether that holds for a body of a world."""
+        if wp.static(effects.kinds.gimbals):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                if is_body_led(worlds.bodies[i], joints, work, tree):
+                    return True
+        return False
+
+    @wp.func
     def bound_world(
         world: int,
         scale: WorldScale,
@@ -745,7 +782,8 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         for i in range(first, end):
             farthest = wp.max(farthest, squared_move(worlds.bodies[i], work))
         if worlds.update[world] <= NEARLY * wp.sqrt(farthest):
-            return
+            if not is_world_led(world, joints, worlds, work, tree):
+                return
         for i in range(first, end):
             if work.inv_mass[worlds.bodies[i]] > 0.0:
                 begin_balance(worlds.bodies[i], islands)
@@ -778,4 +816,4 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             body_qd_out,
         )
 
-    return EnergyFunctions(begin_balance, bound_energy, bound_world)
+    return EnergyFunctions(begin_balance, bound_energy, bound_world, is_body_led, is_world_led)

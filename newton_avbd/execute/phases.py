@@ -70,6 +70,7 @@ class Phases(NamedTuple):
     begin_recovery: wp.Function
     end_recovery: wp.Function
     end_poses: wp.Function
+    is_world_led: wp.Function
 
 
 def make_phases(effects: Effects) -> Phases:
@@ -130,7 +131,8 @@ def make_phases(effects: Effects) -> Phases:
     break_blocks, break_loop = breaking.break_blocks, breaking.break_loop
     end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
     count_passes = make_count_passes(effects)
-    bound_world = make_energy(effects).bound_world if effects.balanced else absent
+    energy = make_energy(effects) if effects.balanced else ABSENT
+    bound_world, is_world_led = energy.bound_world, energy.is_world_led
 
     @wp.func
     def begin_world(
@@ -768,4 +770,5 @@ def make_phases(effects: Effects) -> Phases:
         begin_recovery,
         end_recovery,
         end_poses,
+        is_world_led,
     )

@@ -1382,8 +1382,8 @@ def make_trees(
             index = nonnegative(joints.dof_start[joint] + dof)
             if wp.static(effects.kinds.gimbals):
                 if dof == linear + 2:
-                    # At the pole of a gimbal nothing but this and the axis' own armature resists the
-                    # turn of its outer axes against each other.
+                    # At the pole of a gimbal nothing else but armature resists how the outer axes
+                    # turn against each other.
                     along = wp.dot(axis.angular, first_axis)
                     lean = wp.max(1.0 - (1.0 - along * along) / NEAR_POLE, 0.0)
                     drag = wp.static(POLE_DRAG) * lean * inv_h2 / wp.trace(model.inv_inertia[body])
