@@ -77,7 +77,7 @@ VARIANTS = {
         JOINTED,
         "flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
-        "gravity_compensation body_actuators",
+        "gravity_compensation body_actuators spatial_tendons",
     ),
     "compliant articulations": with_all(JOINTED, "compliance"),
 }
@@ -93,7 +93,8 @@ LARGE_VARIANTS = {
     "articulations": with_all(
         JOINTED,
         "pairs flipped light_roots light_links reaction mimics springs armature joint_friction "
-        "effort_limits velocity_limits restitution breaking actuators tendons dahl fluid",
+        "effort_limits velocity_limits restitution breaking actuators tendons dahl fluid "
+        "spatial_tendons",
     ),
 }
 """Effects of one large world."""
