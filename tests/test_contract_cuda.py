@@ -77,7 +77,7 @@ VARIANTS = {
         JOINTED,
         "flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
-        "gravity_compensation body_actuators cables",
+        "gravity_compensation body_actuators spatial_tendons cables",
     ),
     "compliant articulations": with_all(JOINTED, "compliance"),
 }
@@ -94,7 +94,7 @@ LARGE_VARIANTS = {
         JOINTED,
         "pairs flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits restitution breaking actuators tendons dahl fluid "
-        "cables",
+        "spatial_tendons cables",
     ),
 }
 """Effects of one large world."""

@@ -446,6 +446,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "welds",
             "actuators",
             "tendons",
+            "spatial_tendons",
             "body_actuators",
             "cables",
         ),  # what there is
