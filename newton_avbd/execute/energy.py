@@ -38,6 +38,7 @@ from ..rows import axis as axis_rows
 from ..rows import contact as contact_rows
 from ..rows import joint as joint_rows
 from ..rows.joint import BALL, ROD, make_joint
+from .cables import end_segment, first_segment, make_join, slot_at
 from .islands import begin_island, island_of, join_islands, point_inertia
 from .trees import anchor_arm, anchor_rotation, is_linked, parent_slot
 
@@ -220,6 +221,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     angular_count = joint_functions.angular_count
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
     is_gimbal = joint_functions.is_gimbal
+    join_cluster = make_join(join_islands)
 
     @wp.func
     def begin_balance(body: int, islands: wp.ref[IslandWork]):
@@ -425,9 +427,6 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 out.is_wild = True
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
-        if wp.static(effects.cables):
-            if tree.cables.pulled[body]:
-                out.is_pushed = True  # what compliant cables have stored is not summed
         out.mass += mass
         place = work.com[body] - work.com[root]
         momentum = mass * wp.spatial_top(velocity) + h * force
@@ -694,6 +693,36 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     join_islands(islands, worlds, work, body, parent)
 
     @wp.func
+    def add_cables(
+        cluster: int,
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        islands: wp.ref[IslandWork],
+    ):
+        """Adds what the cables of a cluster had stored at the start of the step, and to what they
+        tie its island."""
+        cables = tree.cables
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                if cables.active[seg] == 1:
+                    for side in range(2):
+                        slot = slot_at(seg, side, cables)
+                        other = slot_at(seg, 1 - side, cables)
+                        if work.inv_mass[slot] > 0.0:
+                            root = island_of(islands, slot)
+                            sum = islands.balance[root]
+                            if side == 0 or work.inv_mass[other] == 0.0:
+                                pull = cables.before[seg]
+                                sum.before += 0.5 * cables.compliance[seg] * pull * pull
+                            if work.inv_mass[other] == 0.0 and cables.tension[seg] > 0.0:
+                                sum = touch_fixed(other, True, work, sum)
+                                is_static = other == work.inv_mass.shape[0] - 1
+                                if not is_static and not tree.is_left[other]:
+                                    sum.is_pushed = True  # the user has moved it
+                            islands.balance[root] = sum
+
+    @wp.func
     def bound_world(
         world: int,
         scale: WorldScale,
@@ -726,6 +755,12 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 body = worlds.bodies[i]
                 if work.inv_mass[body] > 0.0:
                     join_joints(body, scale.static_slot, joints, worlds, work, tree, loops, islands)
+            if wp.static(effects.cables):
+                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                    join_cluster(i, worlds, work, tree, islands)
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                add_cables(i, work, tree, islands)
         bound_energy(
             first,
             end,
