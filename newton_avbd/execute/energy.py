@@ -723,6 +723,26 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                             islands.balance[root] = sum
 
     @wp.func
+    def drop_tensions(
+        cluster: int,
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        islands: wp.ref[IslandWork],
+    ):
+        """Forgets what pulls an island whose energy was bounded: that is no start of the next step,
+        nor does material slip by it."""
+        cables = tree.cables
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                if cables.active[seg] == 1:
+                    for side in range(2):
+                        slot = slot_at(seg, side, cables)
+                        if work.inv_mass[slot] > 0.0:
+                            if islands.balance[island_of(islands, slot)].is_bounded:
+                                cables.tension[seg] = 0.0
+
+    @wp.func
     def bound_world(
         world: int,
         scale: WorldScale,
@@ -781,5 +801,8 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             body_q_out,
             body_qd_out,
         )
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                drop_tensions(i, work, tree, islands)
 
     return EnergyFunctions(begin_balance, bound_energy, bound_world)
