@@ -277,7 +277,7 @@ class Cables:
             **dict.fromkeys(("spoke_left", "spoke_right"), wp.vec3),
             **dict.fromkeys(("start", "misfit", "stretch", "weight", "load"), wp.float64),
             **dict.fromkeys(("pull", "answer"), wp.float64),
-            "kept": float,
+            **dict.fromkeys(("kept", "length"), float),
             "slack": wp.bool,
         }
         by_slot = {

@@ -904,6 +904,8 @@ class CableWork:
     """What of it the sweeps leave to the recovery [m]."""
     stretch: wp.array[wp.float64]
     """Length beyond the material that no slip has changed, after the increments [m]."""
+    length: wp.array[float]
+    """From contact point to contact point [m]."""
     direction: wp.array[wp.vec3]
     """From left to right, a unit vector in world frame."""
     spoke_left: wp.array[wp.vec3]

@@ -168,6 +168,7 @@ def measure_cable(
         span = law.span_between(guide_l, guide_r, pose_l, pose_r, cables.base_left[seg])
         cables.stretch[seg] = beyond_rest(seg, span, pose_l, pose_r, cables)
         direction = law.as_single(span.direction)
+        cables.length[seg] = wp.float32(span.length)
         cables.direction[seg] = direction
         cables.spoke_left[seg] = law.as_single(span.left)
         cables.spoke_right[seg] = law.as_single(span.right)
@@ -199,7 +200,6 @@ def stiffen(
     side: int,
     pull: float,
     share: float,
-    length: float,
     work: wp.ref[BodyWork],
     cables: wp.ref[CableWork],
 ):
@@ -217,16 +217,14 @@ def stiffen(
         return
     arm = cables.arm[2 * seg + side]
     across = wp.identity(n=3, dtype=float) - wp.outer(n, n)
-    across = (share * pull / wp.max(length, LEAST_LENGTH)) * across
+    across = (share * pull / wp.max(cables.length[seg], LEAST_LENGTH)) * across
     cross = wp.skew(arm)
     cables.ll[slot] = cables.ll[slot] + across
     cables.al[slot] = cables.al[slot] + cross * across
-    aa = geometric_stiffness(force, arm) - cross * across * cross
     if cables.guides[guide].kind == ROLLER:
         # the contact point does not turn with the roller
-        axis = wp.cross(wp.normalize(spoke), n)
-        kept = wp.identity(n=3, dtype=float) - wp.outer(axis, axis)
-        aa = kept * aa * kept
+        arm -= spoke
+    aa = geometric_stiffness(force, arm) - cross * across * cross
     cables.aa[slot] = cables.aa[slot] + aa
     cables.pulled[slot] = True
 
@@ -254,13 +252,12 @@ def pull_cluster(cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]
             # both move at once: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2
             both = work.inv_mass[a] > 0.0 and work.inv_mass[b] > 0.0
             share = wp.where(both, 2.0, 1.0)
-            length = cables.rest[seg] + wp.float32(cables.stretch[seg])
             for side in range(2):
                 slot = wp.where(side == 0, a, b)
                 if work.inv_mass[slot] > 0.0:
                     cables.wrench[slot] = cables.wrench[slot] + pull * cables.way[2 * seg + side]
                     if a != b:
-                        stiffen(seg, side, pull, share, length, work, cables)
+                        stiffen(seg, side, pull, share, work, cables)
 
 
 @wp.func

@@ -38,6 +38,7 @@ from ..rows import axis as axis_rows
 from ..rows import contact as contact_rows
 from ..rows import joint as joint_rows
 from ..rows.joint import BALL, ROD, make_joint
+from .cables import end_segment, first_segment, make_join, slot_at
 from .islands import begin_island, island_of, join_islands, point_inertia
 from .launch import absent
 from .tendons import make_join_tendons, tendon_work
@@ -234,6 +235,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
     is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
     known_angles = joint_functions.known_angles
+    join_cluster = make_join(join_islands)
     join_tendons = make_join_tendons(join_islands) if effects.tendons else absent
 
     @wp.func
@@ -455,9 +457,6 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                 out.is_wild = True
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
-        if wp.static(effects.cables):
-            if tree.cables.pulled[body]:
-                out.is_pushed = True  # what compliant cables have stored is not summed
         out.mass += mass
         place = work.com[body] - work.com[root]
         momentum = mass * wp.spatial_top(velocity) + h * force
@@ -759,6 +758,56 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         return False
 
     @wp.func
+    def add_cables(
+        cluster: int,
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        islands: wp.ref[IslandWork],
+    ):
+        """Adds what the cables of a cluster had stored at the start of the step, and to what they
+        tie its island."""
+        cables = tree.cables
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                if cables.active[seg] == 1:
+                    for side in range(2):
+                        slot = slot_at(seg, side, cables)
+                        other = slot_at(seg, 1 - side, cables)
+                        if work.inv_mass[slot] > 0.0:
+                            root = island_of(islands, slot)
+                            sum = islands.balance[root]
+                            if side == 0 or work.inv_mass[other] == 0.0:
+                                pull = cables.before[seg]
+                                sum.before += 0.5 * cables.compliance[seg] * pull * pull
+                            if work.inv_mass[other] == 0.0 and cables.tension[seg] > 0.0:
+                                sum = touch_fixed(other, True, work, sum)
+                                is_static = other == work.inv_mass.shape[0] - 1
+                                if not is_static and not tree.is_left[other]:
+                                    sum.is_pushed = True  # the user has moved it
+                            islands.balance[root] = sum
+
+    @wp.func
+    def drop_tensions(
+        cluster: int,
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        islands: wp.ref[IslandWork],
+    ):
+        """Forgets what pulls an island whose energy was bounded: that is no start of the next step,
+        nor does material slip by it."""
+        cables = tree.cables
+        for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+            cable = cables.cables[i]
+            for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+                if cables.active[seg] == 1:
+                    for side in range(2):
+                        slot = slot_at(seg, side, cables)
+                        if work.inv_mass[slot] > 0.0:
+                            if islands.balance[island_of(islands, slot)].is_bounded:
+                                cables.tension[seg] = 0.0
+
+    @wp.func
     def bound_world(
         world: int,
         scale: WorldScale,
@@ -795,6 +844,12 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             if wp.static(effects.tendons):
                 for i in range(first, end):
                     join_tendons(i, islands, worlds, work, tree)
+            if wp.static(effects.cables):
+                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                    join_cluster(i, worlds, work, tree, islands)
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                add_cables(i, work, tree, islands)
         bound_energy(
             first,
             end,
@@ -815,5 +870,8 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             body_q_out,
             body_qd_out,
         )
+        if wp.static(effects.cables):
+            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                drop_tensions(i, work, tree, islands)
 
     return EnergyFunctions(begin_balance, bound_energy, bound_world, is_body_led, is_world_led)

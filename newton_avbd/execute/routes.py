@@ -227,6 +227,26 @@ def give_slack(first: int, end: int, cables: CableWork):
             cables.load[other] = cables.load[other] + moved
 
 
+@wp.func
+def keep_material(first: int, end: int, cables: CableWork):
+    """In a group, a segment gives away no more material than it has: its neighbors lack the rest.
+
+    Expects ``load``, the stretch of each [m].
+    """
+    least = wp.float64(LEAST_REST)
+    for k in range(first, end):
+        seg = cables.chain[k]
+        lack = least - (cables.stretch[seg] - cables.load[seg])
+        for j in range(first, end):
+            other = cables.chain[j]
+            spare = (cables.stretch[other] - cables.load[other]) - least
+            moved = wp.min(lack, spare)
+            if j != k and moved > NONE:
+                cables.load[seg] = cables.load[seg] - moved
+                cables.load[other] = cables.load[other] + moved
+                lack -= moved
+
+
 @wp.kernel(**KERNEL)
 def end_cables(
     # Model:
@@ -295,13 +315,18 @@ def end_cables(
             stop += 1
         if pull > 0.0:
             for k in range(start, stop):
-                cables.load[cables.chain[first + k]] = sum / wp.float64(stop - start)
+                seg = cables.chain[first + k]
+                cables.load[seg] = sum / wp.float64(stop - start) + cables.pull[seg]
+            keep_material(first + start, first + stop, cables)
         else:
+            for k in range(start, stop):
+                seg = cables.chain[first + k]
+                cables.load[seg] = cables.load[seg] + cables.pull[seg]
             give_slack(first + start, first + stop, cables)
         start = stop
     for seg in range(first, end):
         if cables.active[seg] == 1:
-            stretch = cables.load[seg] + cables.pull[seg]
+            stretch = cables.load[seg]
             rest = cables.stretch[seg] - stretch
             cables.rest[seg] = wp.max(wp.float32(rest), LEAST_REST)
             cables.lost[seg] = wp.float32(rest - wp.float64(cables.rest[seg]))
