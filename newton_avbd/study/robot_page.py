@@ -20,7 +20,7 @@ MONTAGE = Path("images") / "robots.jpg"
 """Some of the pictures in one, beside the page."""
 
 SHOWN = (
-    ("anymal_c", "panda", "pr2", "g1_29dof_rev_1_0", "so101"),
+    ("anymal_c", "panda", "pr2", "laikago", "so101"),
     ("hyq", "tiago", "allegro_right_hand", "centauro", "b1-z1"),
     ("iris", "baxter", "nv_ant", "dm_control/dog", "ur5_robot"),
 )
