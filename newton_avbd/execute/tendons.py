@@ -386,6 +386,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
 
     @wp.func
     def axis_count(body: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> int:
+        """How many axes the joint of a body has, six of a root that floats."""
         if not is_linked(joints, tree, body):
             return 6
         return linear_count(joints, tree.joint[body]) + angular_count(joints, tree.joint[body])

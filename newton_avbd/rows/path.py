@@ -194,11 +194,13 @@ def wrap(
 
 @wp.func
 def single(v: wp.vec3d) -> wp.vec3:
+    """A vector in float32."""
     return wp.vec3(wp.float32(v[0]), wp.float32(v[1]), wp.float32(v[2]))
 
 
 @wp.func
 def double(v: wp.vec3) -> wp.vec3d:
+    """A vector in float64."""
     return wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2]))
 
 
