@@ -318,6 +318,7 @@ def test_a_large_world_has_no_kernels_of_absent_effects() -> None:
         *("sweep_loops", "keep_loops", "give_loops_back", "end_armatures", "end_loop_armatures"),
         *("begin_rounds", "find_impacts", "strike_worlds", "end_rounds", "leave_impacts"),
         *("align_spins", "break_trees", "break_loops"),
+        *("begin_clusters", "solve_clusters", "join_clusters", "give_cables_back"),
     }
     assert set(kernels["sweep_color"].module.kernels) == {kernels[name].key for name in made}
 
