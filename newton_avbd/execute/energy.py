@@ -794,7 +794,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         tree: wp.ref[TreeWork],
         islands: wp.ref[IslandWork],
     ):
-        """Forgets what pulls an island whose energy was bounded: that is no start of the next step,
+        """Forgets what pulls an island whose step was taken back: that is no start of the next one,
         nor does material slip by it."""
         cables = tree.cables
         for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
@@ -804,7 +804,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     for side in range(2):
                         slot = slot_at(seg, side, cables)
                         if work.inv_mass[slot] > 0.0:
-                            if islands.balance[island_of(islands, slot)].is_bounded:
+                            if islands.balance[island_of(islands, slot)].is_rigid:
                                 cables.tension[seg] = 0.0
 
     @wp.func
