@@ -143,7 +143,7 @@ def test_energy_that_an_intervention_puts_in_is_no_gain() -> None:
     unsaid = dataclasses.replace(
         FALL, act=lambda trial, step: throw(trial, step) and False, bounds=free
     )
-    assert try_case(unsaid, "avbd").failures(free) == ["gain"]
+    assert try_case(unsaid, "avbd").failures(free) == ["gain", "share"]
 
 
 def test_solver_that_refuses_says_why() -> None:
