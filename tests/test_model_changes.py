@@ -450,7 +450,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "body_actuators",
             "cables",
         ),  # what there is
-        *("closures", "mimics"),
+        *("closures", "mimics", "equalities"),
         "breaking",  # that some joint can break is said before
         *(
             "piles",
