@@ -68,7 +68,7 @@ VARIANTS = {
     "contacts": with_all(
         BODIES,
         "pairs piles restitution angular_friction matching moving_surfaces contact_materials "
-        "put_bodies",
+        "put_bodies condim contact_pairs",
     ),
     "compliance": with_all(BODIES, "compliance matching contact_materials"),
     "sleeping": with_all(BARE, "sleeping"),
@@ -77,9 +77,9 @@ VARIANTS = {
         JOINTED,
         "flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
-        "gravity_compensation body_actuators spatial_tendons cables",
+        "gravity_compensation body_actuators spatial_tendons cables equalities force_ranges",
     ),
-    "compliant articulations": with_all(JOINTED, "compliance"),
+    "compliant articulations": with_all(JOINTED, "compliance limit_impedance"),
 }
 """Effects that go together; all of them occur."""
 

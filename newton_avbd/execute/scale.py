@@ -68,7 +68,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
             if work.inv_mass[body] > 0.0:
                 gravity = wp.length_sq(model.gravity[model.world[body]])
                 scale.gravity = wp.max(scale.gravity, gravity)
-            if wp.static(effects.contact) or gravity == 0.0:
+            if wp.static(effects.contact or effects.cables) or gravity == 0.0:
                 target = work.target[body]
                 move = wp.length(wp.spatial_top(target))
                 if work.inv_mass[body] > 0.0:
