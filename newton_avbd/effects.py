@@ -510,8 +510,7 @@ class Effects:
 
     @property
     def bounded_axes(self) -> bool:
-        """Whether something pushes along joint axes up to a bound: friction, or drives with a limit
-        of effort."""
+        """Whether friction, or drives with a limit of effort, push along joint axes."""
         return self.joint_friction or self.effort_limits
 
     @property
