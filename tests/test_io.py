@@ -270,7 +270,9 @@ def test_unknown_scene_lists_what_there_is_close_matches_first():
     with pytest.raises(UserError) as caught:
         open_scene("pyramide", Request("xpbd"))
     first, *rest = str(caught.value).splitlines()
-    assert first == "there is no scene 'pyramide'. Did you mean pyramid or pyramid_worlds?"
+    assert first == (
+        "there is no scene 'pyramide', and no such file. Did you mean pyramid or pyramid_worlds?"
+    )
     text = "\n".join(rest)
     assert "card_house" in text
     assert "basic_shapes" in text

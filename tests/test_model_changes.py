@@ -449,6 +449,8 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "spatial_tendons",
             "body_actuators",
             "cables",
+            "condim",
+            "contact_pairs",
         ),  # what there is
         *("closures", "mimics", "equalities"),
         "breaking",  # that some joint can break is said before

@@ -936,42 +936,28 @@ def make_trees(
                 history.joint_angle[first + i] = wp.float64(other[i])
 
     @wp.func(inline=effects.inline)
-    def measure_start(
+    def begin_coordinates(
         body: int,
+        sign: float,
+        frame_p: wp.transform,
+        frame_c: wp.transform,
+        q_p: wp.quat,
+        q_c: wp.quat,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> bool:
-        """Misfit and coordinates of the body's joint at the start of the step.
+        """Coordinates of the body's joint at the start of the step, by its anchors.
 
-        Expects what :func:`measure_misfit` does. Returns whether the misfit, or a coordinate beyond
-        its limits, is more than rounding.
+        Returns whether one is beyond its limits by more than rounding.
         """
         joint = nonnegative(tree.joint[body])
         parent = nonnegative(tree.parent[body])
         static_slot = scale.static_slot
-        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
-        is_open = measure_misfit(
-            body,
-            sign,
-            frame_p,
-            frame_c,
-            q_p,
-            q_c,
-            static_slot,
-            body_q,
-            model,
-            joints,
-            work,
-            tree,
-            history,
-        )
-        if wp.static(not effects.coordinates):
-            return is_open
+        is_open = bool(False)
         is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
         start = joints.dof_start[joint]
         read_coordinates(
@@ -1023,6 +1009,59 @@ def make_trees(
                 if is_off or history.piece[index][2] != 0:
                     history.held_at[index] = q
             tree.start_coordinate[tree.axis_start[body] + dof] = q
+        return is_open
+
+    @wp.func(inline=effects.inline)
+    def measure_start(
+        body: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Misfit and coordinates of the body's joint at the start of the step.
+
+        Expects what :func:`measure_misfit` does. Returns whether the misfit, or a coordinate beyond
+        its limits, is more than rounding.
+        """
+        joint = nonnegative(tree.joint[body])
+        parent = nonnegative(tree.parent[body])
+        static_slot = scale.static_slot
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
+        is_open = measure_misfit(
+            body,
+            sign,
+            frame_p,
+            frame_c,
+            q_p,
+            q_c,
+            static_slot,
+            body_q,
+            model,
+            joints,
+            work,
+            tree,
+            history,
+        )
+        if wp.static(effects.coordinates):
+            if begin_coordinates(
+                body,
+                sign,
+                frame_p,
+                frame_c,
+                q_p,
+                q_c,
+                scale,
+                model,
+                joints,
+                work,
+                tree,
+                history,
+            ):
+                is_open = True
         return is_open
 
     @wp.func(inline=effects.inline)

@@ -87,9 +87,7 @@ def _open(name: str, request: Request) -> Simulation:
         return open_asset(Path(name), request)
     close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
     hint = f" Did you mean {' or '.join(close)}?" if close else ""
-    raise UserError(
-        f"there is no scene {name!r}, and no such file.{hint} `newton-avbd run --help` lists all."
-    )
+    raise UserError(f"there is no scene {name!r}, and no such file.{hint}\n{list_scenes()}")
 
 
 def _open_own(scene: scenes.Scene, request: Request) -> ModelSimulation:
