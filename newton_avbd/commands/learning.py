@@ -47,8 +47,8 @@ def main(args: argparse.Namespace) -> int:
     Raises:
         UserError: There is no such task, or its package is not installed.
     """
-    require("dm_control", "gymnasium", "mujoco")
     names = chosen("task", args.tasks, learning.TASKS)
+    require("dm_control", "gymnasium", "mujoco")
     warnings.simplefilter("ignore")
     rows: list[tuple[str, ...]] = [HEAD]
     lost = 0
