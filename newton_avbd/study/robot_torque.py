@@ -56,7 +56,8 @@ class Torques:
         self.wrong = np.zeros(model.joint_dof_count)
         self._speed = np.zeros(model.joint_dof_count)
         self._coordinate = _coordinates(model)
-        self._joint_q, self._joint_qd = model.state().joint_q, model.state().joint_qd
+        # Solvers need not keep the joint coordinates of their states, which Jacobians read.
+        self._at = model.state()
         self._law = {name: getattr(model, f"joint_{name}").numpy().astype(float) for name in LAW}
         self._rest = model.joint_rest_q.numpy().astype(float)[self._coordinate]
 
@@ -88,16 +89,17 @@ class Torques:
         wrench = (self.momenta(state) - before) / self._dt
         wrench[:, :3] -= self._bodies.mass[:, None] * self._bodies.gravity
         wrench -= self._pushes(state, contacts, observables)
-        newton.eval_ik(model, state, self._joint_q, self._joint_qd)
-        at = self._joint_q.numpy().astype(float)[self._coordinate]
-        speed = self._joint_qd.numpy().astype(float)
+        self._at.body_q.assign(state.body_q)
+        newton.eval_ik(model, state, self._at.joint_q, self._at.joint_qd)
+        at = self._at.joint_q.numpy().astype(float)[self._coordinate]
+        speed = self._at.joint_qd.numpy().astype(float)
         law = self._law
         drive = law["target_ke"] * (targets[self._coordinate] - at) - law["target_kd"] * speed
         force = np.clip(drive, -law["effort_limit"], law["effort_limit"])
         force -= law["damping"] * speed + law["stiffness"] * (at - self._rest)
         force -= law["armature"] * (speed - self._speed) / self._dt
         self._speed = speed
-        told = self._along_axes(wrench, state)
+        told = self._along_axes(wrench)
         error = self._through_mimics(told - force)
         error = np.sign(error) * np.maximum(np.abs(error) - law["friction"], 0.0)
         # A limit pushes away from itself only.
@@ -137,11 +139,11 @@ class Torques:
         np.add.at(total, second, -wrench - np.hstack([np.zeros_like(moved), moved]))
         return total[:-1]
 
-    def _along_axes(self, wrench: Array, state: newton.State) -> Array:
+    def _along_axes(self, wrench: Array) -> Array:
         """Generalized forces of wrenches on bodies, shape [dofs]."""
         model = self._model
         found = np.zeros(model.joint_dof_count)
-        jacobians = newton.eval_jacobian(model, state)
+        jacobians = newton.eval_jacobian(model, self._at)
         if jacobians is None:
             return found
         gathered = jacobians.numpy().astype(float)
