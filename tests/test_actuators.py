@@ -118,6 +118,17 @@ def test_a_force_range_need_not_be_symmetric() -> None:
     assert q == pytest.approx(0.1 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
 
 
+def test_a_force_range_leaves_the_drives_of_other_axes() -> None:
+    """A critically damped drive of 20 rad/s is at its target after 1 s, but for 20 e^-20."""
+    model = scene('<position joint="hinge" kp="50" forcerange="-0.2 0.5"/>')
+    for name, value in (("mode", 1), ("ke", 800.0), ("kd", 80.0)):
+        array = getattr(model, f"joint_target_{name}")
+        array.assign(np.array([0, value], dtype=array.numpy().dtype))
+    model.joint_target_q.assign(np.array([0.0, 0.3], dtype=np.float32))
+    q = coordinates(model, [0.0], 1000)[-1, 1]
+    assert q == pytest.approx(0.3, abs=1.0e-5)
+
+
 @pytest.mark.parametrize(("load", "gives"), [(0.6, 0.0), (0.9, 0.2)])
 def test_two_stiff_servos_hold_what_both_force_ranges_allow(load: float, gives: float) -> None:
     """Ranges of 0.5 and 0.2 N m share an axis; beyond both it gives way to the rest."""

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import newton
 import numpy as np
 
+from newton_avbd.study.overlaps import filter_neighbors
 from newton_avbd.study.robot_pose import grounds, lowest_points
 
 from . import solvers
@@ -94,6 +95,7 @@ def read_driven(path: Path, solver: str = "avbd") -> newton.ModelBuilder:
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     _add_mjcf(builder, path, ctrl_direct=True)
     _collide_by_hulls(builder)
+    filter_neighbors(builder)
     return builder
 
 
@@ -158,6 +160,7 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
     if suffix == ".xml":
         _add_mjcf(builder, path)
         _collide_by_hulls(builder)
+        filter_neighbors(builder)
         return builder, ()
     builder.add_usd(str(path))
     orphans = find_orphans(builder)
@@ -217,6 +220,7 @@ def _read_urdf(
             unreadable[named[1]] = named[2]
             continue
         _collide_by_hulls(builder)
+        filter_neighbors(builder)
         bad = [f"{path.name} goes on without {name}: it {why}" for name, why in unreadable.items()]
         lost = [
             f"{path.name} goes on without {name}: {REMEDY}"

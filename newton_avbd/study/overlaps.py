@@ -10,6 +10,8 @@ push such a pair apart for good and cannot win: no solver can close what the fil
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import product
+from typing import Any
 
 import newton
 import numpy as np
@@ -75,12 +77,7 @@ def find_overlaps(model: newton.Model, detect: Detect) -> tuple[Overlap, ...]:
     }
     if not first:
         return ()
-    group = _groups(model)
-    neighbors = {
-        frozenset((group[parent], group[child]))
-        for parent, child in zip(model.joint_parent.numpy(), model.joint_child.numpy(), strict=True)
-        if parent >= 0
-    }
+    group, neighbors = _groups(model), _neighbors(model)
     reasons: dict[tuple[int, int], str] = {}
     for pair in first:
         a, b = (group[body[shape]] for shape in pair)
@@ -99,6 +96,26 @@ def find_overlaps(model: newton.Model, detect: Detect) -> tuple[Overlap, ...]:
         Overlap(pair, (names[body[pair[0]]], names[body[pair[1]]]), first[pair], reasons[pair])
         for pair in sorted(reasons, key=lambda pair: -first[pair])
     )
+
+
+def filter_neighbors(builder: newton.ModelBuilder) -> None:
+    """Let links that are welded together, or are neighbors through welds, pass each other.
+
+    Newton's importers filter the two links of each joint; links that are merged with
+    ``collapse_fixed_joints`` and MuJoCo's bodies without joints are filtered as the link is that
+    they are part of. Without it a link's hull jams between two of the next one.
+    """
+    group, neighbors = _groups(builder), _neighbors(builder)
+    shapes: dict[int, list[int]] = {}
+    for shape, body in enumerate(builder.shape_body):
+        if body >= 0 and builder.shape_flags[shape] & newton.ShapeFlags.COLLIDE_SHAPES:
+            shapes.setdefault(int(group[body]), []).append(shape)
+    apart = {frozenset((own,)) for own in shapes} | neighbors
+    for pair in apart & {frozenset((a, b)) for a in shapes for b in shapes}:
+        a, b = min(pair), max(pair)
+        for first, second in product(shapes[a], shapes[b]):
+            if a != b or first < second:
+                builder.add_shape_collision_filter_pair(first, second)
 
 
 def describe_overlaps(overlaps: tuple[Overlap, ...]) -> list[str]:
@@ -137,19 +154,33 @@ def _articulations(model: newton.Model) -> NDArray[np.int64]:
     return owner
 
 
-def _groups(model: newton.Model) -> NDArray[np.int64]:
+def _groups(robot: newton.Model | newton.ModelBuilder) -> NDArray[np.int64]:
     """Number of the rigid group of each body: what joints without a free axis weld together."""
-    group = np.arange(model.body_count)
-    kind, start = model.joint_type.numpy(), model.joint_qd_start.numpy()
-    lower, upper = model.joint_limit_lower.numpy(), model.joint_limit_upper.numpy()
-    for joint, (parent, child) in enumerate(
-        zip(model.joint_parent.numpy(), model.joint_child.numpy(), strict=True)
-    ):
-        axes = slice(start[joint], start[joint + 1])
+    group = np.arange(robot.body_count)
+    kind, parents, children = map(_of, (robot.joint_type, robot.joint_parent, robot.joint_child))
+    start, dims = _of(robot.joint_qd_start), _of(robot.joint_dof_dim)
+    lower, upper = _of(robot.joint_limit_lower), _of(robot.joint_limit_upper)
+    for joint, (parent, child) in enumerate(zip(parents, children, strict=True)):
+        axes = slice(start[joint], start[joint] + sum(dims[joint]))
         locked = kind[joint] == newton.JointType.D6 and np.all(lower[axes] == upper[axes])
         if parent >= 0 and (locked or kind[joint] == newton.JointType.FIXED):
             group[group == group[child]] = group[parent]
     return group
+
+
+def _neighbors(robot: newton.Model | newton.ModelBuilder) -> set[frozenset[int]]:
+    """Rigid groups that a joint connects."""
+    group = _groups(robot)
+    return {
+        frozenset((int(group[parent]), int(group[child])))
+        for parent, child in zip(_of(robot.joint_parent), _of(robot.joint_child), strict=True)
+        if parent >= 0
+    }
+
+
+def _of(values: Any) -> NDArray[Any]:
+    """An array of a model, or a list of a builder, in NumPy."""
+    return values.numpy() if hasattr(values, "numpy") else np.asarray(values)
 
 
 def _random_poses(model: newton.Model) -> Iterator[newton.State]:

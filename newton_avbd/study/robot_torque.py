@@ -55,7 +55,7 @@ class Torques:
         self.pushed = np.zeros(model.joint_dof_count)
         self.wrong = np.zeros(model.joint_dof_count)
         self._speed = np.zeros(model.joint_dof_count)
-        self._coordinate = _coordinates(model)
+        self._coordinate, self._mimics = _coordinates(model), _mimics(model)
         # Solvers need not keep the joint coordinates of their states, which Jacobians read.
         self._at = model.state()
         self._law = {name: getattr(model, f"joint_{name}").numpy().astype(float) for name in LAW}
@@ -102,9 +102,14 @@ class Torques:
         told = self._along_axes(wrench)
         error = self._through_mimics(told - force)
         error = np.sign(error) * np.maximum(np.abs(error) - law["friction"], 0.0)
-        # A limit pushes away from itself only.
-        error = np.where(at < law["limit_lower"] + AT_LIMIT, np.minimum(error, 0.0), error)
-        error = np.where(at > law["limit_upper"] - AT_LIMIT, np.maximum(error, 0.0), error)
+        # A limit pushes away from itself only, that of an axis that mimics through its leader.
+        low, high = at < law["limit_lower"] + AT_LIMIT, at > law["limit_upper"] - AT_LIMIT
+        for leading, following, share in self._mimics:
+            up, down = (low, high) if share > 0.0 else (high, low)
+            low[leading] |= up[following]
+            high[leading] |= down[following]
+        error = np.where(low, np.minimum(error, 0.0), error)
+        error = np.where(high, np.maximum(error, 0.0), error)
         braked = np.abs(speed) >= BRAKED * law["velocity_limit"]
         self.wrong += np.where(braked, 0.0, np.abs(error))
         self.pushed += np.abs(self._through_mimics(told))
@@ -158,16 +163,24 @@ class Torques:
 
     def _through_mimics(self, force: Array) -> Array:
         """Forces with those of axes that mimic others added to what leads them."""
-        leader = self._model.joint_mimic_joint.numpy()
-        factor, start = self._model.joint_mimic_coeffs.numpy(), self._model.joint_qd_start.numpy()
         summed = force.copy()
-        for joint in np.flatnonzero(leader >= 0):
-            axes = np.arange(start[joint], start[joint + 1])
-            at, share = int(leader[joint]), float(factor[joint, 1])
-            while leader[at] >= 0:
-                at, share = int(leader[at]), share * float(factor[at, 1])
-            summed[start[at] + axes - start[joint]] += share * force[axes]
+        for leading, following, share in self._mimics:
+            summed[leading] += share * force[following]
         return summed
+
+
+def _mimics(model: newton.Model) -> list[tuple[NDArray[np.int64], NDArray[np.int64], float]]:
+    """Axes that lead, those of a joint that mimics them, and its factor, followed to the root."""
+    leader = model.joint_mimic_joint.numpy()
+    factor, start = model.joint_mimic_coeffs.numpy(), model.joint_qd_start.numpy()
+    found = []
+    for joint in np.flatnonzero(leader >= 0):
+        axes = np.arange(start[joint], start[joint + 1])
+        at, share = int(leader[joint]), float(factor[joint, 1])
+        while leader[at] >= 0:
+            at, share = int(leader[at]), share * float(factor[at, 1])
+        found.append((start[at] + axes - start[joint], axes, share))
+    return found
 
 
 def _coordinates(model: newton.Model) -> NDArray[np.int64]:
