@@ -123,7 +123,29 @@ def _find_welds(model: newton.Model, breakable: bool) -> np.ndarray:
     # what another solver moves stays a body of its own
     is_proxy = np.append(model.body_flags.numpy() & int(newton.BodyFlags.PROXY) != 0, False)
     is_weld &= ~is_proxy[model.joint_child.numpy()] & ~is_proxy[model.joint_parent.numpy()]
-    return np.flatnonzero(is_weld)
+    return np.flatnonzero(is_weld & ~_leads_a_tree(model, is_weld))
+
+
+def _leads_a_tree(model: newton.Model, is_weld: np.ndarray) -> np.ndarray:
+    """Which joints outside of trees tie what a tree moves to a link that stands still or is led.
+
+    So MuJoCo's welds to mocap bodies come out. They pull the tree as far as its other joints let
+    them; welded to the mocap body, a link would leave those behind.
+    """
+    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+    is_outside = model.joint_articulation.numpy() < 0
+    candidates = is_weld & is_outside & (parent >= 0)
+    if not np.any(candidates):
+        return candidates
+    root = _spanning_forest(model, np.flatnonzero(is_weld & ~is_outside))[1]
+    is_led, is_held = np.zeros((2, root.size), dtype=bool)
+    is_led[root[np.append(np.flatnonzero(_is_kinematic(model)), root.size - 1)]] = True
+    moving = ~is_weld & ~is_outside & (model.joint_type.numpy() != int(newton.JointType.FREE))
+    is_held[root[child[moving]]] = True
+    ends = root[child], root[parent]
+    return candidates & (
+        (is_led[ends[0]] & is_held[ends[1]]) | (is_led[ends[1]] & is_held[ends[0]])
+    )
 
 
 def _spanning_forest(model: newton.Model, welds: np.ndarray) -> tuple[list[int], np.ndarray]:

@@ -10,6 +10,8 @@ from helpers import EPS, IDENTITY, G, Simulation, add_ground, surface
 from newton import ModelFlags
 from scipy.spatial.transform import Rotation
 
+from newton_avbd import SolverAVBD
+
 DT = 1.0 / 240.0
 SIZE = (0.5, 0.3, 0.2)
 """Full edges of a box [m]."""
@@ -365,3 +367,40 @@ def test_worlds_of_welded_links_move_as_one_alone() -> None:
     sim.solver.reset(sim.state, mask)
     np.testing.assert_array_equal(sim.pose[2:4], start[2:4])
     np.testing.assert_array_equal(sim.pose[[0, 1, 4, 5]], poses[[0, 2]].reshape(4, 7))
+
+
+@pytest.mark.parametrize("blocks", ["articulation", "body"])
+def test_a_weld_to_a_still_link_outside_of_the_tree_pulls_the_arm_there(blocks: str) -> None:
+    """MuJoCo's weld to a mocap body: three hinges take the angles that put the hand there."""
+    reach, angles = 0.3, np.array([0.3, 0.5, -0.4])
+    headings = np.cumsum(angles)
+    goal = reach * np.array([np.cos(headings).sum(), np.sin(headings).sum(), 0.0])
+    turn = wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), float(headings[-1]))
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    mark = builder.add_link(xform=transform(goal, turn))
+    builder.add_articulation(
+        [builder.add_joint_fixed(-1, mark, parent_xform=transform(goal, turn))]
+    )
+    joints, last = [], -1
+    inertia = wp.mat33(*(0.01 * np.eye(3)).ravel())
+    for i in range(3):
+        link = builder.add_link(mass=1.0, inertia=inertia, com=(0.5 * reach, 0.0, 0.0))
+        ahead = transform((reach if i else 0.0, 0.0, 0.0))
+        joints.append(
+            builder.add_joint_revolute(last, link, parent_xform=ahead, axis=(0.0, 0.0, 1.0))
+        )
+        last = link
+    hand = builder.add_link()
+    joints.append(builder.add_joint_fixed(last, hand, parent_xform=transform((reach, 0.0, 0.0))))
+    builder.add_articulation(joints)
+    builder.add_joint_fixed(mark, hand)
+    builder.joint_q[-3:] = [0.2, 0.7, -0.6]
+    model = builder.finalize(device="cpu")
+    newton.eval_fk(model, model.joint_q, model.joint_qd, model)
+    solver, state, after = SolverAVBD(model, blocks=blocks), model.state(), model.state()
+    for _ in range(120):
+        solver.step(state, after, model.control(), None, DT)
+        state, after = after, state
+    newton.eval_ik(model, state, state.joint_q, state.joint_qd)
+    np.testing.assert_allclose(state.joint_q.numpy(), angles, atol=1e-4)
+    np.testing.assert_allclose(state.body_q.numpy()[hand, :3], goal, atol=1e-5)
