@@ -212,11 +212,10 @@ class Actuation:
         dofs = np.unique(np.array([*axes.values(), *carried], dtype=int))
         rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
         # Axes without actuators keep the effort limit of their own drives.
-        pushes = np.zeros(
-            model.joint_dof_count if dofs.size else 0, dtype=data.AxisPush.numpy_dtype()
-        )
-        pushes["least"], pushes["most"] = -np.inf, np.inf
-        self.pushes = wp.array(pushes, dtype=data.AxisPush)
+        push = data.AxisPush()
+        push.least, push.most = -np.inf, np.inf
+        count = model.joint_dof_count if dofs.size else 0
+        self.pushes = wp.full(count, push, dtype=data.AxisPush)
         self._dofs, self._coordinate = indices(dofs), indices(coordinates_of(model, dofs))
         self._start, self._rows = lists(rows)
         armature = reflected_armature(model, axes)

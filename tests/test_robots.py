@@ -193,6 +193,26 @@ def test_fixed_joints_that_mimic_and_robots_without_a_name_are_read(tmp_path: Pa
     file.write_text("<robot name='r'/>")
     with pytest.raises(UserError, match="it holds no links"):
         read_asset(file, "avbd", floating=False)
+    file.write_text("<robot name='r'><link name='a'/><joint name='j' type='$(arg kind)'/></robot>")
+    with pytest.raises(UserError, match=r"xacro robot\.urdf > expanded\.urdf"):
+        read_asset(file, "avbd", floating=False)
+
+
+def test_neighbors_through_welds_pass_each_other_as_merged_ones_do(tmp_path: Path):
+    """a, welded b, and c on a hinge of b: no pair collides; d, beyond c, meets a and b."""
+    file = tmp_path / "robot.urdf"
+    box = "<collision><geometry><box size='1 1 1'/></geometry></collision>"
+    links = "".join(f"<link name='{name}'>{box}</link>" for name in "abcd")
+    limit = "<axis xyz='0 1 0'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
+    joints = "".join(
+        f"<joint name='{a}{b}' type='{kind}'><parent link='{a}'/><child link='{b}'/>{limit}</joint>"
+        for a, b, kind in (("a", "b", "fixed"), ("b", "c", "revolute"), ("c", "d", "revolute"))
+    )
+    file.write_text(f"<robot name='r'>{links}{joints}</robot>")
+    model = read_asset(file, "avbd", floating=False)[0].finalize(device="cpu")
+    body = model.shape_body.numpy()
+    pairs = {tuple(sorted(body[pair].tolist())) for pair in model.shape_contact_pairs.numpy()}
+    assert pairs == {(0, 3), (1, 3)}
 
 
 def test_a_choice_of_mujoco_s_pgs_solver_is_read_over(tmp_path: Path):

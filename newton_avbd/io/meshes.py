@@ -34,7 +34,7 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
 
     Raises:
         xml.etree.ElementTree.ParseError: The file is no XML.
-        ValueError: It holds no links.
+        ValueError: It holds no links, or expressions of xacro.
     """
     root = ElementTree.parse(path).getroot()
     _mend(root, path)
@@ -62,6 +62,13 @@ def _mend(root: ElementTree.Element, path: Path) -> None:
         root.set("name", path.stem)
     if root.find("link") is None:
         raise ValueError("it holds no links")
+    for element in root.iter():
+        for name, value in element.attrib.items():
+            if name != "filename" and ("$(" in value or "${" in value):
+                raise ValueError(
+                    f"<{element.tag} {name}={value!r}> is to be expanded: "
+                    f"xacro {path.name} > expanded.urdf"
+                )
     for joint in root.iter("joint"):
         if joint.get("type") == "fixed":
             for mimic in joint.findall("mimic"):

@@ -30,14 +30,16 @@ _INTRODUCTION = """# Robots
 
 Written by `newton-avbd robots --output docs`. Each robot is imported as its file has it: no welded
 links are merged. It floats and is lowered to the ground, or it is bolted down, clear of the ground.
-Meshes collide as their convex hulls. Pairs of its shapes that overlap in the first pose are
-filtered. Position drives hold the first pose for 2 s, or up to 4 s until the robot has come to
+Meshes collide as their convex hulls. Links that are welded together, or are neighbors through
+welds, pass each other, as MuJoCo's and merged ones do; so do pairs of shapes that overlap in the
+first pose. Position drives hold the first pose for 2 s, or up to 4 s until the robot has come to
 rest; their gains are the file's, or, where it has none, those of a critically damped spring of 4 Hz
 that carries the inertia beyond the joint. Then all drives follow slow sines within their limits for
 1.5 s, at 240 steps a second.
 
 A robot passes if all numbers stay finite; every joint, welds included, stays closed to 0.1 mm and
-1 mrad; limits are kept to 1 mrad; contact forces and momentum balance the weight to 1 %; nothing
+1 mrad (MuJoCo's soft equalities to 1.1 times what they open with SolverMuJoCo); limits are kept to
+1 mrad; contact forces and momentum balance the weight to 1 %; nothing
 hangs in mid-air; after the hold nothing moves faster than 0.1 m/s, or than twice what it does with
 SolverMuJoCo; and the drives move right. A drive moves right if it follows its target as closely
 as with SolverMuJoCo, or, where MuJoCo refuses the robot, as its law has it, to 20 mrad. It also

@@ -23,9 +23,6 @@ GAP = 0.02
 
 WORLDS = 1024
 
-FALLING_WORLDS = 256
-"""Worlds of the batches in which each robot falls from a pose of its own."""
-
 
 def add_ant(builder: newton.ModelBuilder) -> None:
     """Add ``nv_ant.xml``, its legs in the middle of their range, no drives."""
@@ -139,9 +136,9 @@ def _add_falling_worlds(
     world = newton.ModelBuilder()
     world.default_shape_cfg = builder.default_shape_cfg.copy()
     add_robot(world)
-    builder.replicate(world, FALLING_WORLDS)
+    builder.replicate(world, WORLDS)
     random = np.random.default_rng(0)
-    coordinates = len(builder.joint_q) // FALLING_WORLDS
+    coordinates = len(builder.joint_q) // WORLDS
     for start in range(0, len(builder.joint_q), coordinates):
         axis = wp.normalize(wp.vec3(*random.normal(size=3)))
         turn = wp.quat_from_axis_angle(axis, float(random.uniform(0.0, most_turn)))
@@ -214,13 +211,13 @@ ROBOTS = (
     Scene("ant_worlds", f"{WORLDS:,} worlds, an ant in each", add_ant_worlds, vbd_ke=1e4),
     Scene(
         "humanoid_worlds",
-        f"{FALLING_WORLDS} worlds, a humanoid falls in each",
+        f"{WORLDS:,} worlds, a humanoid falls in each",
         add_humanoid_worlds,
         vbd_ke=1e5,
     ),
     Scene(
         "quadruped_worlds",
-        f"{FALLING_WORLDS} worlds, a quadruped lands in each",
+        f"{WORLDS:,} worlds, a quadruped lands in each",
         add_quadruped_worlds,
         vbd_ke=1e5,
     ),
