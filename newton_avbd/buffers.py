@@ -129,6 +129,7 @@ def history(model: newton.Model, bdf2: bool) -> Any:
     if bdf2:
         history.last = wp.zeros(slots, dtype=data.LastStep)
         history.pushing = wp.zeros(slots, dtype=wp.int32)
+        history.flying = wp.zeros(slots, dtype=wp.int32)
         history.coordinate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
         history.rate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
     return history

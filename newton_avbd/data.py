@@ -1420,8 +1420,11 @@ class History:
     """Second order: the last step of each body slot."""
     pushing: wp.array[wp.int32]
     """Second order: contacts that pushed in the last step, by owner."""
+    flying: wp.array[wp.int32]
+    """Second order: 1 where nothing holds a body in the step, by body slot."""
     smooth: wp.array[wp.int32]
-    """Second order: 1 where no velocity of a world jumped in the last step, by world."""
+    """Second order: how the last step of a world went, 0 where a velocity jumped, 1 where none did,
+    2 where none of what is held changed."""
     slope_age: wp.array[float]
     """Second order: how long before the end of the last step its slopes held [s], by world."""
     coordinate: wp.array[AxisMotion]

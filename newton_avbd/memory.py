@@ -25,6 +25,7 @@ _OWNERS: dict[str, str] = {
     "worlds.step": "bdf2",
     "history.last": "bdf2",
     "history.pushing": "bdf2",
+    "history.flying": "bdf2",
     "history.coordinate": "bdf2",
     "history.rate": "bdf2",
     "history.smooth": "bdf2",

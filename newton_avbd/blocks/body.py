@@ -93,13 +93,13 @@ def free_turn(
     omega: wp.vec3,
     torque: wp.vec3,
     h: float,
+    ahead: float,
 ):
     """How a body turns with the gyroscopic torque.
 
-    Returns the angular velocity w over the step [rad/s] in the body axes of its start, the turn
-    exp(h w), and the spin that belongs to the momentum after the turn [rad/s] in the body axes of
-    its end: it meets w as the solve converges, and as the body's velocity it keeps the momentum
-    exact.
+    Returns the turn exp(h w) by the angular velocity w that it has at the time ``ahead`` in the
+    body axes of its start, and the spin that belongs to the momentum after the turn [rad/s] in the
+    body axes of its end: as the body's velocity it keeps the momentum exact.
 
     Args:
         inertia: Inertia about the COM, body axes [kg m^2].
@@ -108,11 +108,14 @@ def free_turn(
         omega: Angular velocity, world frame [rad/s].
         torque: External torque, world frame [N m].
         h: Time step [s].
+        ahead: h for backward Euler, h/2 for the implicit midpoint rule [s].
     """
-    momentum = start_momentum(inertia, rotation, omega, torque, h)
-    w = target_spin(inertia, inv_inertia, momentum, h)
+    momentum = start_momentum(inertia, rotation, omega, torque, ahead)
+    w = target_spin(inertia, inv_inertia, momentum, ahead)
     turn = exp_quat(h * w)
-    return w, turn, inv_inertia * wp.quat_rotate_inv(turn, momentum)
+    if ahead < h:
+        momentum += (h - ahead) * wp.quat_rotate_inv(rotation, torque)
+    return turn, inv_inertia * wp.quat_rotate_inv(turn, momentum)
 
 
 @wp.func

@@ -22,8 +22,8 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, rotation_vector, world_inertia
-from ..blocks.body import target_spin, target_translation
+from ..algebra.so3 import exp_quat, world_inertia
+from ..blocks.body import target_translation
 from ..data import (
     BodyModel,
     BodyWork,
@@ -40,12 +40,13 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
-from .bodies import body_at, has_rows, target_turn
+from .bodies import body_at, mean_spin, target_turn
 from .cables import may_jerk
 from .fluid import feel_fluid
 from .islands import is_free_island
 from .loops import has_loops
-from .slopes import constants, end_axis, lead, next_slope, second_order
+from .piles import row_count, row_of
+from .slopes import JUMPED, QUIET_WORLD, SMOOTH, constants, end_axis, lead, next_slope, second_order
 from .trees import is_linked
 
 JOLT = wp.constant(0.5)
@@ -56,6 +57,12 @@ LIMIT_JOLT = wp.constant(1.0e-5)
 """How far beyond a limit a coordinate that goes on is about to meet it [m or rad]."""
 ROUNDING = wp.constant(1.0e-6)
 """Share of a move that the rounding of float32 velocities may make up."""
+QUIET = wp.constant(1.0e-3)
+"""Change of a velocity in a step, as a share of that of a free fall, below which a body goes on as
+it goes: the error of backward Euler is half a step times it."""
+SLOW = wp.constant(1.0e-2)
+"""Turn of a step [rad] up to which the mean of the spins at its ends keeps the energy of a free body:
+it gains the share turn^5.7 a step, 5e-12 here."""
 MOST_TURN = wp.constant(1.0)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing."""
 
@@ -68,21 +75,6 @@ def spin_momentum(
     return world_inertia(rotation, model.inertia[body]) * wp.spatial_bottom(velocity)
 
 
-@wp.func
-def begin_bodies(
-    world: int,
-    h: float,
-    body_qd: wp.array[wp.spatial_vector],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-):
-    """Backward Euler: nothing is ahead, and bodies coast by h v."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = body_at(i, worlds)
-        work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        work.coasting[body] = work.increment[body]
-        if work.inv_mass[body] > 0.0:
-            work.coasting[body] = h * body_qd[body]
 
 
 @wp.func
@@ -90,6 +82,13 @@ def beyond_rounding(change: wp.vec3, move: wp.vec3) -> wp.vec3:
     """A change of a move, or zero where the rounding of velocities may have made it."""
     least = ROUNDING * wp.length(move)
     return wp.where(wp.length_sq(change) > least * least, change, wp.vec3(0.0))
+
+
+@wp.func
+def energy_of(mass: float, inertia: wp.mat33, velocity: wp.spatial_vector) -> float:
+    """Twice a kinetic energy [J], with the inertia in world axes."""
+    spin = wp.spatial_bottom(velocity)
+    return mass * wp.length_sq(wp.spatial_top(velocity)) + wp.dot(spin, inertia * spin)
 
 
 @wp.func
@@ -109,6 +108,59 @@ def jumps(now: wp.vec3, last: wp.vec3, least: float) -> bool:
 
 
 @wp.func
+def is_flying(body: int, history: wp.ref[History]) -> bool:
+    """Whether nothing holds a body in this step, as :func:`begin_step` has found."""
+    return history.flying[body] != 0
+
+
+@wp.func
+def fly(
+    body: int,
+    turn: wp.vec3,
+    step: float,
+    h: float,
+    velocity: wp.spatial_vector,
+    work: wp.ref[BodyWork],
+):
+    """Lead and target of a body that flies freely: the trapezoidal rule, which makes a parabola.
+
+    Its velocity is that of backward Euler. Takes the turn of the step [rad].
+    """
+    change = work.target[body] - work.coasting[body]
+    target = wp.spatial_vector(wp.spatial_top(work.coasting[body] + 0.5 * change), turn)
+    work.lead[body] = target - (step / h) * work.target[body]
+    work.target[body] = target
+    work.increment[body] = target
+
+
+@wp.func
+def is_quiet(
+    world: int,
+    scale: WorldScale,
+    model: wp.ref[BodyModel],
+    worlds: wp.ref[WorldWork],
+    work: wp.ref[BodyWork],
+    history: wp.ref[History],
+    body_qd_out: wp.array[wp.spatial_vector],
+) -> bool:
+    """Whether no velocity of what is held has changed in a step: all schemes agree there.
+
+    Changes count by their kinetic energy, beside that of a share of a free fall's.
+    """
+    fall = QUIET * scale.gravity * scale.h
+    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+        body = body_at(i, worlds)
+        if work.inv_mass[body] > 0.0 and not is_flying(body, history):
+            velocity = body_qd_out[body]
+            change = velocity - history.last[body].velocity
+            mass, inertia = model.mass[body], work.inertia[body]
+            allowed = ROUNDING * ROUNDING * energy_of(mass, inertia, velocity) + mass * fall * fall
+            if energy_of(mass, inertia, change) > allowed:
+                return False
+    return True
+
+
+@wp.func
 def is_continued(
     world: int,
     body_q: wp.array[wp.transform],
@@ -123,19 +175,22 @@ def is_continued(
     pushed as they were."""
     for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
         body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0:
-            last = history.last[body]
-            is_left = body_q[body] == last.pose and body_qd[body] == last.velocity
-            turn = scale.h * wp.length(wp.spatial_bottom(last.slope))
-            if not is_left or turn > MOST_TURN:
+        if work.inv_mass[body] > 0.0 and not is_flying(body, history):
+            if not (body_q[body] == history.last[body].pose):
+                return False
+            if not (body_qd[body] == history.last[body].velocity):
+                return False
+            spin = wp.spatial_bottom(history.last[body].slope)
+            if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
                 return False
             wrench = external_wrench(model, body, work)
-            force, torque = wp.spatial_top(wrench), wp.spatial_bottom(wrench)
-            weight = scale.gravity * model.mass[body]
-            if jumps(force, wp.spatial_top(last.wrench), weight):
-                return False
-            if jumps(torque, wp.spatial_bottom(last.wrench), 0.0):
-                return False
+            pushed = history.last[body].wrench
+            if not (wrench == pushed):
+                weight = scale.gravity * model.mass[body]
+                if jumps(wp.spatial_top(wrench), wp.spatial_top(pushed), weight):
+                    return False
+                if jumps(wp.spatial_bottom(wrench), wp.spatial_bottom(pushed), 0.0):
+                    return False
     return True
 
 
@@ -232,9 +287,9 @@ class Bdf2Functions:
     """Device functions of the second-order scheme, compiled for a scene's effects."""
 
     begin_step: wp.Function
-    remember_motion: wp.Function
+    remember_motions: wp.Function
     remember_loops: wp.Function
-    remember_state: wp.Function
+    remember_states: wp.Function
 
 
 def make_bdf2(effects: Effects) -> Bdf2Functions:
@@ -311,9 +366,87 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         return True
 
     @wp.func
+    def will_fly(
+        i: int,
+        body: int,
+        scale: WorldScale,
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+    ) -> bool:
+        """Whether nothing holds a body in a step, not even a contact that is near."""
+        if wp.static(effects.fluid or effects.cables or effects.tendons):
+            return False
+        if wp.static(effects.joints):
+            if worlds.block_end[i] > i + 1 or tree.joint[body] >= 0:
+                return False
+        if wp.static(effects.loops):
+            if has_loops(loops, body):
+                return False
+        if wp.static(effects.contact):
+            for k in range(row_count(body, rows)):
+                row = rows.rows[row_of(body, k, rows)]
+                span = work.com[row.a] - work.com[row.b]
+                u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
+                is_near = wp.dot(row.normal, u) + row.gap <= scale.slop
+                if is_near or wp.length_sq(row.force) > 0.0:
+                    return False
+        return True
+
+    @wp.func
+    def begin_bodies(
+        world: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Bodies by backward Euler, so that nothing is ahead; returns whether one is held."""
+        is_held = bool(False)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = body_at(i, worlds)
+            work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            work.coasting[body] = work.increment[body]
+            history.flying[body] = 0
+            if work.inv_mass[body] > 0.0:
+                work.coasting[body] = scale.h * body_qd[body]
+                if will_fly(i, body, scale, worlds, work, rows, tree, loops):
+                    history.flying[body] = 1
+                else:
+                    is_held = True
+        return is_held
+
+    @wp.func
+    def fly_body(
+        body: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        work: wp.ref[BodyWork],
+    ):
+        """Lead and target of a body that flies freely; its angular momentum is kept by the end."""
+        velocity = body_qd[body]
+        turn = 0.5 * wp.spatial_bottom(work.target[body] + work.coasting[body])
+        if wp.static(effects.gyroscopic):
+            if wp.length_sq(turn) > SLOW * SLOW:
+                # the implicit midpoint rule
+                half = 0.5 * scale.h
+                rotation = wp.transform_get_rotation(body_q[body])
+                w, _momentum = mean_spin(model, body, rotation, velocity, work.wrench[body], half)
+                turn = scale.h * w
+        fly(body, turn, scale.step, scale.h, velocity, work)
+
+    @wp.func
     def lead_body(
         body: int,
-        is_free: bool,
+        age: float,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -344,19 +477,12 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         if wp.static(effects.gyroscopic):
             momentum = spin_momentum(model, body, rotation, velocity)
             momentum += step * wp.spatial_bottom(wrench)
-            if is_free:
-                start = exp_quat(turn) * rotation
-                kept = wp.quat_rotate_inv(start, momentum)
-                w = target_spin(model.inertia[body], model.inv_inertia[body], kept, step)
-                end = start * exp_quat(step * w)
-                dtheta = rotation_vector(end * wp.quat_inverse(rotation)) - turn
-            else:
-                momentum += lead(scale, last.torque, last.spun)
-                # the inertia of the end of the step, where the body goes if all stays smooth
-                spin = wp.spatial_bottom(velocity + scale.h * last.gain)
-                end = exp_quat(turn + step * spin) * rotation
-                work.inertia[body] = world_inertia(end, model.inertia[body])
-                dtheta = step * (world_inertia(end, model.inv_inertia[body]) * momentum)
+            momentum += lead(scale, last.torque, last.spun)
+            # the inertia of the end of the step, where the body goes if all stays smooth
+            spin = wp.spatial_bottom(velocity + scale.h * last.gain)
+            end = exp_quat(turn + step * spin) * rotation
+            work.inertia[body] = world_inertia(end, model.inertia[body])
+            dtheta = step * (world_inertia(end, model.inv_inertia[body]) * momentum)
             work.momentum[body] = momentum
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
@@ -367,6 +493,10 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         coasting = ahead + step * v
         work.lead[body] = ahead
         work.coasting[body] = coasting
+        if wp.static(effects.joints):
+            # as the last steps have it, acceleration goes on to change
+            change = (scale.h / age) * (last.acceleration - last.gain)
+            history.acceleration[body] = history.acceleration[body] + change
         # what pushed it at the end of the last step goes on to
         pushed = last.acceleration
         if wp.static(effects.gyroscopic):
@@ -409,44 +539,43 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ) -> WorldScale:
-        """Decides on the order of a world's step, and makes targets and rows those of BDF2."""
+        """Decides on the order of a world's step, and makes targets and rows those of it."""
         out = scale
-        begin_bodies(world, scale.h, body_qd, worlds, work)
-        smooth = not has_bounce and is_smooth(
-            world, scale, joints, worlds, work, rows, tree, loops, history
+        age = history.slope_age[world]
+        is_held = begin_bodies(
+            world, scale, body_qd, worlds, work, rows, tree, loops, history
         )
-        was_smooth = history.smooth[world] != 0 and history.age[world] > 0
-        history.smooth[world] = int(smooth)
-        if (
-            smooth
-            and was_smooth
-            and not lets_go(world, worlds, rows, history)
-            and is_continued(world, body_q, body_qd, scale, model, worlds, work, history)
-        ):
-            age = history.slope_age[world]
-            out = second_order(scale, age, wp.static(a), wp.static(b))
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = body_at(i, worlds)
-                # the drag of a fluid is a force of the end of the step, as a constraint's is
-                is_free = bool(wp.static(not effects.fluid))
-                if wp.static(effects.contact):
-                    is_free = is_free and not has_rows(rows, body)
-                if wp.static(effects.joints):
-                    is_free = is_free and worlds.block_end[i] == i + 1 and tree.joint[body] < 0
-                if wp.static(effects.loops):
-                    is_free = is_free and not has_loops(loops, body)
-                lead_body(body, is_free, out, body_q, body_qd, model, work, history)
-            if wp.static(effects.contact):
+        last = wp.where(history.age[world] > 0, history.smooth[world], JUMPED)
+        history.smooth[world] = JUMPED
+        if is_held and last != QUIET_WORLD:
+            if not has_bounce and is_smooth(
+                world, scale, joints, worlds, work, rows, tree, loops, history
+            ):
+                history.smooth[world] = SMOOTH
+                if (
+                    last == SMOOTH
+                    and not lets_go(world, worlds, rows, history)
+                    and is_continued(world, body_q, body_qd, scale, model, worlds, work, history)
+                ):
+                    out = second_order(scale, age, wp.static(a), wp.static(b))
+        is_led = out.step < out.h
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = body_at(i, worlds)
+            if is_flying(body, history):
+                fly_body(body, out, body_q, body_qd, model, work)
+            elif is_led:
+                lead_body(body, age, out, body_q, body_qd, model, work, history)
+        if wp.static(effects.contact):
+            if is_led:
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                     lead_rows(body_at(i, worlds), out, work, rows)
         worlds.step[world] = out.step
-        history.slope_age[world] = wp.where(out.step < out.h, wp.static(a), 0.5) * out.h
+        history.slope_age[world] = wp.where(is_led, wp.static(a), 0.5) * out.h
         return out
 
     @wp.func
     def remember_motion(
         body: int,
-        start_velocity: wp.spatial_vector,
         scale: WorldScale,
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
@@ -460,6 +589,8 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             for i in range(rows.owned_start[body], rows.owned_end[body]):
                 pushing += int(is_pushing(rows.rows[i]))
             history.pushing[body] = pushing
+        if is_flying(body, history):
+            return
         if wp.static(effects.joints and effects.coordinates):
             if is_linked(joints, tree, body):
                 joint = tree.joint[body]
@@ -473,11 +604,8 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                         history.coordinate,
                     )
                     k += 1
-        last = history.last[body]
-        # until the step is done, that of its start
-        last.velocity = start_velocity
-        last.slope = next_slope(scale, work.increment[body], last.slope)
-        history.last[body] = last
+        slope = history.last[body].slope
+        history.last[body].slope = next_slope(scale, work.increment[body], slope)
 
     @wp.func
     def remember_loops(
@@ -512,26 +640,84 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         history: wp.ref[History],
     ):
         """Where a step has left a body, how fast, and what its constraints did to that."""
-        last = history.last[body]
         before = wp.transform_get_rotation(body_q[body])
+        began = history.last[body].velocity
         wrench = external_wrench(model, body, work)
         given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
         if wp.static(effects.gyroscopic):
             after = wp.transform_get_rotation(pose)
             change = spin_momentum(model, body, after, velocity)
-            change -= spin_momentum(model, body, before, last.velocity)
+            change -= spin_momentum(model, body, before, began)
             change -= scale.h * wp.spatial_bottom(wrench)
-            last.torque = (change - lead(scale, last.torque, last.spun)) / scale.step
-            last.spun = next_slope(scale, change, last.spun)
+            torque, spun = history.last[body].torque, history.last[body].spun
+            history.last[body].torque = (change - lead(scale, torque, spun)) / scale.step
+            history.last[body].spun = next_slope(scale, change, spun)
         else:
             spin = world_inertia(before, model.inv_inertia[body]) * wp.spatial_bottom(wrench)
             given = wp.spatial_vector(wp.spatial_top(given), spin)
-        gain = velocity - last.velocity - scale.h * given
-        last.acceleration = (gain - lead(scale, last.acceleration, last.gain)) / scale.step
-        last.gain = next_slope(scale, gain, last.gain)
-        last.velocity = velocity
-        last.wrench = wrench
-        last.pose = pose
-        history.last[body] = last
+        change_v = velocity - began - scale.h * given
+        acceleration, gain = history.last[body].acceleration, history.last[body].gain
+        history.last[body].acceleration = (
+            change_v - lead(scale, acceleration, gain)
+        ) / scale.step
+        history.last[body].gain = next_slope(scale, change_v, gain)
+        history.last[body].velocity = velocity
+        history.last[body].wrench = wrench
+        history.last[body].pose = pose
 
-    return Bdf2Functions(begin_step, remember_motion, remember_loops, remember_state)
+    @wp.func
+    def is_remembered(world: int, scale: WorldScale, history: wp.ref[History]) -> bool:
+        """Whether the motion of a step is one to go on from, or was one that went on."""
+        return history.smooth[world] == SMOOTH or scale.step < scale.h
+
+    @wp.func
+    def remember_motions(
+        world: int,
+        scale: WorldScale,
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        tree: wp.ref[TreeWork],
+        history: wp.ref[History],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """How the bodies of a world have moved, if that is of use to the next step."""
+        if is_quiet(world, scale, model, worlds, work, history, body_qd_out):
+            history.smooth[world] = QUIET_WORLD
+        if is_remembered(world, scale, history):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                body = body_at(i, worlds)
+                if work.inv_mass[body] > 0.0:
+                    remember_motion(body, scale, joints, work, rows, tree, history)
+
+    @wp.func
+    def remember_states(
+        world: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        worlds: wp.ref[WorldWork],
+        work: wp.ref[BodyWork],
+        history: wp.ref[History],
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Likewise where the step has left them."""
+        if is_remembered(world, scale, history):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                body = body_at(i, worlds)
+                if work.inv_mass[body] > 0.0 and not is_flying(body, history):
+                    remember_state(
+                        body,
+                        body_q_out[body],
+                        body_qd_out[body],
+                        scale,
+                        body_q,
+                        model,
+                        work,
+                        history,
+                    )
+
+    return Bdf2Functions(begin_step, remember_motions, remember_loops, remember_states)

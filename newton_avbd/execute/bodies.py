@@ -75,6 +75,7 @@ def free_turn_of(
     velocity: wp.spatial_vector,
     wrench: wp.spatial_vector,
     h: float,
+    ahead: float,
 ):
     """As :func:`.blocks.body.free_turn`, for a body of the model."""
     return free_turn(
@@ -84,6 +85,7 @@ def free_turn_of(
         wp.spatial_bottom(velocity),
         wp.spatial_bottom(wrench),
         h,
+        ahead,
     )
 
 
@@ -466,21 +468,29 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             body_qd_out[body] = velocity
             return
         dx = target_shift(model, body, velocity, wrench, h)
+        end_velocity = dx / h
         rotation = wp.transform_get_rotation(pose)
         spin = wp.vec3(0.0)
+        if wp.static(effects.bdf2):
+            # the trapezoidal rule, which makes a parabola
+            dx = 0.5 * (dx + h * wp.spatial_top(velocity))
         if wp.static(effects.gyroscopic):
-            _, turn, own_spin = free_turn_of(model, body, rotation, velocity, wrench, h)
+            # the implicit midpoint rule at second order
+            ahead = wp.static(0.5 if effects.bdf2 else 1.0) * h
+            turn, own_spin = free_turn_of(model, body, rotation, velocity, wrench, h, ahead)
             rotation = rotation * turn
             spin = wp.quat_rotate(rotation, own_spin)
         else:
             dtheta = target_turn(model, body, rotation, velocity, wrench, h)
             spin = dtheta / h
+            if wp.static(effects.bdf2):
+                dtheta = 0.5 * (dtheta + h * wp.spatial_bottom(velocity))
             rotation = exp_quat(dtheta) * rotation
         rotation = renormalised(rotation)
         increment = wp.spatial_vector(dx, wp.vec3(0.0))
         shift = origin_shift(pose, model.com[body], increment, rotation)
         body_q_out[body] = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
-        body_qd_out[body] = wp.spatial_vector(dx / h, spin)
+        body_qd_out[body] = wp.spatial_vector(end_velocity, spin)
 
     @wp.kernel(**KERNEL)
     def integrate(

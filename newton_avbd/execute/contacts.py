@@ -29,6 +29,7 @@ from .bodies import body_at
 from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
+from .slopes import SMOOTH
 from .weights import mass_to_stop
 
 NOT_UNIT = wp.constant(0.1)
@@ -541,11 +542,12 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     row = contact_rows.penalise(row, mass, load, held, u, scale)
                     # backward Euler's guess says too little of how things slide
                     if wp.static(effects.bdf2 and effects.friction):
-                        expected = contact_rows.slip(
-                            row, work.increment[body], work.increment[row.b], span
-                        )
-                        expected += rows.drift[i]
-                        row = contact_rows.slide_on(row, expected, scale)
+                        if history.smooth[world] == SMOOTH:
+                            expected = contact_rows.slip(
+                                row, work.increment[body], work.increment[row.b], span
+                            )
+                            expected += rows.drift[i]
+                            row = contact_rows.slide_on(row, expected, scale)
                 if wp.static(effects.angular_friction):
                     spin = rows.spin[i]
                     if wp.static(effects.condim):

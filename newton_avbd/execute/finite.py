@@ -133,6 +133,8 @@ def hold_world(
             history.end[side, body] = 0
         if tree.joint.shape[0] > 0:
             forget_joints(body, joints, tree, loops, history)
+    if history.smooth.shape[0] > 0:
+        history.smooth[world] = 0
     history.age[world] = 0
     history.filling[world, 0] = 0
     # all worlds stay on the same side: their records lie in one array

@@ -134,7 +134,12 @@ def begin_impacts(
         v = parting_speed(row, work, rows, h)
         if v < -threshold and row.gap + u_n < 0.0:
             a = (u_n / h - v) / h
-            start = v + scale.lag * a * h
+            lag = scale.lag
+            if history.flying.shape[0] > 0:
+                # what flies keeps to its parabola
+                if history.flying[row.a] + history.flying[row.b] > 0:
+                    lag = 0.0
+            start = v + lag * a * h
             gap = wp.max(row.gap, 0.0)
             hit = wp.sqrt(wp.max(start * start - 2.0 * a * gap, 0.0))
             impact.acceleration = a

@@ -79,8 +79,8 @@ def make_phases(effects: Effects) -> Phases:
     find_rows, penalise_rows = make_rows(effects)
     weigh_blocks = make_weigh(effects) if effects.light_links else absent
     bdf2 = make_bdf2(effects) if effects.bdf2 else ABSENT
-    remember_motion, remember_loops = bdf2.remember_motion, bdf2.remember_loops
-    remember_state = bdf2.remember_state
+    remember_motions, remember_loops = bdf2.remember_motions, bdf2.remember_loops
+    remember_states = bdf2.remember_states
     impacts = make_impacts(effects) if effects.restitution else ABSENT
     find_impacts = impacts.find_impacts
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
@@ -582,8 +582,22 @@ def make_phases(effects: Effects) -> Phases:
                     history,
                 )
                 if wp.static(effects.bdf2):
-                    remember_motion(body, body_qd[body], scale, joints, work, rows, tree, history)
+                    # until the step is done, that of its start
+                    history.last[body].velocity = body_qd[body]
             body_qd_out[body] = velocity
+        if wp.static(effects.bdf2):
+            remember_motions(
+                world,
+                scale,
+                model,
+                joints,
+                worlds,
+                work,
+                rows,
+                tree,
+                history,
+                body_qd_out,
+            )
         if wp.static(effects.bdf2 and effects.tendons):
             for i in range(body_start, body_end):
                 end_tendons(i, scale, tree)
@@ -742,19 +756,9 @@ def make_phases(effects: Effects) -> Phases:
                     body_qd_out,
                 )
         if wp.static(effects.bdf2):
-            for i in range(body_start, body_end):
-                body = body_at(i, worlds)
-                if work.inv_mass[body] > 0.0:
-                    remember_state(
-                        body,
-                        body_q_out[body],
-                        body_qd_out[body],
-                        scale,
-                        body_q,
-                        model,
-                        work,
-                        history,
-                    )
+            remember_states(
+                world, scale, body_q, model, worlds, work, history, body_q_out, body_qd_out
+            )
 
     return Phases(
         begin_world,

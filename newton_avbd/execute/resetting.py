@@ -128,6 +128,9 @@ def reset_bodies(
     if loops.joints.shape[0] > 0:
         for i in range(loops.body_start[body], loops.body_start[body + 1]):
             forget_axes(loops.joints[loops.items[i] / 2], joints, rest_angle, history)
+    if history.flying.shape[0] > 0:
+        history.flying[body] = 0
+        history.smooth[worlds.of_body[body]] = 0
     history.age[worlds.of_body[body]] = 0
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0
