@@ -46,7 +46,7 @@ def sliding(shape: str, dt: float, speed: float = 3.0, **settings: Any) -> Simul
 
 @both
 def test_a_projectile_keeps_to_its_parabola(scheme: str) -> None:
-    """To half a rounding of a metre a step: the trapezoidal rule is exact under a constant force."""
+    """To half a rounding of a meter a step: the trapezoidal rule is exact for a constant force."""
     for dt in STEPS:
         builder = newton.ModelBuilder()
         add_mass(builder)
