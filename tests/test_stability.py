@@ -54,6 +54,10 @@ SECONDS = {
     "teleports": 5.0,
     "teleports_energy": 2.6,
     "resets": 1.0,
+    "plate_flat": 3.0,
+    "plate_edge": 3.0,
+    "needle_rolls": 2.0,
+    "needle_twirls": 2.0,
     "fast_car": 20.0,
 }
 """Seconds to simulate here, where half a second would show nothing or take long."""
@@ -178,6 +182,21 @@ def test_command_prints_a_line_a_case_and_writes_a_page(
     page = (tmp_path / "index.html").read_text()
     for name in names:
         assert f"src='{name}.png'" in page and (tmp_path / f"{name}.png").stat().st_size > 1000
+
+
+def test_rate_is_that_of_all_cases_that_have_a_meaning_there(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """A case about its own steps says so; detection looks as far ahead as before, in steps."""
+    assert _command("rate_30", "overlap_ground", "--rate", "60") == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split(maxsplit=1) == ["rate_30", "left out: it is about its own rate"]
+    assert lines[1].split()[:3] == ["overlap_ground", "avbd", "ok"]
+    case = CASES["needle"].at_rate(60.0)
+    assert case.step_size(0) == 1.0 / 60.0
+    assert case.speculative == pytest.approx(4.0 * 0.05)
+    with pytest.raises(ValueError, match="its own rate"):
+        CASES["rate_30"].at_rate(60.0)
 
 
 def test_unknown_case_lists_what_there_is() -> None:

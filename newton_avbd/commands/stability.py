@@ -37,6 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
     )
+    parser.add_argument(
+        "--rate",
+        type=positive(float),
+        metavar="HZ",
+        help="steps a second of all cases, collisions detected once a step (default: each its own)",
+    )
     parser.add_argument("--quick", action="store_true", help="leave out cases that take minutes")
     parser.add_argument(
         "--budget",
@@ -70,7 +76,13 @@ def main(args: argparse.Namespace) -> int:
         require("matplotlib")
     make_folder(args.output)
     outcomes: list[Outcome] = []
-    pairs = [(case, solver) for case in _chosen(args.cases, args.quick) for solver in args.solver]
+    cases = _chosen(args.cases, args.quick)
+    if args.rate:
+        for case in cases:
+            if case.own_rate:
+                say(f"{case.name:24} left out: {case.own_rate}")
+        cases = [case.at_rate(args.rate) for case in cases if not case.own_rate]
+    pairs = [(case, solver) for case in cases for solver in args.solver]
     with interruptible() as interruption:
         for case, solver in progress(pairs, len(pairs), "cases", lambda pair: pair[0].name):
             outcome = try_case(case, solver, iterations=args.iterations, budget=args.budget)

@@ -3,6 +3,7 @@
 
 """What a hard case is, how a solver is tried on it, and what is held against it."""
 
+import dataclasses
 import math
 import time
 import warnings
@@ -42,6 +43,7 @@ class Bounds:
         gain: Energy gained, as the height to which it would lift all bodies [m].
         share: The same as a share of the energy that was there; see :attr:`Outcome.share`.
         drift: Largest value of :attr:`Case.drift`.
+        rest: Deepest penetration at the end, where bodies have come to rest [m].
     """
 
     penetration: float | None = None
@@ -49,6 +51,7 @@ class Bounds:
     gain: float | None = None
     share: float | None = 1.0e-3
     drift: float | None = None
+    rest: float | None = None
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,7 @@ class Case:
         is_quick: Whether it takes seconds and not minutes.
         vbd_ke: Contact stiffness [N/m] with which ``SolverVBD`` does best; None for Newton's.
         settings: Further settings of SolverAVBD.
+        own_rate: Why it has no meaning with other time steps than its own; empty where it has.
     """
 
     name: str
@@ -88,10 +92,24 @@ class Case:
     is_quick: bool = True
     vbd_ke: float | None = None
     settings: dict[str, Any] = field(default_factory=dict)
+    own_rate: str = ""
 
     def step_size(self, step: int) -> float:
         """Time step of the step with this number [s]."""
         return self.dt(step) if callable(self.dt) else self.dt
+
+    def at_rate(self, rate: float) -> "Case":
+        """The case at a number of steps a second, for which collision detection looks as far ahead.
+
+        Raises:
+            ValueError: It has no meaning there; :attr:`own_rate` says why.
+        """
+        if self.own_rate:
+            raise ValueError(self.own_rate)
+        ahead = self.speculative
+        if ahead is not None:
+            ahead *= max(1.0, 1.0 / (rate * self.step_size(0)))
+        return dataclasses.replace(self, dt=1.0 / rate, speculative=ahead)
 
 
 class Catalog(dict[str, Case]):
@@ -236,6 +254,7 @@ class Outcome:
         drift: None where the case bounds none.
         milliseconds: Median time of a step, collision detection included [ms].
         seconds: Simulated time [s].
+        rest: See :class:`Bounds`.
         note: Why it did not run, or not to its end.
         times: Of the samples [s].
         energies: In the samples, as heights [m].
@@ -251,6 +270,7 @@ class Outcome:
     gain: float | None = None
     share: float | None = None
     drift: float | None = None
+    rest: float = math.nan
     milliseconds: float = math.nan
     seconds: float = 0.0
     note: str = ""
@@ -264,7 +284,7 @@ class Outcome:
         if not self.finite:
             return [self.note or "not finite"]
         failures = [self.note] if self.note else []
-        for name in ("penetration", "joint", "gain", "share", "drift"):
+        for name in ("penetration", "joint", "gain", "share", "drift", "rest"):
             bound, value = getattr(bounds, name), getattr(self, name)
             if bound is not None and value is not None and not value <= bound:
                 failures.append(name)
@@ -349,6 +369,7 @@ def _run(trial: Trial, solver: str, budget: float) -> Outcome:
         gain=None if case.bounds.gain is None else gain,
         share=None if case.bounds.gain is None else gain * weight / supply.energy,
         drift=None if case.bounds.drift is None else drift,
+        rest=penetrations[-1] if penetrations else 0.0,
         milliseconds=1e3 * float(np.median(durations[1:] or durations)),
         seconds=trial.time,
         note=note,

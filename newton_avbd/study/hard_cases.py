@@ -5,6 +5,7 @@
 
 from newton_avbd.study.hard_bodies import BODIES
 from newton_avbd.study.hard_case import Case, Catalog
+from newton_avbd.study.hard_fast import FAST
 from newton_avbd.study.hard_joints import JOINTS
 from newton_avbd.study.hard_piles import PILES
 from newton_avbd.study.hard_steps import STEPS
@@ -13,9 +14,10 @@ GROUPS: dict[str, Catalog] = {
     "Piles": PILES,
     "Joints": JOINTS,
     "Bodies and contacts": BODIES,
+    "Thin and fast bodies": FAST,
     "Steps and interventions": STEPS,
 }
 """Cases by what is hard about them."""
 
-CASES: dict[str, Case] = {**PILES, **JOINTS, **BODIES, **STEPS}
+CASES: dict[str, Case] = {**PILES, **JOINTS, **BODIES, **FAST, **STEPS}
 """All cases by name."""

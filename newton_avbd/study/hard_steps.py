@@ -65,6 +65,7 @@ for label, dt in (("10000", 1e-4), ("1000", 1e-3), ("60", 1 / 60), ("30", 1 / 30
         Bounds(penetration=SUNK, joint=OPEN, gain=1e-3, drift=1e-3),
         drift=_pile_moved,
         dt=dt,
+        own_rate="it is about its own rate",
         seconds=1.0 if dt < 5e-4 else 5.0,
         is_quick=dt > 5e-4,
         vbd_ke=4e6,
@@ -122,6 +123,7 @@ STEPS.add(
     Bounds(penetration=SUNK, joint=OPEN, gain=1e-3, drift=1e-3),
     drift=_pile_moved,
     dt=_uneven,
+    own_rate="it is about steps of different lengths",
     vbd_ke=4e6,
 )
 
@@ -131,17 +133,19 @@ STEPS.add(
     partial(add_stack, count=10),
     Bounds(penetration=SUNK, gain=SUNK, drift=1e-3),
     dt=lambda step: 1e-3 if step % 2 else 1.0 / 60.0,
+    own_rate="it is about steps of different lengths",
     vbd_ke=1e8,
 )
 
 
 def _switch(trial: Trial, step: int) -> bool:
     """Gravity off, up, sideways and down again, for half a second each."""
-    if step % 120:
+    period = round(0.5 / trial.case.step_size(step))
+    if step % period:
         return False
     g = 9.81
     ways = ((0.0, 0.0, -g), (0.0, 0.0, 0.0), (0.0, 0.0, 0.5 * g), (g, 0.0, -g), (0.0, 0.0, -g))
-    trial.set_gravity(ways[min(step // 120, len(ways) - 1)])
+    trial.set_gravity(ways[min(step // period, len(ways) - 1)])
     return True
 
 
@@ -158,9 +162,10 @@ STEPS.add(
 
 def _teleport(trial: Trial, step: int) -> bool:
     """Put one box after the other on top of the pyramid, or half into another box."""
-    if step == 0 or step % 60:
+    period = round(0.25 / trial.case.step_size(step))
+    if step == 0 or step % period:
         return False
-    turn = step // 60
+    turn = step // period
     where = (0.0, 0.0, 4.5) if turn % 2 else (0.4, 0.2, 0.4)
     trial.place(turn % 15, (*where, 0.0, 0.0, 0.0, 1.0))
     return True

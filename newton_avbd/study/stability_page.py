@@ -14,7 +14,7 @@ from newton_avbd.study.hard_cases import CASES, GROUPS
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")
 """Colors of solvers in a plot, told apart by every kind of color vision."""
 
-QUANTITIES = ("penetration", "joint", "gain", "share", "drift")
+QUANTITIES = ("penetration", "rest", "joint", "gain", "share", "drift")
 """Columns that have a bound."""
 
 _STYLE = """\
@@ -29,7 +29,8 @@ h3 { margin: 1.5em 0 .2em; }
 """
 
 _INTRODUCTION = """\
-<p>Scenes that are known to be hard, on a CPU. <em>Penetration</em> is the deepest in any sample;
+<p>Scenes that are known to be hard, on a CPU. <em>Penetration</em> is the deepest in any sample,
+<em>rest</em> that in the last one;
 <em>joint</em> the largest distance between the anchors of a joint along what it locks;
 <em>gain</em> the energy that came from nowhere, as the height to which it would lift all bodies;
 <em>share</em> the same as a share of what was there: kinetic energy at the start, potential energy
