@@ -62,7 +62,11 @@ class Actuators:
 
     @classmethod
     def of_model(cls, model: newton.Model) -> "Actuators":
-        """Finds what each actuator acts on; copies model arrays to the host."""
+        """Finds what each actuator acts on; copies model arrays to the host.
+
+        Raises:
+            ValueError: If an actuator has a transmission that there is not.
+        """
         found = cls()
         if not model.custom_frequency_counts.get("mujoco:actuator", 0):
             return found
@@ -74,6 +78,12 @@ class Actuators:
             if why:
                 found.left[row] = why
                 continue
+            if kinds[row] not in set(_TRANSMISSION):
+                names = ", ".join(f"{kind.value} ({kind.name})" for kind in _TRANSMISSION)
+                raise ValueError(
+                    f"model.mujoco.actuator_trntype[{row}] ('{found.labels[row]}') is "
+                    f"{kinds[row]}, no transmission of MuJoCo's. Set one of {names}."
+                )
             kind, target = _target(model, row, int(kinds[row]))
             if kind in (_TRANSMISSION.JOINT, _TRANSMISSION.JOINT_IN_PARENT) and target >= 0:
                 found._add_joint(model, row, target, kind == _TRANSMISSION.JOINT_IN_PARENT)

@@ -633,10 +633,13 @@ class SolverArrays:
                 "model.control()."
             )
         if ctrl is not self._ctrl:
-            if ctrl.ndim != 1 or ctrl.shape[0] != count or ctrl.dtype != wp.float32:
+            is_array = isinstance(ctrl, wp.array)
+            if not is_array or ctrl.shape != (count,) or ctrl.dtype != wp.float32:
+                given = f"{ctrl.dtype.__name__} of shape {ctrl.shape}" if is_array else type(ctrl)
                 raise ValueError(
-                    f"control.mujoco.ctrl must be {count} numbers of float32, one an actuator, in "
-                    f"the order of the model's mujoco:actuator rows; it has shape {ctrl.shape}."
+                    f"control.mujoco.ctrl must be a Warp array of {count} numbers of float32, one "
+                    f"an actuator, in the order of the model's mujoco:actuator rows, as "
+                    f"model.control() makes it; it is {given}. Write to that array by assign()."
                 )
             check_array("control.mujoco.ctrl", ctrl, count, self.device)
             self._ctrl = ctrl

@@ -509,9 +509,10 @@ def test_bad_control_is_named() -> None:
     model = scene('<motor joint="hinge"/>')
     solver = SolverAVBD(model)
     state, control = model.state(), model.control()
-    control.mujoco.ctrl = wp.zeros(3, dtype=float, device="cpu")
-    with pytest.raises(ValueError, match=r"control\.mujoco\.ctrl must be 1 numbers"):
-        solver.step(state, state, control, None, DT)
+    for wrong in (wp.zeros(3, dtype=float, device="cpu"), np.zeros(1), None):
+        control.mujoco.ctrl = wrong
+        with pytest.raises(ValueError, match=r"control.*mujoco\.ctrl.*model\.control\(\)"):
+            solver.step(state, state, control, None, DT)
     control = model.control()
     control.mujoco.ctrl.fill_(np.nan)
     before = state.body_q.numpy()
@@ -520,6 +521,13 @@ def test_bad_control_is_named() -> None:
     assert solver.status.held_steps.sum() == 1
     model.mujoco.actuator_gear.assign(np.full((1, 6), np.inf, dtype=np.float32))
     with pytest.raises(ValueError, match=r"mujoco\.actuator_gear\[0\].*is not finite"):
+        SolverAVBD(model)
+
+
+def test_an_unknown_transmission_is_named() -> None:
+    model = scene('<motor joint="hinge" name="elbow"/>')
+    model.mujoco.actuator_trntype.fill_(9)
+    with pytest.raises(ValueError, match=r"trntype\[0\] .*elbow.* 9.*0 \(JOINT\)"):
         SolverAVBD(model)
 
 

@@ -11,8 +11,12 @@ Joint limits are soft in MuJoCo and, but for ``compliant_contacts=True``, rigid 
 there are two comparisons, each of like with like:
 
 - *as authored*: SolverAVBD(compliant_contacts=True) beside MuJoCo, both at 1/2000 s;
-- *rigid limits*: SolverAVBD as it is beside MuJoCo at 1/40000 s with limits and joint friction as
-  stiff as that step allows, overdamped, so that nothing rebounds. Both start within the limits.
+- *rigid limits*: SolverAVBD as it is beside MuJoCo at 1/40000 s with limits as stiff as that step
+  allows, overdamped, so that nothing rebounds. Both start within the limits of
+  joints and tendons, and where equality constraints hold.
+
+Equality constraints and joint friction are rigid in SolverAVBD either way, so MuJoCo has them as
+stiff as its step allows in both.
 
 A case holds if no body is off by more than 2 % of how far it moved, or 1 mm. The errors are those
 of the body that comes next to its bound or misses it by most, of SolverAVBD and of MuJoCo, as
@@ -45,6 +49,10 @@ LOOKS = 20
 """How often in that time it is looked where bodies are."""
 SHARE = 0.02
 """Of how far a body moves, by which it may be off."""
+LIMITED = ("JOINT", "TENDON")
+"""What has limits, as ``mjtConstraint`` names it."""
+NEWTON_STEPS = 50
+"""How many steps at most bring a start pose within limits."""
 LEAST = 1.0e-3
 """How far any body may be off [m]."""
 PACKAGES = ("dm_control", "gymnasium")
@@ -77,7 +85,7 @@ class Case:
         return Controls("sine", self.model, self.path) if self.is_driven and count else None
 
     def state(self, within: bool) -> newton.State:
-        """The pose of the file, or, where that is beyond limits, the nearest one within them."""
+        """The pose of the file, or, where constraints do not hold, one close by where they do."""
         model, state = self.model, self.model.state()
         joint_q = model.joint_q.numpy().copy()
         if within:
@@ -91,7 +99,62 @@ class Case:
                     joint_q[at] = np.clip(joint_q[at], lower[axes], upper[axes])
         state.joint_q.assign(joint_q)
         newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+        if within:
+            _enter_limits(model, state)
         return state
+
+
+def _enter_limits(model: newton.Model, state: newton.State) -> None:
+    """Moves a state to where limits and equality constraints hold, as near as it gets.
+
+    Newton steps of MuJoCo's rows move it, each by the least kinetic energy. A state where they hold
+    stays.
+    """
+    import mujoco
+
+    solver = _native(model, state)
+    native, now = solver.mj_model, solver.mj_data
+    native.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
+    equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    ranges = [int(getattr(mujoco.mjtConstraint, f"mjCNSTR_LIMIT_{end}")) for end in LIMITED]
+    is_within = True
+    for _ in range(NEWTON_STEPS):
+        mujoco.mj_forward(native, now)
+        kinds = now.efc_type
+        beyond = np.where(kinds == equality, now.efc_pos, np.minimum(now.efc_pos, 0.0))
+        beyond[~np.isin(kinds, [equality, *ranges])] = 0.0
+        rows = np.flatnonzero(beyond)
+        if np.abs(beyond).max(initial=0.0) < 1.0e-9:
+            break
+        is_within = False
+        jacobian = now.efc_J.reshape(-1, native.nv)[rows]
+        moved = np.zeros_like(jacobian)
+        mujoco.mj_solveM(native, now, moved, jacobian)
+        move = -moved.T @ np.linalg.lstsq(jacobian @ moved.T, beyond[rows], rcond=1.0e-9)[0]
+        mujoco.mj_integratePos(native, now.qpos, move, 1.0)
+    if is_within:
+        return
+    owners, known = _owners(solver)
+    pose = state.body_q.numpy()
+    pose[owners[known], :3] = now.xpos[known]
+    pose[owners[known], 3:] = np.roll(now.xquat[known], -1, axis=1)
+    state.body_q.assign(pose)
+    newton.eval_ik(model, state, state.joint_q, state.joint_qd)
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+
+
+def _native(model: newton.Model, start: newton.State) -> SolverMuJoCo:
+    """MuJoCo C with a model, without contacts, at a state."""
+    solver = SolverMuJoCo(model, use_mujoco_cpu=True, disable_contacts=True)
+    # a step of next to no time writes the start state down
+    solver.step(start, model.state(), model.control(), None, 1.0e-12)
+    return solver
+
+
+def _owners(solver: SolverMuJoCo) -> tuple[Any, Any]:
+    """Newton's body of each of MuJoCo's, and which of MuJoCo's have one."""
+    owners = solver.mjc_body_to_newton.numpy()[0]
+    return owners, np.flatnonzero(owners >= 0)
 
 
 def main() -> None:
@@ -244,21 +307,17 @@ def native_path(
     """
     import mujoco
 
-    solver = SolverMuJoCo(case.model, use_mujoco_cpu=True, disable_contacts=True)
-    # a step of next to no time writes the start state down
-    start = case.state(is_stiff)
-    solver.step(start, case.model.state(), case.model.control(), None, 1.0e-12)
+    solver = _native(case.model, case.state(is_stiff))
     native, now = solver.mj_model, solver.mj_data
     now.act[:] = 0.0
     native.opt.timestep = dt
     if integrator is not None:
         native.opt.integrator = integrator
-    if is_stiff:
-        for kind in ("jnt_{}", "dof_{}", "tendon_{}_lim", "tendon_{}_fri"):
-            getattr(native, kind.format("solref"))[:] = (4.0 * dt, 10.0)
-            getattr(native, kind.format("solimp"))[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-    owners = solver.mjc_body_to_newton.numpy()[0]
-    known = np.flatnonzero(owners >= 0)
+    rigid = ["eq_{}", "dof_{}", "tendon_{}_fri"] + ["jnt_{}", "tendon_{}_lim"] * is_stiff
+    for kind in rigid:
+        getattr(native, kind.format("solref"))[:] = (4.0 * dt, 10.0 if is_stiff else 1.0)
+        getattr(native, kind.format("solimp"))[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+    owners, known = _owners(solver)
     rows = np.zeros(0, dtype=int)
     if native.nu:
         rows = solver.mjc_actuator_to_newton_idx.numpy().ravel()
