@@ -26,7 +26,8 @@ class Report:
     """The ``update`` [m] at which the world's sweeps end, ``tolerance`` or where nothing moves any
     more."""
     order: np.ndarray
-    """Order of the step in time, 2 where a scheme of second order could be kept, otherwise 1."""
+    """Order of the step in time, 2 where a scheme of second order could be kept, otherwise 1; at
+    rest there is no difference."""
 
     @property
     def settled(self) -> np.ndarray:

@@ -12,7 +12,8 @@ friction see. Rotations go by the rotation vectors of the steps, which commute t
 h; momenta add up in world axes.
 
 A body that flies, held by nothing, takes the trapezoidal rule instead, and the implicit midpoint
-rule for its spin. Where no velocity of what is held changes, the next step is backward Euler.
+rule for its spin where that is slow. Where no velocity of what is held changes, the next step is
+backward Euler.
 
 What extrapolates is wrong where the velocity jumps: a body that lands would bounce. A world takes
 backward Euler in the step of an impact and in the one after it, where a contact lets go or an
@@ -43,7 +44,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
-from .bodies import body_at, mean_spin, target_turn
+from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
 from .fluid import feel_fluid
 from .islands import is_free_island
@@ -436,8 +437,9 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         velocity = body_qd[body]
         turn = 0.5 * wp.spatial_bottom(work.target[body] + work.coasting[body])
         if wp.static(effects.gyroscopic):
-            if wp.length_sq(turn) > SLOW * SLOW:
-                # the implicit midpoint rule
+            if not takes_midpoint(turn):
+                turn = wp.spatial_bottom(work.target[body])
+            elif wp.length_sq(turn) > SLOW * SLOW:
                 half = 0.5 * scale.h
                 rotation = wp.transform_get_rotation(body_q[body])
                 w, _momentum = mean_spin(model, body, rotation, velocity, work.wrench[body], half)
