@@ -59,8 +59,8 @@ def test_a_projectile_keeps_to_its_parabola(scheme: str) -> None:
 
 @both
 def test_a_body_that_tumbles_freely_keeps_its_energy(scheme: str) -> None:
-    """A box of 1 : 2 : 3 turns over about its middle axis, at most 0.15 rad a step, for 20 s. The implicit
-    midpoint rule lets its energy swing by a share of the turn's square, 1/24 of it at most."""
+    """A box of 1 : 2 : 3 turns over about its middle axis, at most 0.15 rad a step, for 20 s. The
+    implicit midpoint rule lets its energy swing by 1/24 of the turn's square at most."""
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     inertia = wp.mat33(1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 3.0)
     builder.add_body(mass=1.0, inertia=inertia)
