@@ -44,6 +44,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE
+from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
 from .fluid import feel_fluid
@@ -113,26 +114,6 @@ def jumps(now: wp.vec3, last: wp.vec3, least: float) -> bool:
 def is_flying(body: int, history: wp.ref[History]) -> bool:
     """Whether nothing holds a body in this step, as :func:`begin_step` has found."""
     return history.flying[body] != 0
-
-
-@wp.func
-def fly(
-    body: int,
-    turn: wp.vec3,
-    step: float,
-    h: float,
-    velocity: wp.spatial_vector,
-    work: wp.ref[BodyWork],
-):
-    """Lead and target of a body that flies freely: the trapezoidal rule, which makes a parabola.
-
-    Its velocity is that of backward Euler. Takes the turn of the step [rad].
-    """
-    change = work.target[body] - work.coasting[body]
-    target = wp.spatial_vector(wp.spatial_top(work.coasting[body] + 0.5 * change), turn)
-    work.lead[body] = target - (step / h) * work.target[body]
-    work.target[body] = target
-    work.increment[body] = target
 
 
 @wp.func
@@ -382,7 +363,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         if wp.static(effects.fluid or effects.cables or effects.tendons):
             return False
         if wp.static(effects.joints):
-            if worlds.block_end[i] > i + 1 or tree.joint[body] >= 0:
+            if is_in_tree(i, worlds, tree):
                 return False
         if wp.static(effects.loops):
             if has_loops(loops, body):
@@ -433,8 +414,10 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         model: wp.ref[BodyModel],
         work: wp.ref[BodyWork],
     ):
-        """Lead and target of a body that flies freely; its angular momentum is kept by the end."""
-        velocity = body_qd[body]
+        """Lead and target of a body that flies freely: the trapezoidal rule, which makes a parabola.
+
+        Its velocity is that of backward Euler; its angular momentum is kept by the end.
+        """
         turn = 0.5 * wp.spatial_bottom(work.target[body] + work.coasting[body])
         if wp.static(effects.gyroscopic):
             if not takes_midpoint(turn):
@@ -442,9 +425,15 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
             elif wp.length_sq(turn) > SLOW * SLOW:
                 half = 0.5 * scale.h
                 rotation = wp.transform_get_rotation(body_q[body])
-                w, _momentum = mean_spin(model, body, rotation, velocity, work.wrench[body], half)
+                w, _momentum = mean_spin(
+                    model, body, rotation, body_qd[body], work.wrench[body], half
+                )
                 turn = scale.h * w
-        fly(body, turn, scale.step, scale.h, velocity, work)
+        shift = 0.5 * wp.spatial_top(work.target[body] + work.coasting[body])
+        target = wp.spatial_vector(shift, turn)
+        work.lead[body] = target - (scale.step / scale.h) * work.target[body]
+        work.target[body] = target
+        work.increment[body] = target
 
     @wp.func
     def lead_body(

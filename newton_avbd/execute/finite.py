@@ -17,6 +17,7 @@ from ..data import (
 from ..effects import Effects
 from .bodies import body_at, report_held, vector_sum
 from .resetting import forget_joints
+from .slopes import JUMPED
 
 
 def make_is_world_finite(effects: Effects) -> wp.Function:
@@ -134,7 +135,7 @@ def hold_world(
         if tree.joint.shape[0] > 0:
             forget_joints(body, joints, tree, loops, history)
     if history.smooth.shape[0] > 0:
-        history.smooth[world] = 0
+        history.smooth[world] = JUMPED
     history.age[world] = 0
     history.filling[world, 0] = 0
     # all worlds stay on the same side: their records lie in one array

@@ -19,6 +19,7 @@ from ..rows.joint import ROD
 from .bodies import forget_pose
 from .islands import disturb
 from .launch import KERNEL
+from .slopes import JUMPED
 
 
 @wp.func
@@ -130,7 +131,7 @@ def reset_bodies(
             forget_axes(loops.joints[loops.items[i] / 2], joints, rest_angle, history)
     if history.flying.shape[0] > 0:
         history.flying[body] = 0
-        history.smooth[worlds.of_body[body]] = 0
+        history.smooth[worlds.of_body[body]] = JUMPED
     history.age[worlds.of_body[body]] = 0
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0

@@ -38,8 +38,7 @@ that carries the inertia beyond the joint. Then all drives follow slow sines wit
 1.5 s, at 240 steps a second.
 
 A robot passes if all numbers stay finite; every joint, welds included, stays closed to 0.1 mm and
-1 mrad (MuJoCo's soft equalities to 1.1 times what they open with SolverMuJoCo); limits are kept to
-1 mrad; contact forces and momentum balance the weight to 1 %; nothing
+1 mrad; limits are kept to 1 mrad; contact forces and momentum balance the weight to 1 %; nothing
 hangs in mid-air; after the hold nothing moves faster than 0.1 m/s, or than twice what it does with
 SolverMuJoCo; and the drives move right. A drive moves right if it follows its target as closely
 as with SolverMuJoCo, or, where MuJoCo refuses the robot, as its law has it, to 20 mrad. It also

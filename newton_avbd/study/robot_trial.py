@@ -27,8 +27,6 @@ CLOSED = 1.0e-4
 ALIGNED = 1.0e-3
 """Largest rotation of a joint about what it locks, and violation of a limit [rad, or m]."""
 
-SOFT = 1.1
-"""How far a soft joint may open at most, as a multiple of what it does with the reference."""
 
 LAG = 0.02
 """How much further a drive may stay behind its target on average than the reference does, or,
@@ -202,10 +200,7 @@ def judge(report: Report, ours: Record, reference: Record | None) -> list[str]:
         "speed": ours.speed,
         "wrong": max((ours.wrong[name] for name in ours.wrong), default=0.0),
     }
-    # MuJoCo's equalities are soft: what joins in loops opens there, too.
-    soft = SOFT * reference.separation if reference is not None else 0.0
-    skew = SOFT * reference.misalignment if reference is not None else 0.0
-    if ours.separation > max(CLOSED, soft) or ours.misalignment > max(ALIGNED, skew):
+    if ours.separation > CLOSED or ours.misalignment > ALIGNED:
         failures.append(
             f"{ours.joint} opens: {1e3 * ours.separation:.2g} mm, {ours.misalignment:.2g} rad"
         )
