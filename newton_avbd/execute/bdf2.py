@@ -414,7 +414,7 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         model: wp.ref[BodyModel],
         work: wp.ref[BodyWork],
     ):
-        """Lead and target of a body that flies freely: the trapezoidal rule, which makes a parabola.
+        """Lead and target of a body that flies: the trapezoidal rule, which makes a parabola.
 
         Its velocity is that of backward Euler; its angular momentum is kept by the end.
         """
