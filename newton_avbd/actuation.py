@@ -56,7 +56,7 @@ class Actuation:
             topology: How joints link its bodies.
             joints: The joints as kernels see them.
             wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits``,
-                ``force_ranges``, ``compliance`` and ``bdf2``.
+                ``force_ranges``, ``compliance`` and ``second_order``.
             before: What there was before the model changed, whose activations go on.
 
         Raises:

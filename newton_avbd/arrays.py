@@ -294,7 +294,7 @@ class SolverArrays:
             ramp=self.settings.ramp,
             friction_mix=self.settings.friction_mix_mode or "geometric_average",
             angular_friction=self.settings.angular_friction,
-            scheme=self.settings.scheme,
+            second_order=self.settings.second_order,
             sleeping=self.settings.sleeping,
             without=self._without,
         )
@@ -304,8 +304,11 @@ class SolverArrays:
                 f"SolverAVBD does not simulate the model's {self.model.tendon_count} tendons with "
                 f"{what}. Leave that out, or the tendons with effects={{'cables': False}}."
             )
-        if self._takes_bodies(groups, flags):
-            flags = flags.leaving_out(frozenset({"piles"}))
+        by_color = flags
+        if self.settings.scheme is None:
+            by_color = flags.leaving_out(frozenset({"second_order"}))
+        if self._takes_bodies(groups, by_color):
+            flags = by_color.leaving_out(frozenset({"piles"}))
         return groups, topology, flags, callers
 
     def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:
@@ -661,7 +664,7 @@ class SolverArrays:
 
     def _make_actuation(self, topology: Topology) -> None:
         """Buffers for MuJoCo's actuators, tendons and gravity compensation, where there are any."""
-        names = (*ACTING, "effort_limits", "force_ranges", "compliance", "bdf2")
+        names = (*ACTING, "effort_limits", "force_ranges", "compliance", "second_order")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
         # graphs that were captured before go on using the old arrays

@@ -20,7 +20,7 @@ SIDES = 2
 """What is remembered of contacts lies on two sides, read and written in turn."""
 
 
-def body_work(slots: int, bdf2: bool) -> Any:
+def body_work(slots: int, second_order: bool) -> Any:
     """What a step works out of bodies, by body slot."""
     work = data.BodyWork()
     work.com = wp.zeros(slots, dtype=wp.vec3)
@@ -34,14 +34,14 @@ def body_work(slots: int, bdf2: bool) -> Any:
     work.finite = wp.zeros(slots, dtype=wp.int32)
     work.pose = wp.zeros(slots, dtype=wp.transform)
     work.factor = wp.zeros(slots, dtype=BlockFactor)
-    if bdf2:
+    if second_order:
         work.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
         work.lead = wp.zeros(slots, dtype=wp.spatial_vector)
         work.coasting = wp.zeros(slots, dtype=wp.spatial_vector)
     return work
 
 
-def world_work(topology: Topology, bdf2: bool, on_gpu: bool) -> Any:
+def world_work(topology: Topology, second_order: bool, on_gpu: bool) -> Any:
     """Which bodies are those of a world, and what becomes of it."""
     groups = topology.worlds
     count = int(groups.max(initial=0)) + 1
@@ -64,18 +64,18 @@ def world_work(topology: Topology, bdf2: bool, on_gpu: bool) -> Any:
     worlds.bounded = wp.zeros(count, dtype=wp.int32)
     worlds.excess = wp.zeros(count, dtype=float)
     worlds.unbounded = wp.zeros(count, dtype=wp.int32)
-    if bdf2:
+    if second_order:
         worlds.step = wp.zeros(count, dtype=float)
     return worlds
 
 
-def add_world_history(history: Any, count: int, bdf2: bool) -> None:
+def add_world_history(history: Any, count: int, second_order: bool) -> None:
     """What is remembered of worlds."""
     history.parity = wp.zeros(count, dtype=wp.int32)
     history.filling = wp.zeros((count, 2), dtype=wp.int32)
     history.step = wp.zeros(count, dtype=float)
     history.age = wp.zeros(count, dtype=wp.int32)
-    if bdf2:
+    if second_order:
         history.smooth = wp.zeros(count, dtype=wp.int32)
         history.slope_age = wp.zeros(count, dtype=float)
 
@@ -119,14 +119,14 @@ def row_work(slots: int) -> Any:
     return rows
 
 
-def history(model: newton.Model, bdf2: bool) -> Any:
-    """What is remembered of the last step, by body slot, and of joints with ``bdf2``."""
+def history(model: newton.Model, second_order: bool) -> Any:
+    """What is remembered of the last step, by body slot, and of joints with ``second_order``."""
     slots = model.body_count + 1
     history = data.History()
     history.start = wp.zeros((SIDES, slots), dtype=wp.int32)
     history.end = wp.zeros((SIDES, slots), dtype=wp.int32)
     history.falling = wp.zeros(slots, dtype=float)
-    if bdf2:
+    if second_order:
         history.last = wp.zeros(slots, dtype=data.LastStep)
         history.pushing = wp.zeros(slots, dtype=wp.int32)
         history.flying = wp.zeros(slots, dtype=wp.int32)
@@ -441,7 +441,7 @@ def sleep_work(
     return sleep
 
 
-def seen_work(slots: int, world_count: int, bdf2: bool) -> tuple[Any, Any]:
+def seen_work(slots: int, world_count: int, second_order: bool) -> tuple[Any, Any]:
     """What the solve sees in the place of what is by world: worlds and history, of islands."""
     worlds, history = data.WorldWork(), data.History()
     for name in ("body_start", "bodies", "sweeps"):
@@ -454,7 +454,7 @@ def seen_work(slots: int, world_count: int, bdf2: bool) -> tuple[Any, Any]:
     worlds.threads = slots - 1 if wp.get_device().is_cuda else 1
     for name in ("update", "settled", "pace", "step"):
         setattr(worlds, name, wp.zeros(slots, dtype=float))
-    if bdf2:
+    if second_order:
         history.slope_age = wp.zeros(slots, dtype=float)
     for name in ("parity", "age", "smooth"):
         setattr(history, name, wp.zeros(slots, dtype=wp.int32))

@@ -19,7 +19,6 @@ from .actuators import (
 )
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .condim import Condims
-from .execute.slopes import SCHEMES
 from .limits import has_authored_limit
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
 from .tendons import Tendon
@@ -84,7 +83,9 @@ CAUSES: dict[str, Cause] = {
     "compliance": Cause(
         "", "compliant_contacts=True", "rows/contact.py", "Pass compliant_contacts."
     ),
-    "bdf2": Cause("", "scheme='bdf2' or 'generalized_alpha'", "execute/bdf2.py", "Pass scheme."),
+    "second_order": Cause(
+        "", "scheme='generalized_alpha'", "execute/second_order.py", "Pass scheme."
+    ),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
     "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
     "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
@@ -280,10 +281,8 @@ class Effects:
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
     piles: bool = False
     """Free bodies in contact are solved at once, and a world has two of them."""
-    bdf2: bool = False
-    """Second order in time, where it was asked for."""
-    rho: float = 0.0
-    """Share that its steps leave of what is infinitely fast."""
+    second_order: bool = False
+    """Second order in time where the motion is smooth."""
     ramp: bool = False
     """The seed document's formulation, penalties that grow and no multipliers."""
     sleeping: bool = False
@@ -326,7 +325,7 @@ class Effects:
         ramp: bool,
         friction_mix: str,
         angular_friction: bool | None,
-        scheme: str,
+        second_order: bool,
         sleeping: bool,
         without: frozenset[str] = frozenset(),
     ) -> tuple["Effects", "Callers"]:
@@ -341,7 +340,7 @@ class Effects:
             friction_mix: How friction coefficients mix.
             angular_friction: Whether torsional and rolling friction is asked for; None where only
                 MuJoCo's condim asks for it.
-            scheme: Integration in time.
+            second_order: Whether the scheme is of second order in time.
             sleeping: Whether islands at rest are to sleep.
             without: Effects that are to be left out.
 
@@ -423,8 +422,7 @@ class Effects:
             **flags,
             kinds=JointKinds.of_model(model),
             compliance=compliance,
-            bdf2=scheme in SCHEMES,
-            rho=SCHEMES.get(scheme, 0.0),
+            second_order=second_order,
             ramp=ramp,
             sleeping=sleeping,
             friction_mix=friction_mix,
@@ -522,7 +520,7 @@ class Effects:
     @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
-        by_scheme = self.bdf2 and self.friction
+        by_scheme = self.second_order and self.friction
         return self.moving_surfaces or self.put_bodies or self.restitution or by_scheme
 
     def for_any_values(self) -> "Effects":

@@ -26,7 +26,7 @@ LARGE = 256
 thread that would do it alone is some 30 times as slow as a core of a CPU, which takes 0.3 ms."""
 
 _UNSUPPORTED: dict[str, str] = {
-    "bdf2": "scheme='bdf2' or 'generalized_alpha'",
+    "second_order": "scheme='generalized_alpha'",
     "ramp": "formulation='ramp'",
     "sleeping": "sleeping=True",
 }

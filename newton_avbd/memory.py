@@ -19,17 +19,17 @@ _OWNERS: dict[str, str] = {
     "work.put": "put_bodies",
     "work.put_from": "put_bodies",
     "work.drag": "fluid",
-    "work.wrench": "bdf2",
-    "work.lead": "bdf2",
-    "work.coasting": "bdf2",
-    "worlds.step": "bdf2",
-    "history.last": "bdf2",
-    "history.pushing": "bdf2",
-    "history.flying": "bdf2",
-    "history.coordinate": "bdf2",
-    "history.rate": "bdf2",
-    "history.smooth": "bdf2",
-    "history.slope_age": "bdf2",
+    "work.wrench": "second_order",
+    "work.lead": "second_order",
+    "work.coasting": "second_order",
+    "worlds.step": "second_order",
+    "history.last": "second_order",
+    "history.pushing": "second_order",
+    "history.flying": "second_order",
+    "history.coordinate": "second_order",
+    "history.rate": "second_order",
+    "history.smooth": "second_order",
+    "history.slope_age": "second_order",
     "sleep": "sleeping",
     "seen_worlds": "sleeping",
     "seen_history": "sleeping",
@@ -112,7 +112,7 @@ def bytes_by_effect(solver: object) -> Counter[str]:
         if group == "tree.tendons" and own in _AUTHORED:
             continue
         sizes[_OWNERS.get(name, _OWNERS.get(group, ""))] += array.capacity
-    for name in ("restitution", "put_bodies", "bdf2"):  # moving surfaces share their drift
+    for name in ("restitution", "put_bodies", "second_order"):  # moving surfaces share their drift
         if sizes[name]:
             sizes[name] += sizes.pop("moving_surfaces", 0)
     return sizes

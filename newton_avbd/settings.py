@@ -13,7 +13,6 @@ import newton
 import numpy as np
 import warp as wp
 
-from .execute.slopes import SCHEMES
 from .rows.contact import FRICTION_MIXES
 
 
@@ -51,7 +50,9 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
         wp.bool, "newton:avbd:angularFriction", False, name="angular_friction", unsaid=True
     ),
     "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
-    "scheme": SceneSetting(str, "newton:avbd:scheme", "euler", name="scheme"),
+    "scheme": SceneSetting(
+        str, "newton:avbd:scheme", "generalized_alpha", name="scheme", unsaid=True
+    ),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
     "sleeping": SceneSetting(wp.bool, "newton:avbd:sleeping", False, name="sleeping"),
 }
@@ -66,7 +67,7 @@ ITERATIONS = 10
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
     "formulation": ("augmented", "ramp"),
-    "scheme": ("euler", *SCHEMES),
+    "scheme": ("euler", "generalized_alpha"),
     "blocks": ("articulation", "body"),
 }
 
@@ -106,7 +107,8 @@ class Settings:
     angular_friction: bool | None
     """None where MuJoCo's condim says."""
     formulation: str
-    scheme: str
+    scheme: str | None
+    """None for the default, second order where it can be."""
     blocks: str
     sleeping: bool
 
@@ -118,7 +120,7 @@ class Settings:
     @property
     def second_order(self) -> bool:
         """Whether the scheme is of second order in time."""
-        return self.scheme in SCHEMES
+        return self.scheme != "euler" and not self.ramp
 
     @classmethod
     def resolve(cls, model: newton.Model, **arguments: Any) -> "Settings":
@@ -158,9 +160,9 @@ class Settings:
             )
         if values["formulation"] == "ramp" and values["angular_friction"]:
             raise ValueError("formulation='ramp' has no angular_friction; leave it out.")
-        if values["formulation"] == "ramp" and values["scheme"] in SCHEMES:
+        if values["formulation"] == "ramp" and values["scheme"] == "generalized_alpha":
             raise ValueError(
-                f"formulation='ramp' is backward Euler; leave scheme={values['scheme']!r} out."
+                "formulation='ramp' is backward Euler; leave scheme='generalized_alpha' out."
             )
         return cls(**values)
 

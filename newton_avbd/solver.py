@@ -118,7 +118,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         | None = None,
         angular_friction: bool | None = None,
         formulation: Literal["augmented", "ramp"] | None = None,
-        scheme: Literal["euler", "bdf2", "generalized_alpha"] | None = None,
+        scheme: Literal["euler", "generalized_alpha"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
         parallel: Literal["worlds", "bodies"] | None = None,
         sleeping: bool | None = None,
@@ -164,10 +164,10 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 shape has other values than Newton's default.
             formulation: ``"augmented"`` (multipliers), the default, or ``"ramp"``: the seed
                 document's growing penalty up to the shapes' ``ke``, for comparison.
-            scheme: ``"euler"``, backward Euler, the default, or of second order in time where the
-                motion is smooth, with far less numerical damping: ``"generalized_alpha"`` or
-                ``"bdf2"``, which has three times its error and damps what is too fast for the step
-                at once. Steps in which a velocity of a world jumps stay backward Euler.
+            scheme: ``"generalized_alpha"``, the default, of second order in time where the motion
+                is smooth and with little numerical damping. Steps in which a velocity of a world
+                jumps are backward Euler's. ``"euler"`` makes all of them backward Euler's, for
+                comparison with ``SolverVBD`` and the seed document, which have no other.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or

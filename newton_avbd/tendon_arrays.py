@@ -31,7 +31,7 @@ class TendonArrays:
         model: The user's model.
         solved: The model as the solver solves it.
         topology: How joints link its bodies, and the tendons.
-        wanted: Effects; ``compliance`` and ``bdf2`` matter.
+        wanted: Effects; ``compliance`` and ``second_order`` matter.
         pulling: Row of the tendon of each actuator that pulls one, by the actuator's row.
     """
 
@@ -70,7 +70,7 @@ class TendonArrays:
         work.law = wp.zeros(count, dtype=data.AxisLaw)
         work.pull = wp.zeros(count, dtype=wp.vec2)
         work.piece = wp.zeros(count, dtype=wp.vec3i)
-        moving = count if "bdf2" in wanted else 0
+        moving = count if "second_order" in wanted else 0
         work.motion = wp.zeros(moving, dtype=data.AxisMotion)
         work.rate = wp.zeros(moving, dtype=data.AxisMotion)
         work.curvature = wp.zeros(int(topology.axis_start[-1]), dtype=float)

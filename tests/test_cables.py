@@ -219,7 +219,7 @@ def test_a_moving_pulley(kind: Kind) -> None:
     assert run.solver.tendon_segment_length.numpy().sum() == pytest.approx(length, abs=2e-6)
 
 
-@pytest.mark.parametrize("scheme", ["euler", "bdf2"])
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
 def test_bodies_on_a_cable_keep_their_momentum(scheme: str) -> None:
     """Without gravity. Backward Euler damps the spin of what turns, as it does for joints; with
     BDF2, of second order, 0.3 % of it are lost in two seconds at 4 rad/s."""

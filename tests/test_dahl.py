@@ -69,7 +69,7 @@ def twist(sim: Simulation, tip: int, angle: float) -> None:
     ("settings", "collide"),
     [
         ({}, False),
-        ({"scheme": "bdf2"}, False),
+        ({"scheme": "euler"}, False),
         ({"blocks": "body", "iterations": 60}, False),
         ({"parallel": "bodies"}, True),
     ],

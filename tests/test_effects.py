@@ -96,7 +96,7 @@ def test_effects_are_a_dict_and_a_table() -> None:
 
 def test_each_flag_has_a_cause_a_file_and_a_line_in_the_docs() -> None:
     flags = {field.name for field in dataclasses.fields(Effects)}
-    flags -= {"kinds", "friction_mix", "rho", "on_gpu"}
+    flags -= {"kinds", "friction_mix", "on_gpu"}
     assert flags | {"joints"} == set(CAUSES)
     text = DOCS.read_text()
     for name, cause in CAUSES.items():
@@ -163,7 +163,7 @@ def test_the_full_scene_calls_for_everything() -> None:
     effects = SolverAVBD(builder.finalize(device="cpu"), **SETTINGS).effects
     off = {name for name, effect in effects.items() if not effect.on}
     assert off == {
-        *("compliance", "ramp", "bdf2", "matching", "moving_surfaces", "contact_materials"),
+        *("compliance", "ramp", "second_order", "matching", "moving_surfaces", "contact_materials"),
         *("light_roots", "light_links", "sleeping", "limit_impedance"),
     }
 

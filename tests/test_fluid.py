@@ -16,7 +16,7 @@ from newton_avbd import SolverAVBD
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 
-SCHEMES = ("euler", "bdf2", "generalized_alpha")
+SCHEMES = ("euler", "generalized_alpha")
 EDGES = np.array([0.2, 0.4, 0.6])
 """Edges of the box that falls and spins [m]."""
 
@@ -81,7 +81,7 @@ def test_a_sphere_falls_at_the_terminal_velocity_of_its_box() -> None:
     assert drag == pytest.approx(4000.0 * math.pi * radius**3 * G, rel=1.0e-4)
 
 
-@pytest.mark.parametrize(("scheme", "bound"), [("euler", 5.0e-3), ("bdf2", 2.0e-4)])
+@pytest.mark.parametrize(("scheme", "bound"), [("euler", 5.0e-3), ("generalized_alpha", 2.0e-4)])
 def test_a_spin_slows_down_by_the_formula(scheme: str, bound: float) -> None:
     """w0/(1 + c w0 t/I) with density, exp(-c t/I) with viscosity; the bound is the scheme's
     error at 1/240 s, which is of first and of second order."""

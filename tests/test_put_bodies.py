@@ -61,7 +61,7 @@ def drag(sim: Simulation, plate: int, seconds: float, speed: float = 1.0) -> Non
     [
         {},
         {"parallel": "bodies"},
-        {"scheme": "bdf2"},
+        {"scheme": "euler"},
         {"compliant_contacts": True},
         {"sleeping": True},
         {"blocks": "body"},

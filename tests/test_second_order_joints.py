@@ -18,12 +18,11 @@ from joint_scenes import (
     transform,
 )
 from scipy.integrate import solve_ivp
-from test_bdf2 import STEPS, assert_second_order, both
+from test_second_order import STEPS, assert_second_order
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 HINGE = (0.0, 1.0, 0.0)
-alpha = pytest.mark.parametrize("scheme", ["generalized_alpha"])
 """BDF2 is the same code with another constant."""
 INERTIA = (0.2, 0.3, 0.4)
 """Of the links here [kg m^2]; they weigh 1 kg."""
@@ -43,9 +42,9 @@ def hinged(arm: float = ARM, q: float = 0.0, qd: float = 0.0, **axis: Any) -> ne
     return builder
 
 
-def angle(builder: newton.ModelBuilder, seconds: float, dt: float, scheme: str) -> float:
+def angle(builder: newton.ModelBuilder, seconds: float, dt: float) -> float:
     """First joint coordinate after a while [rad]."""
-    sim = simulate(builder, dt=dt, scheme=scheme)
+    sim = simulate(builder, dt=dt)
     sim.run(seconds)
     return float(coordinates(sim)[0][0])
 
@@ -62,9 +61,8 @@ def integrated(
     return float(found.y[0, -1])
 
 
-@both
 @pytest.mark.parametrize("law", ["drive", "spring", "armature", "all"])
-def test_a_pendulum_with_forces_along_its_hinge(law: str, scheme: str) -> None:
+def test_a_pendulum_with_forces_along_its_hinge(law: str) -> None:
     """(I + m l^2 + armature) q'' = m g l cos q + ke (target - q) - kd qd - k q - c qd, 1 s."""
     ke, kd = (30.0, 0.4) if law in ("drive", "all") else (0.0, 0.0)
     k, c = (20.0, 0.3) if law in ("spring", "all") else (0.0, 0.0)
@@ -90,18 +88,17 @@ def test_a_pendulum_with_forces_along_its_hinge(law: str, scheme: str) -> None:
             armature=armature,
             actuator_mode=newton.JointTargetMode.POSITION,
         )
-        return abs(angle(builder, 1.0, dt, scheme) - belongs)
+        return abs(angle(builder, 1.0, dt) - belongs)
 
     assert_second_order(error, least=3.0)
 
 
-@alpha
-def test_a_stiff_drive_holds_and_does_not_ring(scheme: str) -> None:
+def test_a_stiff_drive_holds_and_does_not_ring() -> None:
     """Ten times as stiff as a step of 1/60 s resolves: from 0.5 rad it comes to its target."""
     ke = 100.0 * INERTIA[1] * 60.0**2
     builder = hinged(arm=0.0, q=0.5, target_ke=ke, target_kd=0.0)
     builder.gravity = NO_GRAVITY
-    sim = simulate(builder, dt=1.0 / 60.0, scheme=scheme)
+    sim = simulate(builder, dt=1.0 / 60.0)
     start = sim.energy + 0.5 * ke * 0.5**2
     for _ in range(120):
         sim.step()
@@ -110,8 +107,7 @@ def test_a_stiff_drive_holds_and_does_not_ring(scheme: str) -> None:
     assert abs(q) < 1.0e-3
 
 
-@alpha
-def test_friction_stops_a_hinge_where_it_belongs(scheme: str) -> None:
+def test_friction_stops_a_hinge_where_it_belongs() -> None:
     """v t - a t^2 / 2 with order two, v^2 / (2 a) where it stops, and there it stays."""
     speed, friction = 3.0, 0.6
     brake = friction / INERTIA[1]
@@ -124,9 +120,9 @@ def test_friction_stops_a_hinge_where_it_belongs(scheme: str) -> None:
 
     belongs = speed - 0.5 * brake
     # longer steps than elsewhere: rounding leaves 2e-5
-    assert_second_order(lambda dt: abs(angle(scene(), 1.0, 4.0 * dt, scheme) - belongs), least=3.0)
+    assert_second_order(lambda dt: abs(angle(scene(), 1.0, 4.0 * dt) - belongs), least=3.0)
     for dt in STEPS:
-        sim = simulate(scene(), dt=dt, scheme=scheme)
+        sim = simulate(scene(), dt=dt)
         sim.run(2.0)
         q = coordinates(sim)[0][0]
         assert q == pytest.approx(stop, abs=brake * dt**2 + 1.0e-4)
@@ -135,13 +131,12 @@ def test_friction_stops_a_hinge_where_it_belongs(scheme: str) -> None:
         assert np.abs(sim.velocity).max() < 1.0e-3
 
 
-@alpha
-def test_a_limit_gives_no_energy_back(scheme: str) -> None:
+def test_a_limit_gives_no_energy_back() -> None:
     """In no gravity at 3 rad/s: after a limit it stands there; until then it keeps its speed."""
     for dt in STEPS:
         builder = hinged(arm=0.0, qd=3.0, limit_lower=-1.0, limit_upper=0.7)
         builder.gravity = NO_GRAVITY
-        sim = simulate(builder, dt=dt, scheme=scheme)
+        sim = simulate(builder, dt=dt)
         energies = []
         for _ in range(round(0.5 / dt)):
             sim.step()
@@ -151,12 +146,11 @@ def test_a_limit_gives_no_energy_back(scheme: str) -> None:
         assert np.abs(sim.velocity).max() < 1.0e-3
 
 
-@alpha
-def test_a_pendulum_between_limits_only_loses_energy(scheme: str) -> None:
+def test_a_pendulum_between_limits_only_loses_energy() -> None:
     """It falls from one limit to the other and leans there; a swing gains at most 1e-3 of it."""
     for dt in STEPS:
         builder = hinged(q=-0.5, qd=-2.0, limit_lower=-0.8, limit_upper=0.9)
-        sim = simulate(builder, dt=dt, scheme=scheme)
+        sim = simulate(builder, dt=dt)
         start = highest = sim.energy
         lowest = highest
         for _ in range(round(2.0 / dt)):

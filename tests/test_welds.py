@@ -61,7 +61,7 @@ def throw(sim: Simulation) -> None:
     "settings",
     [
         {},
-        {"scheme": "generalized_alpha"},
+        {"scheme": "euler"},
         {"sleeping": True},
         {"blocks": "body"},
         {"parallel": "bodies"},

@@ -58,7 +58,7 @@ def make_coasting(effects: Effects) -> wp.Function:
         work: wp.ref[BodyWork], body_qd: wp.array[wp.spatial_vector], slot: int, h: float
     ) -> wp.spatial_vector:
         """Pose increment of a body that keeps its velocity."""
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             return work.coasting[slot]
         if work.inv_mass[slot] == 0.0:
             return work.increment[slot]
@@ -153,7 +153,7 @@ def make_begin(
             if is_known:
                 rate += history.axis_velocity[dof]
             tree.start_velocity[dof] = rate
-            if wp.static(effects.bdf2):
+            if wp.static(effects.second_order):
                 led = begin_axis(dof, wp.float64(rate), scale, history.rate)
                 tree.start_velocity[dof] = wp.float32(led)
 

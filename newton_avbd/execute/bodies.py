@@ -336,7 +336,7 @@ def make_predict_body(effects: Effects) -> wp.Function:
         dx = target_shift(model, body, velocity, wrench, h)
         dtheta = wp.vec3(0.0)
         work.inv_mass[body] = model.inv_mass[body]
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             work.wrench[body] = wrench
         if wp.static(effects.gyroscopic):
             w, momentum = mean_spin(model, body, rotation, velocity, wrench, h)
@@ -480,12 +480,12 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         end_velocity = dx / h
         rotation = wp.transform_get_rotation(pose)
         spin = wp.vec3(0.0)
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             # the trapezoidal rule, which makes a parabola
             dx = 0.5 * (dx + h * wp.spatial_top(velocity))
         if wp.static(effects.gyroscopic):
             ahead = float(h)
-            if wp.static(effects.bdf2):
+            if wp.static(effects.second_order):
                 if takes_midpoint(h * wp.spatial_bottom(velocity)):
                     ahead = 0.5 * h
             turn, own_spin = free_turn_of(model, body, rotation, velocity, wrench, h, ahead)
@@ -494,7 +494,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         else:
             dtheta = target_turn(model, body, rotation, velocity, wrench, h)
             spin = dtheta / h
-            if wp.static(effects.bdf2):
+            if wp.static(effects.second_order):
                 dtheta = 0.5 * (dtheta + h * wp.spatial_bottom(velocity))
             rotation = exp_quat(dtheta) * rotation
         rotation = renormalised(rotation)

@@ -216,7 +216,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     if wp.static(effects.equalities):
                         if closure.equality >= 0:
                             axis = closure.dof
-                            if wp.static(effects.bdf2):
+                            if wp.static(effects.second_order):
                                 misfit = equality_start(closure, joints, tree, history)
                             else:
                                 misfit = equality_misfit(

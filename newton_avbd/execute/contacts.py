@@ -541,7 +541,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 else:
                     row = contact_rows.penalise(row, mass, load, held, u, scale)
                     # backward Euler's guess says too little of how things slide
-                    if wp.static(effects.bdf2 and effects.friction):
+                    if wp.static(effects.second_order and effects.friction):
                         if history.smooth[world] == SMOOTH:
                             expected = contact_rows.slip(
                                 row, work.increment[body], work.increment[row.b], span

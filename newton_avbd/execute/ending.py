@@ -80,7 +80,7 @@ def make_remember(
                 f_n = wp.dot(row.normal, push)
                 if wp.static(effects.angular_friction):
                     turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
-                    if wp.static(effects.bdf2):
+                    if wp.static(effects.second_order):
                         turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
                     if wp.static(effects.put_bodies):
                         turn += wp.spatial_bottom(work.put[row.b])
@@ -213,7 +213,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
                     # of a pile that is what sweeps had not finished, and would go on next time
                     history.falling[body] = 0.0
         velocity = increment / step
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             velocity = (increment - work.lead[body]) / step
         if wp.static(effects.gyroscopic):
             turn = wp.spatial_bottom(increment)
@@ -256,7 +256,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             if joints.enabled[joint]:
                 rate = wp.float32(coordinate[k] - start_coordinate[k]) / scale.step
                 history.axis_velocity[dof] = rate
-                if wp.static(effects.bdf2):
+                if wp.static(effects.second_order):
                     led = wp.float64(tree.start_velocity[dof])
                     end_axis(dof, led, wp.float64(rate), scale, history.rate)
             k += 1

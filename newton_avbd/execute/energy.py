@@ -437,7 +437,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         # what acts on the body from outside, by where it would go and how fast it would turn
         force = wp.vec3(0.0)
         torque = wp.vec3(0.0)
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             wrench = work.wrench[body]
             force = wp.spatial_top(wrench) + mass * model.gravity[model.world[body]]
             torque = wp.spatial_bottom(wrench)
@@ -535,7 +535,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                 at = first + dof - joints.dof_start[joint]
                 history.joint_angle[dof] = start_coordinate[at]
-                if wp.static(effects.bdf2):
+                if wp.static(effects.second_order):
                     history.joint_angle[dof] = history.coordinate[dof].start
 
     @wp.func

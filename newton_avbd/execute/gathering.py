@@ -101,7 +101,7 @@ def make_gather(
                 if wp.static(effects.angular_friction):
                     spin = rows.spin[i]
                     rolled = turn
-                    if wp.static(effects.bdf2):
+                    if wp.static(effects.second_order):
                         rolled -= wp.spatial_bottom(work.lead[partner] - work.lead[body])
                     if wp.static(effects.put_bodies):
                         rolled += wp.spatial_bottom(work.put[partner])
@@ -131,7 +131,7 @@ def make_gather(
                 if wp.static(effects.angular_friction):
                     f_n = wp.dot(row.normal, push)
                     rolled = turn
-                    if wp.static(effects.bdf2):
+                    if wp.static(effects.second_order):
                         rolled -= wp.spatial_bottom(work.lead[body] - work.lead[partner])
                     tau += spin_rows.torque(rows.spin[other], row.normal, rolled, f_n)
         if wp.static(effects.loops):

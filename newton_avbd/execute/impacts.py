@@ -357,7 +357,7 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
     @wp.func
     def end_rounds(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
         """A body after the rounds: where it starts from, and how its rows are to part."""
-        lag = wp.static(0.0 if effects.bdf2 else 0.5)
+        lag = wp.static(0.0 if effects.second_order else 0.5)
         aim_rows(body, noise_of(scale), lag, scale.h, work, rows)
         if rows.struck_at[body] >= 0.0:
             work.increment[body] = scale.h * rows.struck_qd[body]

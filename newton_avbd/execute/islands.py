@@ -246,7 +246,7 @@ def keep_spin(
         world: The world.
         h: Time step [s].
         is_led: Whether it is of second order: arms are then those of the end, see
-            :func:`.bdf2.lead_spin`.
+            :func:`.second_order.lead_spin`.
         body_q: Poses after the step.
         model: The bodies.
         worlds: Which of them are in the world.

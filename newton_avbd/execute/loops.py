@@ -393,7 +393,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 if is_carried and joints.type[joint] != BALL:
                     # a kinematic body has been put elsewhere since: what damps feels its motion
                     q = loops.coordinate[index]
-                if wp.static(effects.bdf2):
+                if wp.static(effects.second_order):
                     q = begin_axis(index, q, scale, history.coordinate)
                 loops.start_coordinate[index] = q
         loops.recovered[i] = 1.0

@@ -109,7 +109,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         first = worlds.body_start[world]
         end = worlds.body_start[world + 1]
         step = h
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             step = worlds.step[world]
         inv_h2 = 1.0 / (step * step)
         for i in range(first, end):
@@ -118,7 +118,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                 # of what sleeps, the last force stays
                 body_parent_f[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             lacking = step * body_qd_out[body] - work.target[body]
-            if wp.static(effects.bdf2):
+            if wp.static(effects.second_order):
                 lacking += work.lead[body]
             wrench = wp.spatial_vector(
                 (model.mass[body] * inv_h2) * wp.spatial_top(lacking),

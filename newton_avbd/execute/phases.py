@@ -23,7 +23,6 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
-from .bdf2 import lead_spin, make_bdf2
 from .beginning import make_begin, make_coasting
 from .bodies import body_at
 from .breaking import make_break_joints
@@ -48,6 +47,7 @@ from .scale import (
     open_update,
     settled_update,
 )
+from .second_order import lead_spin, make_second_order
 from .sweeps import make_sweep, make_sweep_block, make_sweep_world
 from .tendons import make_join_tendons
 from .trees import is_linked, make_trees, parent_slot
@@ -78,9 +78,9 @@ def make_phases(effects: Effects) -> Phases:
     measure_world = make_measure_world(effects)
     find_rows, penalise_rows = make_rows(effects)
     weigh_blocks = make_weigh(effects) if effects.light_links else absent
-    bdf2 = make_bdf2(effects) if effects.bdf2 else ABSENT
-    remember_motions, remember_loops = bdf2.remember_motions, bdf2.remember_loops
-    remember_states = bdf2.remember_states
+    second_order = make_second_order(effects) if effects.second_order else ABSENT
+    remember_motions, remember_loops = second_order.remember_motions, second_order.remember_loops
+    remember_states = second_order.remember_states
     impacts = make_impacts(effects) if effects.restitution else ABSENT
     find_impacts = impacts.find_impacts
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
@@ -149,7 +149,7 @@ def make_phases(effects: Effects) -> Phases:
         # forces that stopped something within a short step would push too long in a longer one
         if h > LONGER * history.step[world]:
             history.age[world] = 0
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             if worlds.step[world] < history.step[world]:
                 scale.lag = 0.0
         history.step[world] = h
@@ -417,7 +417,7 @@ def make_phases(effects: Effects) -> Phases:
         Takes the sweeps of the motion and the square of their last update [m^2]. Returns whether
         there are islands that push nothing fixed.
         """
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             enough = last_update(scale)
             if update > enough * enough:
                 # what does not settle tells nothing of the next step
@@ -581,11 +581,11 @@ def make_phases(effects: Effects) -> Phases:
                     has_islands,
                     history,
                 )
-                if wp.static(effects.bdf2):
+                if wp.static(effects.second_order):
                     # until the step is done, that of its start
                     history.last[body].velocity = body_qd[body]
             body_qd_out[body] = velocity
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             remember_motions(
                 world,
                 scale,
@@ -598,7 +598,7 @@ def make_phases(effects: Effects) -> Phases:
                 history,
                 body_qd_out,
             )
-        if wp.static(effects.bdf2 and effects.tendons):
+        if wp.static(effects.second_order and effects.tendons):
             for i in range(body_start, body_end):
                 end_tendons(i, scale, tree)
         if wp.static(effects.spinning):
@@ -722,7 +722,7 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.gyroscopic and effects.pairs and not effects.fluid):
             if has_islands:
                 is_led = bool(False)
-                if wp.static(effects.bdf2):
+                if wp.static(effects.second_order):
                     if scale.step < scale.h:
                         is_led = True
                         lead_spin(world, scale, body_q, model, worlds, work, islands, history)
@@ -755,7 +755,7 @@ def make_phases(effects: Effects) -> Phases:
                     body_q_out,
                     body_qd_out,
                 )
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             remember_states(
                 world, scale, body_q, model, worlds, work, history, body_q_out, body_qd_out
             )
@@ -763,7 +763,7 @@ def make_phases(effects: Effects) -> Phases:
     return Phases(
         begin_world,
         build_rows,
-        bdf2.begin_step,
+        second_order.begin_step,
         begin_joints,
         begin_sweeps,
         stiffen_piles,

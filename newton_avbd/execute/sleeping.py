@@ -514,7 +514,7 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         seen_history.age[island] = history.age[world]
         for i in range(2):
             seen_history.filling[island, i] = history.filling[world, i]
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             seen.step[island] = worlds.step[world]
             seen_history.slope_age[island] = history.slope_age[world]
             # what slept has no last step to go on from
@@ -721,7 +721,7 @@ def make_end_islands(effects: Effects) -> wp.Kernel:
             )
             for i in range(2):
                 history.filling[world, i] = seen_history.filling[island, i]
-            if wp.static(effects.bdf2):
+            if wp.static(effects.second_order):
                 worlds.step[world] = seen.step[island]
                 history.slope_age[world] = seen_history.slope_age[island]
                 history.smooth[world] = wp.where(

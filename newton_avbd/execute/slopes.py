@@ -18,15 +18,15 @@ import warp as wp
 
 from ..data import AxisMotion, WorldScale
 
-SCHEMES = {"bdf2": 0.0, "generalized_alpha": 0.5}
-"""Schemes of second order, and the share that their steps leave of what is infinitely fast, rho."""
-
 JUMPED = wp.constant(0)
 """Of a world: a velocity has jumped in the last step, or may have."""
 SMOOTH = wp.constant(1)
 """Of a world: no velocity has jumped, and the step is remembered."""
 QUIET_WORLD = wp.constant(2)
 """Of a world: no velocity of what is held has changed."""
+
+RHO = 0.5
+"""Share that a step leaves of what is infinitely fast."""
 
 
 def constants(rho: float) -> tuple[float, float]:

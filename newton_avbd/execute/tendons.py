@@ -204,7 +204,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                 q = tree.coordinate[tendons.axis[k]]
                 if is_start:
                     q = tree.start_coordinate[tendons.axis[k]]
-                    if wp.static(effects.bdf2):
+                    if wp.static(effects.second_order):
                         q = history.coordinate[tendons.dof[k]].start
                 q += wp.float64(tendons.ref[tendons.dof[k]])
                 total += wp.float64(tendons.value[k]) * q
@@ -283,7 +283,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         tendons.length[i] = length
         started = length
         rate = tendons.velocity[i]
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             started = begin_axis(i, length, scale, tendons.motion)
             rate = wp.float32(begin_axis(i, wp.float64(rate), scale, tendons.rate))
         tendons.start_length[i] = started

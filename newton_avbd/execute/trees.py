@@ -1000,7 +1000,7 @@ def make_trees(
             if is_carried and joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
                 q = tree.coordinate[tree.axis_start[body] + dof]
-            if wp.static(effects.bdf2):
+            if wp.static(effects.second_order):
                 q = begin_axis(index, q, scale, history.coordinate)
             if wp.static(effects.joint_friction):
                 # what rounding moves, friction brings back

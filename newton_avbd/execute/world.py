@@ -120,7 +120,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 loops,
                 history,
             )
-        if wp.static(effects.bdf2):
+        if wp.static(effects.second_order):
             scale = begin_second_order(
                 world,
                 has_impacts,

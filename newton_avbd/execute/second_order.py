@@ -51,7 +51,17 @@ from .fluid import feel_fluid
 from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
-from .slopes import JUMPED, QUIET_WORLD, SMOOTH, constants, end_axis, lead, next_slope, second_order
+from .slopes import (
+    JUMPED,
+    QUIET_WORLD,
+    RHO,
+    SMOOTH,
+    constants,
+    end_axis,
+    lead,
+    next_slope,
+    second_order,
+)
 from .trees import is_linked
 
 JOLT = wp.constant(0.5)
@@ -266,7 +276,7 @@ def lead_spin(
 
 
 @dataclass(frozen=True)
-class Bdf2Functions:
+class SecondOrderFunctions:
     """Device functions of the second-order scheme, compiled for a scene's effects."""
 
     begin_step: wp.Function
@@ -275,9 +285,9 @@ class Bdf2Functions:
     remember_states: wp.Function
 
 
-def make_bdf2(effects: Effects) -> Bdf2Functions:
+def make_second_order(effects: Effects) -> SecondOrderFunctions:
     """Generates the functions for a scene's effects."""
-    a, b = constants(effects.rho)
+    a, b = constants(RHO)
 
     @wp.func
     def meets_limit(
@@ -708,4 +718,4 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
                         history,
                     )
 
-    return Bdf2Functions(begin_step, remember_motions, remember_loops, remember_states)
+    return SecondOrderFunctions(begin_step, remember_motions, remember_loops, remember_states)
