@@ -73,7 +73,7 @@ def twist(sim: Simulation, tip: int, angle: float) -> None:
         ({"blocks": "body", "iterations": 60}, False),
         ({"parallel": "bodies"}, True),
     ],
-    ids=["tree", "second order", "bodies alone", "large world"],
+    ids=["tree", "first order", "bodies alone", "large world"],
 )
 def test_torques_of_a_twisted_cable_follow_the_closed_form(
     settings: dict[str, object], collide: bool
