@@ -304,11 +304,8 @@ class SolverArrays:
                 f"SolverAVBD does not simulate the model's {self.model.tendon_count} tendons with "
                 f"{what}. Leave that out, or the tendons with effects={{'cables': False}}."
             )
-        by_color = flags
-        if self.settings.scheme is None:
-            by_color = flags.leaving_out(frozenset({"second_order"}))
-        if self._takes_bodies(groups, by_color):
-            flags = by_color.leaving_out(frozenset({"piles"}))
+        if self._takes_bodies(groups, flags):
+            flags = flags.leaving_out(frozenset({"piles"}))
         return groups, topology, flags, callers
 
     def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:

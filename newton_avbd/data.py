@@ -1452,6 +1452,8 @@ class WorldScale:
     """Weight of the last step's slopes in it [s]."""
     blend: float
     """Weight of the new slope in the mean rate of the step; 1 for backward Euler."""
+    age: float
+    """By how much the last step's slopes are older than its end [s]."""
     lag: float
     """How far velocities lag behind the parabola of the positions, as a share of h: half a step
     after backward Euler, not at all after a step of second order."""
@@ -1532,6 +1534,14 @@ class ColorWork:
     """1 for each world with a joint that is open at the start of the step."""
     has_impacts: wp.array[wp.int32]
     """1 for each world in which something bounces in the step."""
+    is_held: wp.array[wp.int32]
+    """Second order: 1 for each world in which a body does not fly."""
+    jumps: wp.array[wp.int32]
+    """Second order: 1 for each world in which a velocity is about to jump."""
+    breaks: wp.array[wp.int32]
+    """Second order: 1 for each world in which a body does not move on as in the last step."""
+    is_moving: wp.array[wp.int32]
+    """Second order: 1 for each world in which the velocity of a held body changes."""
     begin: wp.array[wp.int32]
     """Sweep with which the last round of sweeps of each world begins."""
     has_more: wp.array[wp.int32]

@@ -14,7 +14,7 @@ from . import data
 from .effects import Effects
 from .execute import coloring, joining, scan
 from .execute.barrier import block_size
-from .execute.colored import make_colored
+from .execute.colored import Colored, make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
 from .execute.scale import COLD_FACTOR, JOINT_PASSES, LOOP_PASSES
@@ -26,7 +26,6 @@ LARGE = 256
 thread that would do it alone is some 30 times as slow as a core of a CPU, which takes 0.3 ms."""
 
 _UNSUPPORTED: dict[str, str] = {
-    "second_order": "scheme='generalized_alpha'",
     "ramp": "formulation='ramp'",
     "sleeping": "sleeping=True",
 }
@@ -108,7 +107,8 @@ class LargeWorlds:
             colors.is_finite = wp.zeros(self._world_count, dtype=wp.int32)
             colors.closing = wp.zeros(self._world_count, dtype=float)
             colors.deepest = wp.zeros(self._world_count, dtype=float)
-            for name in ("most", "passes", "is_open", "has_impacts", "begin"):
+            names = ("most", "passes", "is_open", "has_impacts", "begin", "is_held", "jumps")
+            for name in (*names, "breaks", "is_moving"):
                 setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
@@ -122,6 +122,7 @@ class LargeWorlds:
                 self._loops_by_lane.world_start = wp.array(starts, dtype=wp.int32)
             self._islands.body_start = wp.zeros(slots, dtype=wp.int32)
             self._islands.bodies = wp.zeros(slots, dtype=wp.int32)
+            self._islands.of_body = worlds.of_body
         self._allocate_sweeps(iterations)
 
     def _allocate_sweeps(self, iterations: int) -> None:
@@ -200,7 +201,7 @@ class LargeWorlds:
             lanes,
             [model, joints, control, h, tolerance, worlds, work, tree, self._loops_by_lane, colors],
         )
-        launch(kernels.begin_step, self._world_count, [h, iterations, colors, history])
+        launch(kernels.begin_step, self._world_count, [h, iterations, worlds, colors, history])
         launch(coloring.count_owned, bodies, [turns, rows, colors])
         self._scan(launch, colors.count, bodies, rows.owned_start)
         launch(
@@ -228,6 +229,9 @@ class LargeWorlds:
             )
             launch(kernels.end_rounds, bodies, [worlds, colors, work, rows])
 
+        if effects.second_order:
+            self._order_step(launch, kernels, effects, arguments)
+
         # Joints, and the blocks of bodies.
         start = [model, joints, body_q, body_qd, worlds, work]
         if effects.joints:
@@ -247,8 +251,8 @@ class LargeWorlds:
             launch(kernels.begin_clusters, self._cluster_count, [worlds, work, tree, colors])
 
         def assemble(begin: int) -> None:
-            numbers, state = [h, begin], [worlds, rows, tree, loops, colors, history, work, islands]
-            launch(kernels.assemble, bodies, [model, joints, control, *numbers, *state])
+            state = [worlds, rows, tree, loops, colors, history, work, islands]
+            launch(kernels.assemble, bodies, [model, joints, control, begin, *state])
 
         threads = -(-bodies // _SHARE)
 
@@ -298,6 +302,11 @@ class LargeWorlds:
             bodies,
             [joints, body_qd, worlds, work, rows, tree, loops, islands, colors, history],
         )
+        if effects.second_order and effects.loops:
+            moved = [worlds, work, loops, colors, history]
+            launch(kernels.remember_loops, self._loop_count, [joints, *moved])
+        if effects.second_order and effects.cables:
+            launch(kernels.find_jerked, self._cluster_count, [tree, colors])
         if effects.cables and effects.pairs:
             launch(kernels.join_clusters, self._cluster_count, [worlds, work, tree, islands])
         if effects.pairs:
@@ -305,9 +314,9 @@ class LargeWorlds:
             launch(joining.count_members, bodies, [work, islands, colors])
             self._scan(launch, colors.count, bodies, self._islands.body_start)
             launch(joining.list_members, bodies, [work, islands, self._islands, colors])
-            launch(joining.keep_island, bodies, [model, h, self._islands, islands, work])
+            launch(joining.keep_island, bodies, [model, self._islands, islands, colors, work])
         if effects.breaking:
-            load = [h, worlds, work, rows, loops, colors, tree, history]
+            load = [worlds, work, rows, loops, colors, tree, history]
             launch(kernels.break_trees, bodies, [model, joints, control, *load])
             if effects.loops:
                 launch(
@@ -319,7 +328,7 @@ class LargeWorlds:
         launch(
             kernels.end_velocities,
             bodies,
-            [model, joints, body_q, body_qd, h, worlds, *end, history, body_qd_out],
+            [model, joints, body_q, body_qd, worlds, *end, history, body_qd_out],
         )
         if effects.spinning:
             spins = [model, joints, worlds, work, tree, loops, colors, body_qd_out]
@@ -337,7 +346,10 @@ class LargeWorlds:
                 )
 
         # Recovery: old errors go, without entering the velocity.
-        launch(kernels.end_sweeps, self._world_count, [colors, worlds])
+        launch(kernels.end_sweeps, self._world_count, [colors, worlds, history])
+        if effects.second_order:
+            motion = [joints, worlds, work, rows, tree, colors, history]
+            launch(kernels.remember_motions, bodies, motion)
         if effects.loops:
             launch(kernels.keep_loops, self._loop_count, [history, loops])
         if effects.joints or not effects.compliance:
@@ -361,7 +373,17 @@ class LargeWorlds:
             launch(
                 joining.keep_island_spin,
                 bodies,
-                [model, h, body_q_out, self._islands, work, islands, body_qd_out],
+                [
+                    model,
+                    body_q,
+                    self._islands,
+                    work,
+                    colors,
+                    history,
+                    islands,
+                    body_q_out,
+                    body_qd_out,
+                ],
             )
 
         if effects.balanced:
@@ -375,6 +397,31 @@ class LargeWorlds:
                 )
 
             self._launch_if(colors.is_excessive, bound_energy)
+        if effects.second_order:
+            state = [worlds, work, colors, history, body_q_out, body_qd_out]
+            launch(kernels.remember_states, bodies, [model, body_q, *state])
+
+    def _order_step(
+        self, launch: Launcher, kernels: Colored, effects: Effects, arguments: Sequence[Any]
+    ) -> None:
+        """Second order: which worlds go on as they went, and where their bodies start."""
+        model, _, joints, _, body_q, body_qd, *_rest = arguments
+        work, rows, tree, loops, _, history, _, _ = arguments[-8:]
+        worlds, colors, bodies = self._worlds, self.colors, self._body_count
+        state = [worlds, rows, tree, loops, work, colors, history]
+        launch(kernels.find_flying, bodies, [body_qd, *state])
+        state = [worlds, work, rows, tree, history, colors]
+        launch(kernels.find_jumps, bodies, [model, joints, body_q, body_qd, *state])
+        if effects.loops:
+            state = [worlds, work, loops, history, colors]
+            launch(kernels.find_loop_jumps, self._loop_count, [joints, *state])
+        if effects.cables:
+            launch(kernels.find_jerks, self._cluster_count, [work, tree, colors])
+        launch(kernels.order_worlds, self._world_count, [worlds, colors, history])
+        state = [worlds, colors, work, history]
+        launch(kernels.start_bodies, bodies, [model, body_q, body_qd, *state])
+        if effects.contact:
+            launch(kernels.lead_all_rows, bodies, [worlds, work, colors, rows])
 
     def _launch_if(self, condition: wp.array, launches: Callable[[], None]) -> None:
         """Launches what a number on the device calls for.

@@ -37,7 +37,7 @@ from ..rows import contact as contact_rows
 from .beginning import make_begin
 from .bodies import report_held, vector_sum
 from .breaking import make_break_joints
-from .cables import make_cables, make_join
+from .cables import make_cables, make_join, may_jerk
 from .closures import make_closures
 from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
@@ -48,7 +48,7 @@ from .finite import make_is_world_finite
 from .gathering import make_assemble, make_gather
 from .impacts import make_impacts
 from .joining import join_at_once
-from .launch import KERNEL, absent, uncollected
+from .launch import ABSENT, KERNEL, absent, uncollected
 from .loops import make_loops, reach_farther
 from .resetting import forget_joints
 from .scale import (
@@ -63,6 +63,8 @@ from .scale import (
     open_update,
     settled_update,
 )
+from .second_order import is_flying, is_quiet, is_remembered, last_of, make_second_order
+from .slopes import JUMPED, QUIET_WORLD, SMOOTH
 from .sweeps import make_sweep, make_sweep_block
 from .tendons import make_join_tendons
 from .trees import is_linked, make_trees
@@ -82,6 +84,13 @@ class Colored(NamedTuple):
     find_impacts: wp.Kernel | None
     strike_worlds: wp.Kernel | None
     end_rounds: wp.Kernel | None
+    find_flying: wp.Kernel | None
+    find_jumps: wp.Kernel | None
+    find_loop_jumps: wp.Kernel | None
+    find_jerks: wp.Kernel | None
+    order_worlds: wp.Kernel | None
+    start_bodies: wp.Kernel | None
+    lead_all_rows: wp.Kernel | None
     measure_joints: wp.Kernel | None
     measure_loops: wp.Kernel | None
     widen_loops: wp.Kernel | None
@@ -93,6 +102,8 @@ class Colored(NamedTuple):
     solve_clusters: wp.Kernel | None
     begin_round: wp.Kernel
     remember: wp.Kernel
+    remember_loops: wp.Kernel | None
+    find_jerked: wp.Kernel | None
     join_clusters: wp.Kernel | None
     break_trees: wp.Kernel | None
     break_loops: wp.Kernel | None
@@ -102,12 +113,14 @@ class Colored(NamedTuple):
     end_armatures: wp.Kernel | None
     end_loop_armatures: wp.Kernel | None
     end_sweeps: wp.Kernel
+    remember_motions: wp.Kernel | None
     keep_loops: wp.Kernel | None
     close_joints: wp.Kernel | None
     give_loops_back: wp.Kernel | None
     give_cables_back: wp.Kernel | None
     end_poses: wp.Kernel
     bound_energy: wp.Kernel
+    remember_states: wp.Kernel | None
 
 
 @wp.func
@@ -239,7 +252,14 @@ def make_colored(effects: Effects) -> Colored:
     count_passes = make_count_passes(effects)
     cables = make_cables(effects)
     begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
-    give_back = cables.give_back
+    give_back, has_jerked = cables.give_back, cables.has_jerked
+    end_tendons = closures.end_tendons
+    orders = make_second_order(effects) if effects.second_order else ABSENT
+    begin_order, body_jumps, loop_jumps = orders.begin_body, orders.body_jumps, orders.loop_jumps
+    goes_on_smoothly, order_world = orders.goes_on, orders.order_world
+    start_body, lead_rows = orders.start_body, orders.lead_rows
+    remember_motion, remember_loop = orders.remember_motion, orders.remember_loop
+    remember_state = orders.remember_state
     join_cluster = make_join(join_at_once)
     join_tendons = make_join_tendons(join_at_once) if effects.tendons else absent
 
@@ -280,6 +300,8 @@ def make_colored(effects: Effects) -> Colored:
         # In:
         h: float,
         iterations: int,
+        # Work:
+        worlds: WorldWork,
         # Work out:
         colors: ColorWork,
         history: History,
@@ -309,6 +331,13 @@ def make_colored(effects: Effects) -> Colored:
             colors.recovered[i, world] = wp.where(i == 0, wp.inf, -1.0)
         if h > LONGER * history.step[world]:
             history.age[world] = 0
+        if wp.static(effects.second_order):
+            if worlds.step[world] < history.step[world]:
+                colors.scale[world].lag = 0.0
+            colors.is_held[world] = 0
+            colors.jumps[world] = 0
+            colors.breaks[world] = 0
+            colors.is_moving[world] = 0
         history.step[world] = h
         colors.most[world] = is_finite * iterations
         if history.age[world] < COLD_STEPS:
@@ -418,6 +447,135 @@ def make_colored(effects: Effects) -> Colored:
         )
         if depth > colors.deepest[world]:
             wp.atomic_max(colors.deepest, world, depth)
+
+    @kernel(effects.second_order)
+    def find_flying(
+        # State in:
+        body_qd: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: WorldWork,
+        rows: RowWork,
+        tree: TreeWork,
+        loops: LoopWork,
+        # Work out:
+        work: BodyWork,
+        colors: ColorWork,
+        history: History,
+    ):
+        """Starts all bodies by backward Euler, and finds what is held; one thread a body."""
+        body = wp.tid()
+        world = worlds.of_body[body]
+        scale = colors.scale[world]
+        if begin_order(worlds.rank[body], scale, body_qd, worlds, work, rows, tree, loops, history):
+            colors.is_held[world] = 1
+
+    @kernel(effects.second_order)
+    def find_jumps(
+        # Model:
+        model: BodyModel,
+        joints: JointModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        history: History,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """Whether a velocity is about to jump, and whether motions go on; one thread a body."""
+        body = wp.tid()
+        world = worlds.of_body[body]
+        scale = colors.scale[world]
+        if colors.is_finite[world] == 0 or colors.has_impacts[world] == 1:
+            colors.jumps[world] = 1
+        elif body_jumps(body, scale, joints, work, rows, tree, history):
+            colors.jumps[world] = 1
+        elif not goes_on_smoothly(body, body_q, body_qd, scale, model, work, rows, history):
+            colors.breaks[world] = 1
+
+    @kernel(effects.second_order and effects.loops)
+    def find_loop_jumps(
+        # Model:
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        loops: LoopWork,
+        history: History,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """Likewise by joints outside of the trees; one thread a joint."""
+        i = wp.tid()
+        if loop_jumps(i, joints, loops, history):
+            colors.jumps[loop_world(i, joints, worlds, work, loops)] = 1
+
+    @kernel(effects.second_order and effects.cables)
+    def find_jerks(
+        # Work:
+        work: BodyWork,
+        tree: TreeWork,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """Likewise by cables that may pull at once; one thread a cluster of cables."""
+        cluster = wp.tid()
+        if may_jerk(cluster, work, tree.cables):
+            colors.jumps[tree.cables.world[cluster]] = 1
+
+    @kernel(effects.second_order)
+    def order_worlds(
+        # Work out:
+        worlds: WorldWork,
+        colors: ColorWork,
+        history: History,
+    ):
+        """Decides on the order of a world's step; one thread a world."""
+        world = wp.tid()
+        last = last_of(world, history)
+        is_smooth = colors.is_held[world] == 1 and last != QUIET_WORLD and colors.jumps[world] == 0
+        is_continued = last == SMOOTH and colors.breaks[world] == 0
+        scale = colors.scale[world]
+        colors.scale[world] = order_world(world, is_smooth, is_continued, scale, worlds, history)
+        colors.jumps[world] = 0
+
+    @kernel(effects.second_order)
+    def start_bodies(
+        # Model:
+        model: BodyModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        # Work:
+        worlds: WorldWork,
+        colors: ColorWork,
+        # Work out:
+        work: BodyWork,
+        history: History,
+    ):
+        """Leads and targets of bodies, by that order; one thread a body."""
+        body = wp.tid()
+        scale = colors.scale[worlds.of_body[body]]
+        start_body(body, scale, body_q, body_qd, model, work, history)
+
+    @kernel(effects.second_order)
+    def lead_all_rows(
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        colors: ColorWork,
+        # Work out:
+        rows: RowWork,
+    ):
+        """Likewise the rows that a body owns; one thread a body."""
+        body = wp.tid()
+        scale = colors.scale[worlds.of_body[body]]
+        if scale.step < scale.h:
+            lead_rows(body, scale, work, rows)
 
     @kernel(effects.joints)
     def measure_joints(
@@ -558,7 +716,6 @@ def make_colored(effects: Effects) -> Colored:
         joints: JointModel,
         control: ControlInput,
         # In:
-        h: float,
         begin: int,
         # Work:
         worlds: WorldWork,
@@ -576,10 +733,11 @@ def make_colored(effects: Effects) -> Colored:
         Those of worlds whose round of sweeps begins with the sweep ``begin``.
         """
         body = wp.tid()
-        if work.inv_mass[body] > 0.0 and colors.begin[worlds.of_body[body]] == begin:
+        world = worlds.of_body[body]
+        if work.inv_mass[body] > 0.0 and colors.begin[world] == begin:
             begin_body(
                 worlds.rank[body],
-                h,
+                colors.scale[world].step,
                 model,
                 joints,
                 control,
@@ -626,7 +784,7 @@ def make_colored(effects: Effects) -> Colored:
                     sweep > colors.begin[world] and recovery == 0.0,
                     recovery,
                     scale.slop,
-                    scale.h,
+                    scale.step,
                     body_q,
                     model,
                     joints,
@@ -716,7 +874,7 @@ def make_colored(effects: Effects) -> Colored:
         i = wp.tid()
         world = loop_world(i, joints, worlds, work, loops)
         if goes_on(sweep, world, moved, most, colors):
-            h = colors.scale[world].h
+            h = colors.scale[world].step
             loop_wrench(
                 i, recovery, h, model, joints, control, work, tree, loops, history, True, True
             )
@@ -798,6 +956,39 @@ def make_colored(effects: Effects) -> Colored:
         if not wp.isfinite(vector_sum(work.increment[body])):
             colors.is_finite[world] = 0
 
+    @kernel(effects.second_order and effects.loops)
+    def remember_loops(
+        # Model:
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        loops: LoopWork,
+        colors: ColorWork,
+        # Work out:
+        history: History,
+    ):
+        """How a joint outside of the trees has moved; one thread a joint."""
+        i = wp.tid()
+        world = loop_world(i, joints, worlds, work, loops)
+        if colors.is_finite[world] == 1:
+            remember_loop(i, colors.scale[world], joints, loops, history)
+
+    @kernel(effects.second_order and effects.cables)
+    def find_jerked(
+        # Work:
+        tree: TreeWork,
+        # Work out:
+        colors: ColorWork,
+    ):
+        """Whether a cable's tension has jumped; one thread a cluster of cables."""
+        cluster = wp.tid()
+        world = tree.cables.world[cluster]
+        scale = colors.scale[world]
+        # tensions of steps of different order do not compare
+        if scale.step == scale.h and has_jerked(cluster, scale, tree.cables):
+            colors.jumps[world] = 1
+
     @kernel(effects.cables and effects.pairs)
     def join_clusters(
         # Work:
@@ -816,7 +1007,6 @@ def make_colored(effects: Effects) -> Colored:
         model: BodyModel,
         joints: JointModel,
         control: ControlInput,
-        h: float,
         # Work:
         worlds: WorldWork,
         work: BodyWork,
@@ -834,7 +1024,7 @@ def make_colored(effects: Effects) -> Colored:
             break_blocks(
                 first,
                 worlds.block_end[first],
-                h,
+                colors.scale[worlds.of_body[block]].step,
                 model,
                 joints,
                 control,
@@ -871,7 +1061,6 @@ def make_colored(effects: Effects) -> Colored:
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        h: float,
         # Work:
         worlds: WorldWork,
         work: BodyWork,
@@ -897,7 +1086,7 @@ def make_colored(effects: Effects) -> Colored:
         elif work.inv_mass[body] > 0.0:
             velocity = end_velocity(
                 worlds.rank[body],
-                h,
+                colors.scale[world].step,
                 body_q,
                 body_qd,
                 model,
@@ -910,6 +1099,11 @@ def make_colored(effects: Effects) -> Colored:
                 True,
                 history,
             )
+            if wp.static(effects.second_order):
+                # until the step is done, that of its start
+                history.last[body].velocity = body_qd[body]
+                if not is_quiet(body, velocity, colors.scale[world], model, work, history):
+                    colors.is_moving[world] = 1
             if wp.static(effects.balanced and effects.kinds.gimbals):
                 if is_body_led(body, joints, work, tree):
                     colors.is_excessive[0] = 1
@@ -1022,6 +1216,7 @@ def make_colored(effects: Effects) -> Colored:
         # Work out:
         colors: ColorWork,
         worlds: WorldWork,
+        history: History,
     ):
         """What sweeps left, and how many the recovery takes; one thread a world."""
         world = wp.tid()
@@ -1042,6 +1237,35 @@ def make_colored(effects: Effects) -> Colored:
         colors.passes[world] = passes
         if passes > 1:
             colors.is_apart[0] = 1
+        if wp.static(effects.second_order):
+            # what does not settle tells nothing of the next step
+            if not is_settled(update, scale) or colors.jumps[world] == 1:
+                history.smooth[world] = JUMPED
+            if colors.is_moving[world] == 0:
+                history.smooth[world] = QUIET_WORLD
+
+    @kernel(effects.second_order)
+    def remember_motions(
+        # Model:
+        joints: JointModel,
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        rows: RowWork,
+        tree: TreeWork,
+        colors: ColorWork,
+        # Work out:
+        history: History,
+    ):
+        """How a body has moved, before anything old is recovered; one thread a body."""
+        body = wp.tid()
+        world = worlds.of_body[body]
+        scale = colors.scale[world]
+        if colors.is_finite[world] == 1:
+            if work.inv_mass[body] > 0.0 and is_remembered(world, scale, history):
+                remember_motion(body, scale, joints, work, rows, tree, history)
+            if wp.static(effects.tendons):
+                end_tendons(worlds.rank[body], scale, tree)
 
     @kernel(effects.loops)
     def keep_loops(
@@ -1223,6 +1447,31 @@ def make_colored(effects: Effects) -> Colored:
                 body_qd_out,
             )
 
+    @kernel(effects.second_order)
+    def remember_states(
+        # Model:
+        model: BodyModel,
+        # State in:
+        body_q: wp.array[wp.transform],
+        # Work:
+        worlds: WorldWork,
+        work: BodyWork,
+        colors: ColorWork,
+        # Work out:
+        history: History,
+        # State out:
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Where the step has left a body, and how fast; one thread a body."""
+        body = wp.tid()
+        world = worlds.of_body[body]
+        scale = colors.scale[world]
+        if colors.is_finite[world] == 1 and is_remembered(world, scale, history):
+            if work.inv_mass[body] > 0.0 and not is_flying(body, history):
+                q, qd = body_q_out[body], body_qd_out[body]
+                remember_state(body, q, qd, scale, body_q, model, work, history)
+
     strikes = make_colored_impacts(effects, kernel)
     return Colored(
         measure_lanes,
@@ -1235,6 +1484,13 @@ def make_colored(effects: Effects) -> Colored:
         strikes.find_impacts,
         strikes.strike_worlds,
         strikes.end_rounds,
+        find_flying,
+        find_jumps,
+        find_loop_jumps,
+        find_jerks,
+        order_worlds,
+        start_bodies,
+        lead_all_rows,
         measure_joints,
         measure_loops,
         widen_loops,
@@ -1246,6 +1502,8 @@ def make_colored(effects: Effects) -> Colored:
         solve_clusters,
         begin_round,
         remember,
+        remember_loops,
+        find_jerked,
         join_clusters,
         break_trees,
         break_loops,
@@ -1255,10 +1513,12 @@ def make_colored(effects: Effects) -> Colored:
         end_armatures,
         end_loop_armatures,
         end_sweeps,
+        remember_motions,
         keep_loops,
         close_joints,
         give_loops_back,
         give_cables_back,
         end_poses,
         bound_energy,
+        remember_states,
     )

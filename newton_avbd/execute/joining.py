@@ -9,9 +9,10 @@ island is its first body in whatever order the threads come.
 
 import warp as wp
 
-from ..data import BodyModel, BodyWork, ColorWork, IslandSum, IslandWork, WorldWork
+from ..data import BodyModel, BodyWork, ColorWork, History, IslandSum, IslandWork, WorldWork
 from .coloring import sort_part
 from .islands import keep_momentum, keep_spin
+from .second_order import lead_spin
 
 
 @wp.func
@@ -104,10 +105,10 @@ def list_members(
 def keep_island(
     # Model:
     model: BodyModel,
-    h: float,
     # Work:
     worlds: WorldWork,
     islands: IslandWork,
+    colors: ColorWork,
     # Work out:
     work: BodyWork,
 ):
@@ -118,24 +119,32 @@ def keep_island(
     islands.sum[root] = total
     if total.bodies > 1:
         sort_part(worlds.bodies, worlds.body_start[root], worlds.body_start[root + 1])
-        keep_momentum(root, h, model, worlds, work, islands)
+        step = colors.scale[worlds.of_body[root]].step
+        keep_momentum(root, step, model, worlds, work, islands)
 
 
 @wp.kernel(enable_backward=False)
 def keep_island_spin(
     # Model:
     model: BodyModel,
-    h: float,
+    # State in:
     body_q: wp.array[wp.transform],
     # Work:
     worlds: WorldWork,
     work: BodyWork,
+    colors: ColorWork,
+    history: History,
     # Work out:
     islands: IslandWork,
     # State out:
+    body_q_out: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
 ):
     """Gives an island its angular momentum back; one thread a body, which does it for a root."""
     root = wp.tid()
     if worlds.body_start[root + 1] - worlds.body_start[root] > 1:
-        keep_spin(root, h, False, body_q, model, worlds, work, islands, body_qd)
+        scale = colors.scale[worlds.of_body[root]]
+        is_led = scale.step < scale.h
+        if is_led:
+            lead_spin(root, scale, body_q, model, worlds, work, islands, history)
+        keep_spin(root, scale.step, is_led, body_q_out, model, worlds, work, islands, body_qd)

@@ -79,7 +79,7 @@ def make_phases(effects: Effects) -> Phases:
     find_rows, penalise_rows = make_rows(effects)
     weigh_blocks = make_weigh(effects) if effects.light_links else absent
     second_order = make_second_order(effects) if effects.second_order else ABSENT
-    remember_motions, remember_loops = second_order.remember_motions, second_order.remember_loops
+    remember_motions, remember_loop = second_order.remember_motions, second_order.remember_loop
     remember_states = second_order.remember_states
     impacts = make_impacts(effects) if effects.restitution else ABSENT
     find_impacts = impacts.find_impacts
@@ -427,7 +427,9 @@ def make_phases(effects: Effects) -> Phases:
                     # tensions of steps of different order do not compare
                     if scale.step == scale.h and has_jerked(i, scale, tree.cables):
                         history.smooth[world] = 0
-            remember_loops(world, scale, joints, loops, history)
+            if wp.static(effects.loops):
+                for i in range(loops.world_start[world], loops.world_start[world + 1]):
+                    remember_loop(i, scale, joints, loops, history)
         worlds.sweeps[world] = sweeps
         worlds.update[world] = wp.sqrt(update)
         worlds.settled[world] = settled_update(scale)

@@ -121,6 +121,18 @@ def jumps(now: wp.vec3, last: wp.vec3, least: float) -> bool:
 
 
 @wp.func
+def is_remembered(world: int, scale: WorldScale, history: wp.ref[History]) -> bool:
+    """Whether the motion of a step is one to go on from, or was one that went on."""
+    return history.smooth[world] == SMOOTH or scale.step < scale.h
+
+
+@wp.func
+def last_of(world: int, history: wp.ref[History]) -> int:
+    """How the last step of a world was; the first one follows a jump."""
+    return wp.where(history.age[world] > 0, history.smooth[world], JUMPED)
+
+
+@wp.func
 def is_flying(body: int, history: wp.ref[History]) -> bool:
     """Whether nothing holds a body in this step, as :func:`begin_step` has found."""
     return history.flying[body] != 0
@@ -128,62 +140,55 @@ def is_flying(body: int, history: wp.ref[History]) -> bool:
 
 @wp.func
 def is_quiet(
-    world: int,
+    body: int,
+    velocity: wp.spatial_vector,
     scale: WorldScale,
     model: wp.ref[BodyModel],
-    worlds: wp.ref[WorldWork],
     work: wp.ref[BodyWork],
     history: wp.ref[History],
-    body_qd_out: wp.array[wp.spatial_vector],
 ) -> bool:
-    """Whether no velocity of what is held has changed in a step: all schemes agree there.
+    """Whether the velocity of a body has not changed in a step: all schemes agree there.
 
-    Changes count by their kinetic energy, beside that of a share of a free fall's.
+    What flies does not count. A change counts by its kinetic energy, beside that of a share of a
+    free fall's.
     """
+    if work.inv_mass[body] == 0.0 or is_flying(body, history):
+        return True
     fall = QUIET * scale.gravity * scale.h
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0 and not is_flying(body, history):
-            velocity = body_qd_out[body]
-            change = velocity - history.last[body].velocity
-            mass, inertia = model.mass[body], work.inertia[body]
-            allowed = ROUNDING * ROUNDING * energy_of(mass, inertia, velocity) + mass * fall * fall
-            if energy_of(mass, inertia, change) > allowed:
-                return False
-    return True
+    change = velocity - history.last[body].velocity
+    mass, inertia = model.mass[body], work.inertia[body]
+    allowed = ROUNDING * ROUNDING * energy_of(mass, inertia, velocity) + mass * fall * fall
+    return energy_of(mass, inertia, change) <= allowed
 
 
 @wp.func
 def is_continued(
-    world: int,
+    body: int,
     body_q: wp.array[wp.transform],
     body_qd: wp.array[wp.spatial_vector],
     scale: WorldScale,
     model: wp.ref[BodyModel],
-    worlds: wp.ref[WorldWork],
     work: wp.ref[BodyWork],
     history: wp.ref[History],
 ) -> bool:
-    """Whether all bodies of a world are as the last step left them, turned little in it, and are
-    pushed as they were."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0 and not is_flying(body, history):
-            if not (body_q[body] == history.last[body].pose):
-                return False
-            if not (body_qd[body] == history.last[body].velocity):
-                return False
-            spin = wp.spatial_bottom(history.last[body].slope)
-            if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
-                return False
-            wrench = external_wrench(model, body, work)
-            pushed = history.last[body].wrench
-            if not (wrench == pushed):
-                weight = scale.gravity * model.mass[body]
-                if jumps(wp.spatial_top(wrench), wp.spatial_top(pushed), weight):
-                    return False
-                if jumps(wp.spatial_bottom(wrench), wp.spatial_bottom(pushed), 0.0):
-                    return False
+    """Whether a body is as the last step left it, turned little in it, and is pushed as it was."""
+    if work.inv_mass[body] == 0.0 or is_flying(body, history):
+        return True
+    if not (body_q[body] == history.last[body].pose):
+        return False
+    if not (body_qd[body] == history.last[body].velocity):
+        return False
+    spin = wp.spatial_bottom(history.last[body].slope)
+    if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
+        return False
+    wrench = external_wrench(model, body, work)
+    pushed = history.last[body].wrench
+    if not (wrench == pushed):
+        weight = scale.gravity * model.mass[body]
+        if jumps(wp.spatial_top(wrench), wp.spatial_top(pushed), weight):
+            return False
+        if jumps(wp.spatial_bottom(wrench), wp.spatial_bottom(pushed), 0.0):
+            return False
     return True
 
 
@@ -206,18 +211,12 @@ def is_pushing(row: ContactRow) -> bool:
 
 
 @wp.func
-def lets_go(
-    world: int, worlds: wp.ref[WorldWork], rows: wp.ref[RowWork], history: wp.ref[History]
-) -> bool:
-    """Whether a contact that pushed in the last step is gone or about to open."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = body_at(i, worlds)
-        left = int(history.pushing[body])
-        for k in range(rows.owned_start[body], rows.owned_end[body]):
-            left -= int(is_pushing(rows.rows[k]))
-        if left > 0:
-            return True
-    return False
+def lets_go(body: int, rows: wp.ref[RowWork], history: wp.ref[History]) -> bool:
+    """Whether a contact of a body that pushed in the last step is gone or about to open."""
+    left = int(history.pushing[body])
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        left -= int(is_pushing(rows.rows[i]))
+    return left > 0
 
 
 @wp.func
@@ -280,8 +279,17 @@ class SecondOrderFunctions:
     """Device functions of the second-order scheme, compiled for a scene's effects."""
 
     begin_step: wp.Function
+    begin_body: wp.Function
+    body_jumps: wp.Function
+    loop_jumps: wp.Function
+    goes_on: wp.Function
+    order_world: wp.Function
+    start_body: wp.Function
+    lead_rows: wp.Function
+    remember_motion: wp.Function
     remember_motions: wp.Function
-    remember_loops: wp.Function
+    remember_loop: wp.Function
+    remember_state: wp.Function
     remember_states: wp.Function
 
 
@@ -290,18 +298,27 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     a, b = constants(RHO)
 
     @wp.func
-    def meets_limit(
-        world: int,
+    def body_jumps(
+        body: int,
+        scale: WorldScale,
         joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
         tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ) -> bool:
-        """Whether a joint of a world is about to meet a limit."""
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
+        """Whether the velocity of a body is about to jump, or a linked body turns fast."""
+        if wp.static(effects.spinning):
+            if wp.length_sq(work.spin_momentum[body]) > 0.0:
+                return True
+        if wp.static(effects.contact):
+            if has_impact(body, JOLT * scale.gravity * scale.h * scale.h, work, rows):
+                return True
+            if wp.static(effects.compliance):
+                # a compliant row's gap holds its damping by backward Euler
+                if rows.owned_start[body] < rows.owned_end[body]:
+                    return True
+        if wp.static(effects.joints and effects.hard_limits):
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 k = tree.axis_start[body]
@@ -310,13 +327,21 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                         if is_beyond(joints, dof, tree.coordinate[k], history):
                             return True
                     k += 1
-        if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                joint = loops.joints[i]
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    if joints.type[joint] != BALL:
-                        if is_beyond(joints, dof, loops.coordinate[dof], history):
-                            return True
+        return False
+
+    @wp.func
+    def loop_jumps(
+        i: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork], history: wp.ref[History]
+    ) -> bool:
+        """Whether a joint outside of the trees is about to meet a limit, or may pull at once."""
+        joint = loops.joints[i]
+        if joints.type[joint] == DISTANCE:
+            return True
+        if wp.static(effects.hard_limits):
+            for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                if joints.type[joint] != BALL:
+                    if is_beyond(joints, dof, loops.coordinate[dof], history):
+                        return True
         return False
 
     @wp.func
@@ -331,32 +356,36 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ) -> bool:
-        """Whether no velocity of a world is about to jump, and no linked body turns fast."""
-        if wp.static(effects.spinning):
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                if wp.length_sq(work.spin_momentum[body_at(i, worlds)]) > 0.0:
-                    return False
-        if wp.static(effects.contact):
-            jolt = JOLT * scale.gravity * scale.h * scale.h
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = body_at(i, worlds)
-                if has_impact(body, jolt, work, rows):
-                    return False
-                if wp.static(effects.compliance):
-                    # a compliant row's gap holds its damping by backward Euler
-                    if rows.owned_start[body] < rows.owned_end[body]:
-                        return False
+        """Whether no velocity of a world is about to jump."""
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            if body_jumps(body_at(i, worlds), scale, joints, work, rows, tree, history):
+                return False
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if joints.type[loops.joints[i]] == DISTANCE:
+                if loop_jumps(i, joints, loops, history):
                     return False
         if wp.static(effects.cables):
             for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
                 if may_jerk(i, work, tree.cables):
                     return False
-        if wp.static(effects.hard_limits):
-            return not meets_limit(world, joints, worlds, work, tree, loops, history)
         return True
+
+    @wp.func
+    def goes_on(
+        body: int,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        scale: WorldScale,
+        model: wp.ref[BodyModel],
+        work: wp.ref[BodyWork],
+        rows: wp.ref[RowWork],
+        history: wp.ref[History],
+    ) -> bool:
+        """Whether a body moves on as in the last step."""
+        if wp.static(effects.contact):
+            if lets_go(body, rows, history):
+                return False
+        return is_continued(body, body_q, body_qd, scale, model, work, history)
 
     @wp.func
     def will_fly(
@@ -389,8 +418,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         return True
 
     @wp.func
-    def begin_bodies(
-        world: int,
+    def begin_body(
+        i: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
         worlds: wp.ref[WorldWork],
@@ -400,20 +429,37 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ) -> bool:
-        """Bodies by backward Euler, so that nothing is ahead; returns whether one is held."""
-        is_held = bool(False)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-            work.coasting[body] = work.increment[body]
-            history.flying[body] = 0
-            if work.inv_mass[body] > 0.0:
-                work.coasting[body] = scale.h * body_qd[body]
-                if will_fly(i, body, scale, worlds, work, rows, tree, loops):
-                    history.flying[body] = 1
-                else:
-                    is_held = True
-        return is_held
+        """A body by backward Euler, so that nothing is ahead; returns whether it is held."""
+        body = body_at(i, worlds)
+        work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        work.coasting[body] = work.increment[body]
+        history.flying[body] = 0
+        if work.inv_mass[body] == 0.0:
+            return False
+        work.coasting[body] = scale.h * body_qd[body]
+        if will_fly(i, body, scale, worlds, work, rows, tree, loops):
+            history.flying[body] = 1
+            return False
+        return True
+
+    @wp.func
+    def order_world(
+        world: int,
+        is_smooth: bool,
+        is_continued: bool,
+        scale: WorldScale,
+        worlds: wp.ref[WorldWork],
+        history: wp.ref[History],
+    ) -> WorldScale:
+        """The scale of a world's step, of second order where it continues a smooth motion."""
+        out = scale
+        out.age = history.slope_age[world]
+        if is_smooth and is_continued:
+            out = second_order(out, wp.static(a), wp.static(b))
+        history.smooth[world] = wp.where(is_smooth, SMOOTH, JUMPED)
+        worlds.step[world] = out.step
+        history.slope_age[world] = wp.where(out.step < out.h, wp.static(a), 0.5) * out.h
+        return out
 
     @wp.func
     def fly_body(
@@ -448,7 +494,6 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     @wp.func
     def lead_body(
         body: int,
-        age: float,
         scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
@@ -497,7 +542,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         work.coasting[body] = coasting
         if wp.static(effects.joints):
             # as the last steps have it, acceleration goes on to change
-            change = (scale.h / age) * (last.acceleration - last.gain)
+            change = (scale.h / scale.age) * (last.acceleration - last.gain)
             history.acceleration[body] = history.acceleration[body] + change
         # what pushed it at the end of the last step goes on to
         pushed = last.acceleration
@@ -507,6 +552,22 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         pushed_shift = beyond_rounding((step * step) * wp.spatial_top(pushed), dx)
         pushed_turn = beyond_rounding((step * step) * wp.spatial_bottom(pushed), dtheta)
         work.increment[body] = target + wp.spatial_vector(pushed_shift, pushed_turn)
+
+    @wp.func
+    def start_body(
+        body: int,
+        scale: WorldScale,
+        body_q: wp.array[wp.transform],
+        body_qd: wp.array[wp.spatial_vector],
+        model: wp.ref[BodyModel],
+        work: wp.ref[BodyWork],
+        history: wp.ref[History],
+    ):
+        """Lead, target and first guess of a body, by the order of its world's step."""
+        if is_flying(body, history):
+            fly_body(body, scale, body_q, body_qd, model, work)
+        elif scale.step < scale.h:
+            lead_body(body, scale, body_q, body_qd, model, work, history)
 
     @wp.func
     def lead_rows(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
@@ -542,35 +603,28 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         history: wp.ref[History],
     ) -> WorldScale:
         """Decides on the order of a world's step, and makes targets and rows those of it."""
-        out = scale
-        age = history.slope_age[world]
-        is_held = begin_bodies(world, scale, body_qd, worlds, work, rows, tree, loops, history)
-        last = wp.where(history.age[world] > 0, history.smooth[world], JUMPED)
-        history.smooth[world] = JUMPED
-        if is_held and last != QUIET_WORLD:
-            if not has_bounce and is_smooth(
-                world, scale, joints, worlds, work, rows, tree, loops, history
-            ):
-                history.smooth[world] = SMOOTH
-                if (
-                    last == SMOOTH
-                    and not lets_go(world, worlds, rows, history)
-                    and is_continued(world, body_q, body_qd, scale, model, worlds, work, history)
-                ):
-                    out = second_order(scale, age, wp.static(a), wp.static(b))
-        is_led = out.step < out.h
+        is_held = bool(False)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if is_flying(body, history):
-                fly_body(body, out, body_q, body_qd, model, work)
-            elif is_led:
-                lead_body(body, age, out, body_q, body_qd, model, work, history)
+            if begin_body(i, scale, body_qd, worlds, work, rows, tree, loops, history):
+                is_held = True
+        last = last_of(world, history)
+        may_last = is_held and last != QUIET_WORLD and not has_bounce
+        may_last = may_last and is_smooth(
+            world, scale, joints, worlds, work, rows, tree, loops, history
+        )
+        lasts = may_last and last == SMOOTH
+        if lasts:
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                body = body_at(i, worlds)
+                if lasts and not goes_on(body, body_q, body_qd, scale, model, work, rows, history):
+                    lasts = False
+        out = order_world(world, may_last, lasts, scale, worlds, history)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            start_body(body_at(i, worlds), out, body_q, body_qd, model, work, history)
         if wp.static(effects.contact):
-            if is_led:
+            if out.step < out.h:
                 for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                     lead_rows(body_at(i, worlds), out, work, rows)
-        worlds.step[world] = out.step
-        history.slope_age[world] = wp.where(is_led, wp.static(a), 0.5) * out.h
         return out
 
     @wp.func
@@ -608,25 +662,23 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         history.last[body].slope = next_slope(scale, work.increment[body], slope)
 
     @wp.func
-    def remember_loops(
-        world: int,
+    def remember_loop(
+        i: int,
         scale: WorldScale,
         joints: wp.ref[JointModel],
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ):
-        """Likewise the coordinates of a world's loop joints."""
-        if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                joint = loops.joints[i]
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    end_axis(
-                        dof,
-                        loops.start_coordinate[dof],
-                        loops.coordinate[dof],
-                        scale,
-                        history.coordinate,
-                    )
+        """Likewise the coordinates of a joint outside of the trees."""
+        joint = loops.joints[i]
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            end_axis(
+                dof,
+                loops.start_coordinate[dof],
+                loops.coordinate[dof],
+                scale,
+                history.coordinate,
+            )
 
     @wp.func
     def remember_state(
@@ -664,11 +716,6 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         history.last[body].pose = pose
 
     @wp.func
-    def is_remembered(world: int, scale: WorldScale, history: wp.ref[History]) -> bool:
-        """Whether the motion of a step is one to go on from, or was one that went on."""
-        return history.smooth[world] == SMOOTH or scale.step < scale.h
-
-    @wp.func
     def remember_motions(
         world: int,
         scale: WorldScale,
@@ -682,7 +729,12 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         body_qd_out: wp.array[wp.spatial_vector],
     ):
         """How the bodies of a world have moved, if that is of use to the next step."""
-        if is_quiet(world, scale, model, worlds, work, history, body_qd_out):
+        quiet = bool(True)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = body_at(i, worlds)
+            if quiet and not is_quiet(body, body_qd_out[body], scale, model, work, history):
+                quiet = False
+        if quiet:
             history.smooth[world] = QUIET_WORLD
         if is_remembered(world, scale, history):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -718,4 +770,18 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                         history,
                     )
 
-    return SecondOrderFunctions(begin_step, remember_motions, remember_loops, remember_states)
+    return SecondOrderFunctions(
+        begin_step,
+        begin_body,
+        body_jumps,
+        loop_jumps,
+        goes_on,
+        order_world,
+        start_body,
+        lead_rows,
+        remember_motion,
+        remember_motions,
+        remember_loop,
+        remember_state,
+        remember_states,
+    )

@@ -42,14 +42,14 @@ def constants(rho: float) -> tuple[float, float]:
 
 
 @wp.func
-def second_order(scale: WorldScale, age: float, a: float, b: float) -> WorldScale:
-    """Weights of a step after one whose slopes are older than its end by ``age`` [s]."""
+def second_order(scale: WorldScale, a: float, b: float) -> WorldScale:
+    """Weights of a step after one whose slopes are older than its end by ``scale.age`` [s]."""
     out = scale
     h = scale.h
     out.by_rate = b * h
-    out.by_slope = (0.5 - b) * h * h / (h + age)
+    out.by_slope = (0.5 - b) * h * h / (h + scale.age)
     out.step = h - out.by_rate - out.by_slope
-    out.blend = (0.5 * h + age) / ((1.0 - a) * h + age)
+    out.blend = (0.5 * h + scale.age) / ((1.0 - a) * h + scale.age)
     return out
 
 
