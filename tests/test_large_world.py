@@ -226,7 +226,6 @@ def test_a_cpu_takes_worlds() -> None:
 @pytest.mark.parametrize(
     ("builder", "settings", "message"),
     [
-        (pile, {"scheme": "generalized_alpha"}, "scheme='generalized_alpha'"),
         (pile, {"formulation": "ramp"}, "formulation='ramp'"),
     ],
 )
