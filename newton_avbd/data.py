@@ -88,6 +88,8 @@ class Impact:
     """At which the bodies would part without constraints [m/s^2]."""
     wait: float
     """When the bodies meet, from the start of the step [s]."""
+    lag: float
+    """How far velocities lagged behind the parabola until then, as :attr:`WorldScale.lag`."""
     gap: float
     """Separation at the start of the step [m]; the row of a bounce counts from the impact."""
     drift: wp.vec3

@@ -520,7 +520,7 @@ class Effects:
     @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
-        by_scheme = self.second_order and self.friction
+        by_scheme = self.second_order and self.contact
         return self.moving_surfaces or self.put_bodies or self.restitution or by_scheme
 
     def for_any_values(self) -> "Effects":

@@ -113,7 +113,7 @@ def as_on_a_gpu(simulation: Simulation) -> Simulation:
     solver = simulation.solver
     solver._flags = dataclasses.replace(solver._flags, on_gpu=True)
     solver._allocate_contacts(simulation.contacts.rigid_contact_max)
-    solver._worlds = buffers.world_work(solver._topology, False, True)
+    solver._worlds = buffers.world_work(solver._topology, solver.settings.second_order, True)
     return simulation
 
 

@@ -37,6 +37,7 @@ def rebound(sim: Simulation, height: float) -> float:
         if sim.velocity[0, 2] > 0.0:
             tops.append(sim.pose[0, 2] - 0.25)
         elif len(tops) > 1:
+            tops.append(sim.pose[0, 2] - 0.25)  # the top lies between the last two
             break
     return max(tops)
 

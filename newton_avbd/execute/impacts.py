@@ -132,17 +132,18 @@ def begin_impacts(
         u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
         u_n = wp.dot(row.normal, u)
         v = parting_speed(row, work, rows, h)
-        if v < -threshold and row.gap + u_n < 0.0:
-            a = (u_n / h - v) / h
-            lag = scale.lag
-            if history.flying.shape[0] > 0:
-                # what flies keeps to its parabola
-                if history.flying[row.a] + history.flying[row.b] > 0:
-                    lag = 0.0
-            start = v + lag * a * h
+        a = (u_n / h - v) / h
+        lag = scale.lag
+        if history.flying.shape[0] > 0:
+            # what flies keeps to its parabola
+            if history.flying[row.a] + history.flying[row.b] > 0:
+                lag = 0.0
+        start = v + lag * a * h
+        if v < -threshold and row.gap + h * (start + 0.5 * a * h) < 0.0:
             gap = wp.max(row.gap, 0.0)
             hit = wp.sqrt(wp.max(start * start - 2.0 * a * gap, 0.0))
             impact.acceleration = a
+            impact.lag = lag
             impact.wait = wp.min(2.0 * gap / (wp.abs(start) + hit), h)
             impact.goal = impact.restitution * hit
             found = True
@@ -301,6 +302,23 @@ def add_target(
 
 
 @wp.func
+def lead_of_rebound(body: int, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> float:
+    """Second order: how far a parabola is ahead of the step of backward Euler that sweeps take.
+
+    As a share of what acceleration moves the body in that step: a h^2/2, less what the velocity of
+    its start had lagged behind until the impact.
+    """
+    if work.coasting.shape[0] == 0:
+        return 0.0
+    lag = float(0.0)
+    for k in range(row_count(body, rows)):
+        impact = rows.impacts[row_of(body, k, rows)]
+        if impact.total > 0.0:
+            lag = wp.max(lag, impact.lag)
+    return 0.5 - lag * rows.struck_at[body] / h
+
+
+@wp.func
 def free_share(body: int, scale: WorldScale, work: wp.ref[BodyWork]) -> float:
     """Share of its free acceleration that impacts leave a body, 0 to 1, once they are released."""
     lacking = wp.length(wp.spatial_top(work.target[body] - work.increment[body]))
@@ -322,6 +340,12 @@ def leave_impacts(
     What it has done goes to the target of the body, so that the recovery leaves it alone.
     """
     if work.inv_mass[body] > 0.0 and rows.struck_at[body] >= 0.0:
+        share = lead_of_rebound(body, scale.h, work, rows)
+        if share > 0.0:
+            behind = share * (work.target[body] - work.coasting[body])
+            behind = wp.spatial_vector(wp.spatial_top(behind), wp.vec3(0.0))
+            work.increment[body] = work.increment[body] - behind
+            work.target[body] = work.target[body] - behind
         for k in range(row_count(body, rows)):
             early = add_target(body, owned_last(body, k, rows), 1.0, scale.h, work, rows)
             work.increment[body] = work.increment[body] - early
@@ -459,5 +483,11 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         if work.inv_mass[body] > 0.0:
             for k in range(row_count(body, rows)):
                 add_target(body, owned_last(body, k, rows), -1.0, h, work, rows)
+            if rows.struck_at[body] >= 0.0:
+                share = lead_of_rebound(body, h, work, rows)
+                if share > 0.0:
+                    behind = (share / (1.0 - share)) * (work.target[body] - work.coasting[body])
+                    behind = wp.spatial_vector(wp.spatial_top(behind), wp.vec3(0.0))
+                    work.target[body] = work.target[body] + behind
 
     return ImpactFunctions(find_impacts, end_rounds, release_impacts, restore_impacts)

@@ -133,6 +133,16 @@ def last_of(world: int, history: wp.ref[History]) -> int:
 
 
 @wp.func
+def parabola(
+    slot: int, h: float, body_qd: wp.array[wp.spatial_vector], work: wp.ref[BodyWork]
+) -> wp.spatial_vector:
+    """Where a body goes that flies, from its target by backward Euler."""
+    if work.inv_mass[slot] == 0.0:
+        return work.target[slot]
+    return 0.5 * (work.target[slot] + h * body_qd[slot])
+
+
+@wp.func
 def is_flying(body: int, history: wp.ref[History]) -> bool:
     """Whether nothing holds a body in this step, as :func:`begin_step` has found."""
     return history.flying[body] != 0
@@ -392,13 +402,14 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         i: int,
         body: int,
         scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
         tree: wp.ref[TreeWork],
         loops: wp.ref[LoopWork],
     ) -> bool:
-        """Whether nothing holds a body in a step, not even a contact that is near."""
+        """Whether nothing holds a body in a step, not even a contact that its parabola nears."""
         if wp.static(effects.fluid or effects.cables or effects.tendons):
             return False
         if wp.static(effects.joints):
@@ -411,7 +422,9 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             for k in range(row_count(body, rows)):
                 row = rows.rows[row_of(body, k, rows)]
                 span = work.com[row.a] - work.com[row.b]
-                u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
+                target_a = parabola(row.a, scale.h, body_qd, work)
+                target_b = parabola(row.b, scale.h, body_qd, work)
+                u = contact_rows.slip(row, target_a, target_b, span)
                 is_near = wp.dot(row.normal, u) + row.gap <= scale.slop
                 if is_near or wp.length_sq(row.force) > 0.0:
                     return False
@@ -437,7 +450,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         if work.inv_mass[body] == 0.0:
             return False
         work.coasting[body] = scale.h * body_qd[body]
-        if will_fly(i, body, scale, worlds, work, rows, tree, loops):
+        if will_fly(i, body, scale, body_qd, worlds, work, rows, tree, loops):
             history.flying[body] = 1
             return False
         return True
