@@ -26,7 +26,7 @@ from newton_avbd import SolverAVBD
 WORLDS = 3
 SICK = 1
 OTHERS = (0, 2)
-BEFORE, AFTER = 8, 4
+BEFORE, AFTER = 20, 4
 """Steps before the fault and with it."""
 DT = 1.0 / 240.0
 
