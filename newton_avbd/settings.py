@@ -50,9 +50,7 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
         wp.bool, "newton:avbd:angularFriction", False, name="angular_friction", unsaid=True
     ),
     "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
-    "scheme": SceneSetting(
-        str, "newton:avbd:scheme", "generalized_alpha", name="scheme", unsaid=True
-    ),
+    "scheme": SceneSetting(str, "newton:avbd:scheme", "euler", name="scheme"),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
     "sleeping": SceneSetting(wp.bool, "newton:avbd:sleeping", False, name="sleeping"),
 }
@@ -107,8 +105,7 @@ class Settings:
     angular_friction: bool | None
     """None where MuJoCo's condim says."""
     formulation: str
-    scheme: str | None
-    """None for the default, second order where it can be."""
+    scheme: str
     blocks: str
     sleeping: bool
 
@@ -120,7 +117,7 @@ class Settings:
     @property
     def second_order(self) -> bool:
         """Whether the scheme is of second order in time."""
-        return self.scheme != "euler" and not self.ramp
+        return self.scheme != "euler"
 
     @classmethod
     def resolve(cls, model: newton.Model, **arguments: Any) -> "Settings":

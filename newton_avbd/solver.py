@@ -164,10 +164,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 shape has other values than Newton's default.
             formulation: ``"augmented"`` (multipliers), the default, or ``"ramp"``: the seed
                 document's growing penalty up to the shapes' ``ke``, for comparison.
-            scheme: ``"generalized_alpha"``, the default, of second order in time where the motion
-                is smooth and with little numerical damping. Steps in which a velocity of a world
-                jumps are backward Euler's. ``"euler"`` makes all of them backward Euler's, for
-                comparison with ``SolverVBD`` and the seed document, which have no other.
+            scheme: ``"euler"``, backward Euler, the default, or ``"generalized_alpha"``, of second
+                order in time where the motion is smooth, with far less numerical damping. Steps in
+                which a velocity of a world jumps stay backward Euler.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or

@@ -69,11 +69,11 @@ def twist(sim: Simulation, tip: int, angle: float) -> None:
     ("settings", "collide"),
     [
         ({}, False),
-        ({"scheme": "euler"}, False),
+        ({"scheme": "generalized_alpha"}, False),
         ({"blocks": "body", "iterations": 60}, False),
         ({"parallel": "bodies"}, True),
     ],
-    ids=["tree", "first order", "bodies alone", "large world"],
+    ids=["tree", "second order", "bodies alone", "large world"],
 )
 def test_torques_of_a_twisted_cable_follow_the_closed_form(
     settings: dict[str, object], collide: bool

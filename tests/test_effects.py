@@ -298,7 +298,7 @@ LINK, AXIS = 683, 184
 """Of each body and each axis in a scene with joints, beside those."""
 SLEEPER, SLEEPING_CONTACT = 176, 100
 """Of each body and each contact with sleeping, beside those."""
-BY_CONTACT = {"restitution": 80, "angular_friction": 52, "compliance": 4, "ramp": 8}
+BY_CONTACT = {"restitution": 84, "angular_friction": 52, "compliance": 4, "ramp": 8}
 """Of each contact, where the effect is on."""
 
 
@@ -319,6 +319,9 @@ def test_a_large_world_has_no_kernels_of_absent_effects() -> None:
         *("begin_rounds", "find_impacts", "strike_worlds", "end_rounds", "leave_impacts"),
         *("align_spins", "break_trees", "break_loops"),
         *("join_clusters", "begin_clusters", "solve_clusters", "give_cables_back"),
+        *("find_flying", "find_jumps", "find_loop_jumps", "find_jerks", "find_jerked"),
+        *("order_worlds", "start_bodies", "lead_all_rows"),
+        *("remember_loops", "remember_motions", "remember_states"),
     }
     assert set(kernels["sweep_color"].module.kernels) == {kernels[name].key for name in made}
 

@@ -54,7 +54,7 @@ def assert_same(a: Simulation, b: Simulation) -> None:
 
 
 @pytest.mark.parametrize(
-    "settings", [{}, {"blocks": "body"}, {"parallel": "bodies"}, {"scheme": "euler"}]
+    "settings", [{}, {"blocks": "body"}, {"parallel": "bodies"}, {"scheme": "generalized_alpha"}]
 )
 def test_written_coordinates_move_the_bodies(settings: dict[str, Any]) -> None:
     """To the same bits as if the program had called ``newton.eval_fk``, which it may do, too."""

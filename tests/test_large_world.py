@@ -16,6 +16,7 @@ from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
 from newton_avbd.execute.coloring import COLORS, PASSES
 from newton_avbd.execute.scale import COLD_FACTOR, COLD_STEPS
+from newton_avbd.study.chains import add_chain
 from newton_avbd.study.scenes import add_brick_ring
 
 PYRAMID = [
@@ -52,6 +53,29 @@ def test_a_sweep_is_that_of_one_thread_in_the_order_of_the_colors() -> None:
         colored.step()
         serial.step()
     np.testing.assert_array_equal(colored.solver._large.colors.order.numpy()[: order.size], order)
+
+
+def test_a_large_world_is_of_second_order_as_one_thread_is() -> None:
+    """A chain that swings, a box that slides to rest and one that falls: to what an order of the
+    bodies leaves, which the chain lets grow."""
+    builder = newton.ModelBuilder()
+    add_ground(builder)
+    sliding = add_box(builder, (0.0, 0.0, 0.25))
+    builder.body_qd[sliding] = wp.spatial_vector(1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    add_box(builder, (3.0, 0.0, 2.25))
+    add_chain(builder, 4)
+    settings = {"dt": 1.0 / 120.0, "scheme": "generalized_alpha"}
+    colored = Simulation(builder, parallel="bodies", **settings)
+    serial = Simulation(builder, parallel="worlds", **settings)
+    orders = []
+    for _ in range(60):
+        colored.step()
+        serial.step()
+        orders.append(int(colored.solver.report().order[0]))
+        assert orders[-1] == serial.solver.report().order[0]
+    assert orders.count(2) > 30
+    np.testing.assert_allclose(colored.pose, serial.pose, atol=1e-5)
+    np.testing.assert_allclose(colored.velocity, serial.velocity, atol=1e-4)
 
 
 def test_what_rests_rests_in_the_same_place() -> None:

@@ -61,7 +61,7 @@ def drag(sim: Simulation, plate: int, seconds: float, speed: float = 1.0) -> Non
     [
         {},
         {"parallel": "bodies"},
-        {"scheme": "euler"},
+        {"scheme": "generalized_alpha"},
         {"compliant_contacts": True},
         {"sleeping": True},
         {"blocks": "body"},

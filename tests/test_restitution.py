@@ -18,7 +18,12 @@ ADD = {"sphere": add_sphere, "box": add_box}
 
 
 def dropped(
-    shape: str, restitution: float, height: float, dt: float, floor: float | None = None
+    shape: str,
+    restitution: float,
+    height: float,
+    dt: float,
+    floor: float | None = None,
+    scheme: str = "euler",
 ) -> Simulation:
     """A body above the ground, both of one restitution, detected a step ahead of the impact."""
     speed = math.sqrt(2.0 * G * height)
@@ -26,7 +31,7 @@ def dropped(
     builder = newton.ModelBuilder()
     add_ground(builder, gap=gap, restitution=restitution if floor is None else floor)
     ADD[shape](builder, (0.0, 0.0, 0.25 + height), gap=gap, restitution=restitution)
-    return Simulation(builder, dt=dt)
+    return Simulation(builder, dt=dt, scheme=scheme)
 
 
 def rebound(sim: Simulation, height: float) -> float:
@@ -56,10 +61,11 @@ def test_a_drop_rebounds_to_e_squared_of_its_height(
     assert np.abs(sim.velocity[0, 3:]).max() < 1.0e-3  # and a box lands flat
 
 
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
 @pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0])
-def test_an_elastic_ball_bounces_for_ever(dt: float) -> None:
+def test_an_elastic_ball_bounces_for_ever(dt: float, scheme: str) -> None:
     """With e = 1 the top of the last bounce of 20 s is that of the first, within 0.1 %."""
-    sim = dropped("sphere", 1.0, 1.0, dt)
+    sim = dropped("sphere", 1.0, 1.0, dt, scheme=scheme)
     path = []
     for _ in range(round(20.0 / dt)):
         sim.step()
@@ -68,6 +74,20 @@ def test_an_elastic_ball_bounces_for_ever(dt: float) -> None:
     tops = path[1:-1][(path[1:-1] >= path[:-2]) & (path[1:-1] > path[2:])]
     assert tops.size >= 20
     assert tops == pytest.approx(1.0, rel=1.0e-3)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 1.0])
+def test_a_bounce_of_second_order_keeps_its_parabola(restitution: float) -> None:
+    """Between bounces g z + v^2/2 is e^2 times what it was, to rounding, and never more."""
+    sim = dropped("sphere", restitution, 1.0, 1.0 / 60.0, scheme="generalized_alpha")
+    seen = []
+    for _ in range(70):
+        sim.step()
+        height, speed = sim.pose[0, 2] - 0.25, sim.velocity[0, 2]
+        seen.append(float(height + 0.5 * speed**2 / G))
+    bounces = np.log(seen) / (2.0 * np.log(restitution)) if restitution < 1.0 else np.log(seen)
+    np.testing.assert_allclose(bounces, np.round(bounces), atol=1.0e-4)
+    assert np.diff(seen).max() < 1.0e-6
 
 
 def test_restitution_of_two_shapes_is_their_mean_within_0_and_1() -> None:

@@ -18,7 +18,7 @@ from joint_scenes import (
     transform,
 )
 from scipy.integrate import solve_ivp
-from test_second_order import STEPS, assert_second_order
+from test_second_order import ALPHA, STEPS, assert_second_order
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 
@@ -44,7 +44,7 @@ def hinged(arm: float = ARM, q: float = 0.0, qd: float = 0.0, **axis: Any) -> ne
 
 def angle(builder: newton.ModelBuilder, seconds: float, dt: float) -> float:
     """First joint coordinate after a while [rad]."""
-    sim = simulate(builder, dt=dt)
+    sim = simulate(builder, dt=dt, scheme=ALPHA)
     sim.run(seconds)
     return float(coordinates(sim)[0][0])
 
@@ -98,7 +98,7 @@ def test_a_stiff_drive_holds_and_does_not_ring() -> None:
     ke = 100.0 * INERTIA[1] * 60.0**2
     builder = hinged(arm=0.0, q=0.5, target_ke=ke, target_kd=0.0)
     builder.gravity = NO_GRAVITY
-    sim = simulate(builder, dt=1.0 / 60.0)
+    sim = simulate(builder, dt=1.0 / 60.0, scheme=ALPHA)
     start = sim.energy + 0.5 * ke * 0.5**2
     for _ in range(120):
         sim.step()
@@ -122,7 +122,7 @@ def test_friction_stops_a_hinge_where_it_belongs() -> None:
     # longer steps than elsewhere: rounding leaves 2e-5
     assert_second_order(lambda dt: abs(angle(scene(), 1.0, 4.0 * dt) - belongs), least=3.0)
     for dt in STEPS:
-        sim = simulate(scene(), dt=dt)
+        sim = simulate(scene(), dt=dt, scheme=ALPHA)
         sim.run(2.0)
         q = coordinates(sim)[0][0]
         assert q == pytest.approx(stop, abs=brake * dt**2 + 1.0e-4)
@@ -136,7 +136,7 @@ def test_a_limit_gives_no_energy_back() -> None:
     for dt in STEPS:
         builder = hinged(arm=0.0, qd=3.0, limit_lower=-1.0, limit_upper=0.7)
         builder.gravity = NO_GRAVITY
-        sim = simulate(builder, dt=dt)
+        sim = simulate(builder, dt=dt, scheme=ALPHA)
         energies = []
         for _ in range(round(0.5 / dt)):
             sim.step()
@@ -150,7 +150,7 @@ def test_a_pendulum_between_limits_only_loses_energy() -> None:
     """It falls from one limit to the other and leans there; a swing gains at most 1e-3 of it."""
     for dt in STEPS:
         builder = hinged(q=-0.5, qd=-2.0, limit_lower=-0.8, limit_upper=0.9)
-        sim = simulate(builder, dt=dt)
+        sim = simulate(builder, dt=dt, scheme=ALPHA)
         start = highest = sim.energy
         lowest = highest
         for _ in range(round(2.0 / dt)):

@@ -191,10 +191,10 @@ def test_what_hangs_on_a_body_that_is_put_hangs_while_others_sleep(is_child: boo
 
 SETTINGS = [
     {},
-    {"scheme": "euler"},
+    {"scheme": "generalized_alpha"},
     {"parallel": "bodies"},
     {"blocks": "body"},
-    {"blocks": "body", "scheme": "euler"},
+    {"blocks": "body", "scheme": "generalized_alpha"},
     {"blocks": "body", "parallel": "bodies"},
 ]
 
@@ -252,7 +252,7 @@ def test_a_string_far_beyond_a_bound_is_back_within_two_steps(
     "settings, steps",
     [
         ({}, 3),
-        ({"scheme": "euler"}, 3),
+        ({"scheme": "generalized_alpha"}, 3),
         ({"parallel": "bodies"}, 3),
         ({"blocks": "body"}, 20),
     ],

@@ -61,7 +61,7 @@ def throw(sim: Simulation) -> None:
     "settings",
     [
         {},
-        {"scheme": "euler"},
+        {"scheme": "generalized_alpha"},
         {"sleeping": True},
         {"blocks": "body"},
         {"parallel": "bodies"},

@@ -305,7 +305,7 @@ class SecondOrderFunctions:
 
 def make_second_order(effects: Effects) -> SecondOrderFunctions:
     """Generates the functions for a scene's effects."""
-    a, b = constants(RHO)
+    a, b = constants(0.0 if effects.cables else RHO)
 
     @wp.func
     def body_jumps(

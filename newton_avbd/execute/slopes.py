@@ -26,7 +26,8 @@ QUIET_WORLD = wp.constant(2)
 """Of a world: no velocity of what is held has changed."""
 
 RHO = 0.5
-"""Share that a step leaves of what is infinitely fast."""
+"""Share that a step leaves of what is infinitely fast; none of the tensions of cables, which would
+swing from step to step."""
 
 
 def constants(rho: float) -> tuple[float, float]:
