@@ -9,6 +9,10 @@ builds it without a network. ``DOCS_ONLINE=1`` links Newton's, Warp's and NumPy'
 
 import importlib.metadata
 import os
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent))  # plots.py
 
 project = "newton-avbd"
 author = "The newton-avbd Developers"
@@ -23,6 +27,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
+    "plots",
 ]
 exclude_patterns = ["_build"]
 
