@@ -19,7 +19,7 @@ from sphinx.util.docutils import SphinxDirective
 from newton_avbd.study.accuracy_front import front, usable
 from newton_avbd.study.accuracy_page import COLORS
 from newton_avbd.study.accuracy_run import Point
-from newton_avbd.study.accuracy_scenes import SCENES
+from newton_avbd.study.accuracy_scenes import ACCURACY_SCENES
 from newton_avbd.study.accuracy_solvers import MEASURED, Setting
 from newton_avbd.study.growth import QUANTITIES
 
@@ -29,7 +29,7 @@ SCRIPT = "plotly.min.js"
 
 def accuracy() -> go.Figure:
     """Error against cost: a scene at a time, all settings as points, the best of them as a line."""
-    files = [DOCS / "accuracy" / f"{scene}.json" for scene in SCENES]
+    files = [DOCS / "accuracy" / f"{scene}.json" for scene in ACCURACY_SCENES]
     scenes = [file.stem for file in files if file.exists()]
     figure, owners = go.Figure(), []
     for scene in scenes:
@@ -54,7 +54,7 @@ def accuracy() -> go.Figure:
                     visible=scene == scenes[0],
                 )
                 owners.append(scene)
-    _choose(figure, owners, {scene: SCENES[scene].summary for scene in scenes})
+    _choose(figure, owners, {scene: ACCURACY_SCENES[scene].summary for scene in scenes})
     figure.update_xaxes(type="log", title="computing for a simulated second [ms]")
     figure.update_yaxes(type="log", title="relative error", exponentformat="power")
     return figure
@@ -67,13 +67,12 @@ def growth() -> go.Figure:
     for quantity in QUANTITIES:
         for family in dict.fromkeys(point["family"] for point in points):
             chosen = [point for point in points if point["family"] == family]
+            text = [f"{point['contacts']:,} contacts, {point['sweeps']} sweeps" for point in chosen]
             figure.add_scatter(
                 x=[point["bodies"] for point in chosen],
                 y=[point[quantity] for point in chosen],
                 mode="lines+markers",
-                text=[
-                    f"{point['contacts']:,} contacts, {point['sweeps']} sweeps" for point in chosen
-                ],
+                text=text,
                 hovertemplate="%{x:,} bodies, %{text}<br>%{y:.3g}",
                 name=family,
                 visible=quantity == next(iter(QUANTITIES)),
