@@ -26,8 +26,9 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from newton_avbd.environments import RobotVectorEnv
 
 ENGINES = ("avbd", "mujoco")
-WORLDS = {"avbd": 64, "mujoco": 8}
-"""Environments in a batch: MuJoCo's run one after the other."""
+WORLDS = 8
+"""Environments in a batch. Updates of the policy learn from rollouts of CONTROLS / WORLDS controls
+of each; with more worlds, and shorter rollouts, fewer seeds learned to run."""
 
 CONTROLS = 4096
 """Controls of all environments between two updates of the policy."""
@@ -133,12 +134,11 @@ def main() -> None:
     parser.add_argument("--output", type=Path, help="file for the policy")
     args = parser.parse_args()
     torch.set_num_threads(1)  # networks this small gain nothing from more
-    worlds = WORLDS[args.engine]
-    envs = VecNormalize(make(args.engine, worlds, args.seed), gamma=DISCOUNT)
+    envs = VecNormalize(make(args.engine, WORLDS, args.seed), gamma=DISCOUNT)
     policy = PPO(
         "MlpPolicy",
         envs,
-        n_steps=CONTROLS // worlds,
+        n_steps=CONTROLS // WORLDS,
         batch_size=512,
         n_epochs=10,
         learning_rate=lambda left: 3.0e-4 * max(left, SLOWEST),
