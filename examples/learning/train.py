@@ -26,9 +26,8 @@ from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 from newton_avbd.environments import RobotVectorEnv
 
 ENGINES = ("avbd", "mujoco")
-WORLDS = 8
-"""Environments in a batch. Updates of the policy learn from rollouts of CONTROLS / WORLDS controls
-of each; with more worlds, and shorter rollouts, fewer seeds learned to run."""
+WORLDS = {"avbd": 64, "mujoco": 8}
+"""Environments in a batch, unless said otherwise: MuJoCo's run one after the other."""
 
 CONTROLS = 4096
 """Controls of all environments between two updates of the policy."""
@@ -130,15 +129,17 @@ def main() -> None:
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--engine", choices=ENGINES, default="avbd")
     parser.add_argument("--controls", type=int, default=1_500_000)
+    parser.add_argument("--worlds", type=int, help="environments (default: 64, mujoco 8)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--output", type=Path, help="file for the policy")
     args = parser.parse_args()
     torch.set_num_threads(1)  # networks this small gain nothing from more
-    envs = VecNormalize(make(args.engine, WORLDS, args.seed), gamma=DISCOUNT)
+    worlds = args.worlds or WORLDS[args.engine]
+    envs = VecNormalize(make(args.engine, worlds, args.seed), gamma=DISCOUNT)
     policy = PPO(
         "MlpPolicy",
         envs,
-        n_steps=CONTROLS // WORLDS,
+        n_steps=CONTROLS // worlds,
         batch_size=512,
         n_epochs=10,
         learning_rate=lambda left: 3.0e-4 * max(left, SLOWEST),
