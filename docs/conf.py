@@ -9,6 +9,10 @@ builds it without a network. ``DOCS_ONLINE=1`` links Newton's, Warp's and NumPy'
 
 import importlib.metadata
 import os
+import sys
+from pathlib import Path
+
+sys.path.append(str(Path(__file__).parent))  # plots.py
 
 project = "newton-avbd"
 author = "The newton-avbd Developers"
@@ -23,6 +27,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
+    "plots",
 ]
 exclude_patterns = ["_build"]
 
@@ -31,7 +36,7 @@ myst_heading_anchors = 4
 
 nitpicky = True
 nitpick_ignore_regex = [
-    ("py:.*", r"(newton|warp|wp|numpy|np|collections|typing)\..*"),
+    ("py:.*", r"(newton|warp|wp|numpy|np|gymnasium|collections|typing)\..*"),
     ("py:.*", r"newton_avbd\.(rows|topology)\..*"),  # what a user does not call
 ]
 

@@ -96,6 +96,7 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
         model: The model, with a world for each environment.
         solver: Its solver.
         task: What the robot is to do.
+        state: The present state of all worlds. A control changes it in place.
     """
 
     single_action_space: gymnasium.spaces.Box
@@ -142,7 +143,7 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
         self._pipeline = newton.CollisionPipeline(model)
         self._contacts = self._pipeline.contacts()
         self.solver = SolverAVBD(model, update_joint_state=True, workers=workers)
-        self._state, self._next = model.state(), model.state()
+        self.state, self._next = model.state(), model.state()
         self._control = model.control()
         self._rest = self._first_pose(single)
         low, high = model.mujoco.actuator_ctrlrange.numpy().reshape(num_envs, -1, 2)[0].T
@@ -233,9 +234,9 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
     def _steps(self) -> None:
         dt = self.task.duration / self.task.steps
         for _ in range(self.task.steps):
-            self._pipeline.collide(self._state, self._contacts)
-            self.solver.step(self._state, self._next, self._control, self._contacts, dt)
-            self._state, self._next = self._next, self._state
+            self._pipeline.collide(self.state, self._contacts)
+            self.solver.step(self.state, self._next, self._control, self._contacts, dt)
+            self.state, self._next = self._next, self.state
 
     def _start(self, chosen: Flags) -> None:
         """Start new episodes of the worlds of a mask, at random near the first pose."""
@@ -245,35 +246,35 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
         if self.model.joint_type.numpy()[0] == newton.JointType.FREE:
             q[:, 3:7] /= np.linalg.norm(q[:, 3:7], axis=1, keepdims=True)
         velocities = self.task.speed_noise * random.standard_normal((count, self._rates().shape[1]))
-        for array, values in ((self._state.joint_q, q), (self._state.joint_qd, velocities)):
+        for array, values in ((self.state.joint_q, q), (self.state.joint_qd, velocities)):
             everything = array.numpy().reshape(self.num_envs, -1).copy()
             everything[chosen] = values
             array.assign(everything.ravel())
         mask = wp.array(np.append(chosen, False), dtype=wp.bool, device=self.model.device)
         newton.eval_fk(
             self.model,
-            self._state.joint_q,
-            self._state.joint_qd,
-            self._state,
+            self.state.joint_q,
+            self.state.joint_qd,
+            self.state,
             mask[: self.num_envs],
         )
-        self.solver.reset(self._state, mask, flags=0)
+        self.solver.reset(self.state, mask, flags=0)
         self._elapsed[chosen] = 0
 
     def _coordinates(self) -> Array:
-        return self._state.joint_q.numpy().reshape(self.num_envs, -1)
+        return self.state.joint_q.numpy().reshape(self.num_envs, -1)
 
     def _rates(self) -> Array:
-        return self._state.joint_qd.numpy().reshape(self.num_envs, -1)
+        return self.state.joint_qd.numpy().reshape(self.num_envs, -1)
 
     def _torso(self) -> Array:
         """Positions of the robots' first bodies [m]."""
-        return self._state.body_q.numpy().reshape(self.num_envs, -1, 7)[:, 0, :3]
+        return self.state.body_q.numpy().reshape(self.num_envs, -1, 7)[:, 0, :3]
 
     def _observe(self) -> Array:
         axes = self.task.axes
         # Not by joint coordinates: Newton counts the hopper's at a point at its foot.
-        velocity = self._state.body_qd.numpy().reshape(self.num_envs, -1, 6)[:, 0, axes]
+        velocity = self.state.body_qd.numpy().reshape(self.num_envs, -1, 6)[:, 0, axes]
         rates = np.hstack([velocity, self._rates()[:, len(axes) :]])
         posture = self._coordinates()[:, len(axes) :]
         return np.hstack([self._torso()[:, 2:], posture, np.clip(rates, -FASTEST, FASTEST)])

@@ -110,10 +110,10 @@ def test_a_hopper_moves_as_in_mujoco() -> None:
     envs.reset(seed=0)
     q = np.tile(envs._rest, (WORLDS, 1))
     q[:, 1] += 0.2
-    envs._state.joint_q.assign(q.ravel())
-    envs._state.joint_qd.zero_()
-    newton.eval_fk(envs.model, envs._state.joint_q, envs._state.joint_qd, envs._state)
-    envs.solver.reset(envs._state, flags=0)
+    envs.state.joint_q.assign(q.ravel())
+    envs.state.joint_qd.zero_()
+    newton.eval_fk(envs.model, envs.state.joint_q, envs.state.joint_qd, envs.state)
+    envs.solver.reset(envs.state, flags=0)
     folder = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
     model = mujoco.MjModel.from_xml_path(str(folder / "hopper.xml"))
     data = mujoco.MjData(model)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Isaac Lab selects SolverAVBD by configuration.
 
-Isaac Lab needs a GPU, so that a stand-in with its names, signatures and order of calls takes its
-place. They are those of the package isaaclab_newton in release 3.0.0 (commit 02e6839 of
+Isaac Lab 3.0.0 pins Newton 1.6.1, so that a stand-in with its names, signatures and order of calls
+takes its place. They are those of the package isaaclab_newton in release 3.0.0 (commit 02e6839 of
 github.com/isaac-sim/IsaacLab has that version; its page "Extending Newton Solvers" states the
 contract), and of the development branch after it (newton_manager.py of commit 9aa79e7).
 """

@@ -6,6 +6,7 @@ import newton
 import numpy as np
 import pytest
 
+from newton_avbd.commands import COMMANDS
 from newton_avbd.study import learning
 
 pytest.importorskip("gymnasium")
@@ -63,3 +64,8 @@ def test_the_policy_and_the_starts_are_fixed() -> None:
     np.testing.assert_array_equal(runs[0].returns, runs[1].returns)
     assert runs[0].lost == 0 and runs[0].rate > 0.0
     assert np.ptp(runs[0].lengths) > 0
+
+
+def test_the_tasks_of_the_help_s_examples_exist() -> None:
+    named = [typed for typed, _ in COMMANDS["learning"].examples if not typed.startswith("-")]
+    assert named and set(named) <= set(learning.TASKS)

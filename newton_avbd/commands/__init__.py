@@ -73,7 +73,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
             "newton_avbd.commands.learning",
             "step tasks of dm_control and gymnasium, with MuJoCo beside",
             (
-                ("gymnasium:hopper", "one task"),
+                ("gymnasium/Ant-v5", "one task"),
                 ("--episodes 2 --controls 100", "all tasks, shorter"),
             ),
         ),
