@@ -121,11 +121,19 @@ def test_compare_drives_a_file_by_the_same_controls(tmp_path, capsys):
         <inertial pos="0.2 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></worldbody>
         <actuator><motor joint="hinge" gear="5"/></actuator></mujoco>"""
     )
-    arguments = ["--against", "mujoco", "--frames", "10", "--dt", "0.001", "--json"]
+    arguments = ["--solver", "mujoco", "--frames", "10", "--dt", "0.001"]
     for kind in ("sine", "random"):
-        assert main(["compare", str(path), "--ctrl", kind, *arguments]) == 0
+        assert main(["compare", str(path), "--ctrl", kind, *arguments, "--json"]) == 0
         found = json.loads(capsys.readouterr().out)
         assert 0.0 < found["distance_max"][-1] < 0.02 * 0.2
+        assert [course["solver"] for course in found["courses"]] == ["mujoco", "avbd"]
+        assert all(course["speed"][-1] > 0.0 for course in found["courses"])
+        # controls that a step holds are late by half of it, by 0.5 ms at 1 kHz, of 167 ms
+        assert all(0.0 < course["step_error"] < 0.02 * 0.2 for course in found["courses"])
+    assert main(["compare", str(path), "--ctrl", "sine", *arguments]) == 0
+    assert "Farthest apart in the end is body" in capsys.readouterr().out
+    assert main(["compare", str(path), "--ctrl", "sine", "--against", "vbd"]) == 2
+    assert "compare these two" in capsys.readouterr().err
     assert main(["compare", str(path), "--ctrl", "keyframe", *arguments]) == 2
     assert "no keyframe with 1 controls" in capsys.readouterr().err
     assert main(["compare", "fall", "--ctrl", "sine"]) == 2
