@@ -205,7 +205,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "dof_passive_stiffness": ("acts: Newton writes it to `joint_stiffness`", "`joint_stiffness`"),
     "dof_springref": ("acts: Newton writes it to `joint_rest_q`", "`joint_stiffness`"),
     "dof_ref": ("acts on lengths of actuators and tendons, and in equalities", "tests"),
-    "limit_margin": ("ignored: a rigid limit pushes at the limit, not before", ""),
+    "limit_margin": ("acts on rigid limits: they hold where the margin begins, as MuJoCo's stiff ones", ""),
     "solreflimit*": ("ignored: limits are rigid; with `compliant_contacts`, `limit_ke` acts", ""),
     "solimplimit": ("ignored, as `solreflimit`", ""),
     "solreffriction": ("ignored: friction holds without creep", ""),
