@@ -139,6 +139,19 @@ def test_compare_drives_a_file_by_the_same_controls(tmp_path, capsys):
     assert main(["compare", "fall", "--ctrl", "sine"]) == 2
 
 
+def test_actuators_that_no_importer_reads_are_named(tmp_path, capsys):
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>
+        <inertial pos="0.2 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></worldbody><actuator>
+        <motor joint="hinge"/><cylinder name="piston" joint="hinge"/></actuator></mujoco>"""
+    )
+    for driven in ([], ["--ctrl", "sine"]):
+        arguments = ["compare", str(path), "--against", "mujoco", "--frames", "1", *driven]
+        assert main(arguments) == 0
+        assert "without the actuator 'piston' (<cylinder>)" in capsys.readouterr().err
+
+
 def test_compare_prints_a_table_and_plots(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     path = tmp_path / "fall.png"
