@@ -52,6 +52,7 @@ from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
 from .slopes import JUMPED, QUIET_WORLD, SMOOTH, constants, end_axis, lead, next_slope, second_order
+from .tendons import meets_range
 from .trees import is_linked
 
 JOLT = wp.constant(0.5)
@@ -343,6 +344,10 @@ def make_bdf2(effects: Effects) -> Bdf2Functions:
         if wp.static(effects.cables):
             for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
                 if may_jerk(i, work, tree.cables):
+                    return False
+        if wp.static(effects.tendons and not effects.compliance):
+            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+                if meets_range(i, scale.h, tree):
                     return False
         if wp.static(effects.hard_limits):
             return not meets_limit(world, joints, worlds, work, tree, loops, history)
