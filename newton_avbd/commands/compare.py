@@ -47,8 +47,8 @@ class Course:
         test: What the scene's own test says; None where it has none.
         step_error: Distance at the end between this run and one at half the step [m], of the body
             that is off most; None where no such run was made.
-        passed: How far the joint that is farthest past its limits is past them at the end [m or
-            rad], and its label; None where all are within.
+        passed: How far a joint was past its limits at the end of a frame, at most [m or rad], and
+            its label; None where all were within.
     """
 
     solver: str
@@ -62,7 +62,7 @@ class Course:
     step_error: float | None = None
     passed: tuple[float, str] | None = None
 
-    def record(self, probe: Probe, simulation: Simulation) -> None:
+    def record(self, probe: Probe, simulation: Simulation, joints: Joints | None) -> None:
         """Add the simulation's present state."""
         state = simulation.state
         self.penetration.append(deepest_penetration(probe.separations(state)))
@@ -70,18 +70,18 @@ class Course:
         self.speed.append(probe.speed(state))
         if probe.overlaps:
             self.overlap.append(probe.overlap(state))
+        if joints is None:
+            return
+        passed = joints.limit_violation(state.body_q.numpy().astype(float))
+        if passed.max(initial=0.0) > max(PASSED, self.passed[0] if self.passed else 0.0):
+            worst = int(np.argmax(passed))
+            label = simulation.model.joint_label[joints.index[worst]]
+            self.passed = (float(passed[worst]), label)
 
     def close(self, simulation: Simulation) -> None:
         """Add what is known only at the end."""
         self.solver_ms, self.collision_ms = simulation.timer.milliseconds_per_step()
         self.test = simulation.verdict()
-        if simulation.model.joint_count:
-            joints = Joints.of(simulation.model)
-            passed = joints.limit_violation(simulation.state.body_q.numpy().astype(float))
-            if passed.max(initial=0.0) > PASSED:
-                worst = int(np.argmax(passed))
-                label = simulation.model.joint_label[joints.index[worst]]
-                self.passed = (float(passed[worst]), label)
 
 
 @dataclass
@@ -193,6 +193,7 @@ def _compare(
     frames = frames or one.frames
     probes = tuple(Probe(simulation.model) for simulation in pair)
     say_notes([*one.notes, *describe_overlaps(probes[0].overlaps)])
+    joints = Joints.of(one.model) if one.model.joint_count else None
     courses = (Course(names[0]), Course(names[1]))
     comparison = Comparison(
         scene=one.name,
@@ -204,7 +205,7 @@ def _compare(
 
     def record() -> None:
         for course, probe, simulation in zip(courses, probes, pair, strict=True):
-            course.record(probe, simulation)
+            course.record(probe, simulation, joints)
         poses = [simulation.state.body_q.numpy().astype(float) for simulation in pair]
         apart = distances(probes[0].bodies, *poses)
         comparison.distance_max.append(float(np.max(apart, initial=0.0)))
@@ -277,7 +278,7 @@ def _report(comparison: Comparison) -> str:
     if a.step_error is not None and b.step_error is not None:
         rows.append(row("at half the step ends apart by", lambda c: length(c.step_error)))
     if a.passed or b.passed:
-        rows.append(row("past limits of joints, at the end", lambda c: _beyond(c)))
+        rows.append(row("past limits of joints, ever", lambda c: _beyond(c)))
     apart = [("apart after", "most", "median")]
     last = len(comparison.time) - 1
     for frame in sorted({max(min(1, last), last * part // 4) for part in range(1, 5)}):
@@ -315,7 +316,7 @@ def _reasons(comparison: Comparison) -> list[str]:
             )
         if course.passed is not None:
             lines.append(
-                f"Limits are a reason: with {course.solver} joint '{course.passed[1]}' is "
+                f"Limits are a reason: with {course.solver} joint '{course.passed[1]}' was "
                 f"{course.passed[0]:.3g} (m or rad) past its own."
             )
     deep = [max(course.penetration) for course in comparison.courses]
