@@ -113,7 +113,9 @@ class Actuation:
                 kernels.compensate_axes,
                 self._dofs.size,
                 [
-                    *(self._joints, model.body_com, model.body_mass, model.body_world),
+                    *(model.joint_parent, model.joint_child, model.joint_X_p, model.joint_X_c),
+                    *(model.joint_qd_start, model.joint_dof_dim, model.joint_axis),
+                    *(model.body_com, model.body_mass, model.body_world),
                     *(model.gravity, model.mujoco.gravcomp, state.body_q, self._joint_q),
                     *(self._dofs, *self._carried, self._compensated),
                 ],

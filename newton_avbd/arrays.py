@@ -32,7 +32,7 @@ from .execute.launch import Launcher
 from .execute.scan import scratch_size
 from .execute.sleeping import AWAKE, STILL
 from .large import LARGE, LargeWorlds, obstacles
-from .limits import limit_law
+from .limits import limit_law, limits_within_margins
 from .rows.joint import KINDS
 from .settings import Settings
 from .solved import SolvedModel, solved_model
@@ -646,10 +646,18 @@ class SolverArrays:
         return ctrl
 
     def _make_limit_law(self) -> None:
-        """What MuJoCo's law of compliant limits takes, where the model has such limits."""
+        """What MuJoCo's law of compliant limits takes, or where margins put rigid ones."""
         # graphs that were captured before go on using the old arrays
         self._retired.append((self._limit_law,))
-        self._limit_law = limit_law(self.model) if self._flags.limit_impedance else {}
+        if self._flags.limit_impedance:
+            self._limit_law = limit_law(self.model)
+        elif self._flags.limits and not self._flags.compliance:
+            self._limit_law = limits_within_margins(self.model)
+        else:
+            self._limit_law = {}
+        if self._solved.joint_count:
+            self._joints.limit_lower = self._solved.joint_limit_lower
+            self._joints.limit_upper = self._solved.joint_limit_upper
         for name, values in self._limit_law.items():
             setattr(self._joints, name, values)
 

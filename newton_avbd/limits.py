@@ -84,3 +84,26 @@ def limit_law(model: newton.Model) -> dict[str, wp.array]:
         "limit_impedance": mujoco.solimplimit,
         "limit_margin": margin,
     }
+
+
+def limits_within_margins(model: newton.Model) -> dict[str, wp.array]:
+    """Rigid limits where a file authors a margin (``mujoco:limit_margin``), else nothing.
+
+    MuJoCo's limits push until the coordinate is a margin inside of them, so the stiffer they are
+    the closer it comes to that. Margins that overlap meet in the middle of the range.
+
+    Args:
+        model: The user's model.
+
+    Returns:
+        Arrays of :class:`.data.JointModel`, each of shape (dofs,).
+    """
+    margin = getattr(getattr(model, "mujoco", None), "limit_margin", None)
+    if margin is None or not np.any(margin.numpy() > 0.0):
+        return {}
+    lower, upper = model.joint_limit_lower.numpy(), model.joint_limit_upper.numpy()
+    inside = np.minimum(np.maximum(margin.numpy(), 0.0), 0.5 * np.maximum(upper - lower, 0.0))
+    return {
+        "limit_lower": wp.array(lower + inside, dtype=float, device=model.device),
+        "limit_upper": wp.array(upper - inside, dtype=float, device=model.device),
+    }

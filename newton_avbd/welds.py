@@ -127,14 +127,15 @@ def _find_welds(model: newton.Model, breakable: bool) -> np.ndarray:
 
 
 def _leads_a_tree(model: newton.Model, is_weld: np.ndarray) -> np.ndarray:
-    """Which joints outside of trees tie what a tree moves to a link that stands still or is led.
+    """Which joints outside of trees tie what a tree moves to what stands still or is led.
 
-    So MuJoCo's welds to mocap bodies come out. They pull the tree as far as its other joints let
-    them; welded to the mocap body, a link would leave those behind.
+    So MuJoCo's welds to the world and to mocap bodies come out. They pull the tree as far as its
+    other joints let them; welded to the mocap body, a link would leave those behind, and welded to
+    the world it would stay where the state puts it.
     """
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
     is_outside = model.joint_articulation.numpy() < 0
-    candidates = is_weld & is_outside & (parent >= 0)
+    candidates = is_weld & is_outside
     if not np.any(candidates):
         return candidates
     root = _spanning_forest(model, np.flatnonzero(is_weld & ~is_outside))[1]

@@ -505,6 +505,43 @@ def test_compensation_by_actuators_counts_towards_their_limit(through: bool) -> 
     assert q == pytest.approx(expected, rel=2.0e-3, abs=1.0e-7)
 
 
+@pytest.mark.parametrize("effort", [1.0, 100.0])
+def test_compensation_by_actuators_sees_the_axes_of_an_arm_on_a_welded_base(effort: float) -> None:
+    """The base is welded to the world and turned, and a load welded to the arm.
+
+    Welded links are one body of the solver, which numbers bodies and joints by itself.
+    """
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -G))
+    SolverMuJoCo.register_custom_attributes(builder)
+    inertia = wp.mat33(*np.diag([0.3, INERTIA, 0.4]).ravel())
+    lifted = {"mujoco:gravcomp": 1.0}
+    base, stand = builder.add_link(mass=1.0, inertia=inertia), builder.add_link()
+    arm = builder.add_link(mass=2.0, inertia=inertia, com=(0.2, 0.0, 0.0), custom_attributes=lifted)
+    load = builder.add_link(mass=1.0, inertia=inertia, custom_attributes=lifted)
+    ahead = wp.transform((0.3, 0.0, 0.0), wp.quat_identity())
+    turned = wp.transform(
+        (0.0, 0.0, 1.0), wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), wp.pi / 2)
+    )
+    joints = [
+        builder.add_joint_fixed(-1, base, parent_xform=turned),
+        builder.add_joint_fixed(base, stand),
+        builder.add_joint_revolute(
+            stand,
+            arm,
+            axis=(0.0, 1.0, 0.0),
+            effort_limit=effort,
+            custom_attributes={"mujoco:jnt_actgravcomp": True},
+        ),
+        builder.add_joint_fixed(arm, load, parent_xform=ahead),
+    ]
+    builder.add_articulation(joints)
+    q = coordinates(builder.finalize(device="cpu"), [], 20)[-1, 0]
+    inertia_there = 2.0 * INERTIA + 2.0 * 0.2**2 + 0.3**2
+    rest = max(0.0, G * (2.0 * 0.2 + 0.3) - effort)
+    expected = rest / (2.0 * inertia_there) * 0.02 * (0.02 + DT)
+    assert q == pytest.approx(expected, rel=2.0e-3, abs=1.0e-7)
+
+
 def test_bad_control_is_named() -> None:
     model = scene('<motor joint="hinge"/>')
     solver = SolverAVBD(model)

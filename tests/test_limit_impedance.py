@@ -140,3 +140,30 @@ def test_the_reference_pose_leaves_the_model_s_pose_alone() -> None:
     model.joint_q.fill_(0.3)
     SolverAVBD(model, compliant_contacts=True)
     np.testing.assert_array_equal(model.joint_q.numpy(), np.float32(0.3))
+
+
+@pytest.mark.parametrize("settings", [{}, {"blocks": "body"}, {"parallel": "bodies"}])
+def test_a_rigid_limit_holds_where_its_margin_begins(settings: dict) -> None:
+    """MuJoCo pushes until the coordinate is the margin inside, so its stiff limits hold there."""
+    rigid = {"compliant_contacts": False} | settings
+    for ends, torque, expected in (
+        ("0 2", -3.0, 0.1),
+        ("0 2", 30.0, 1.9),
+        ("0 0.1", 3.0, 0.05),  # margins that overlap meet
+    ):
+        path = angles(arm('margin="0.1"', ends), torque, 1e-2, 60, (0.05, 0.0), **rigid)
+        assert path[-1] == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_margin_that_the_user_takes_away_is_gone_after_the_notice() -> None:
+    model = arm('margin="0.1"')
+    solver = SolverAVBD(model, update_joint_state=True)
+    state, control = model.state(), model.control()
+    control.mujoco.ctrl.fill_(-3.0)
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    for expected in (0.1, 0.0):
+        for _ in range(60):
+            solver.step(state, state, control, None, 1e-2)
+        assert state.joint_q.numpy()[0] == pytest.approx(expected, abs=1e-5)
+        model.mujoco.limit_margin.zero_()
+        solver.notify_model_changed(newton.ModelFlags.JOINT_DOF_PROPERTIES)

@@ -404,3 +404,38 @@ def test_a_weld_to_a_still_link_outside_of_the_tree_pulls_the_arm_there(blocks: 
     newton.eval_ik(model, state, state.joint_q, state.joint_qd)
     np.testing.assert_allclose(state.joint_q.numpy(), angles, atol=1e-4)
     np.testing.assert_allclose(state.body_q.numpy()[hand, :3], goal, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("gap", "settings"),
+    [
+        (0.2, {}),
+        (0.2, {"scheme": "generalized_alpha"}),
+        (0.2, {"parallel": "bodies"}),
+        # body by body, a gap closes that is small beside the radius of gyration, 0.1 m
+        (0.02, {"blocks": "body"}),
+    ],
+)
+def test_a_weld_to_the_world_pulls_a_tree_there_from_where_the_state_puts_it(
+    gap: float, settings: dict
+) -> None:
+    """Two slides let the hand go anywhere in a plane, and a weld puts it off where it starts."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    inertia = wp.mat33(*(0.01 * np.eye(3)).ravel())
+    sledge, hand = (builder.add_link(mass=1.0, inertia=inertia) for _ in range(2))
+    joints = [
+        builder.add_joint_prismatic(-1, sledge, axis=(1.0, 0.0, 0.0)),
+        builder.add_joint_prismatic(sledge, hand, axis=(0.0, 1.0, 0.0)),
+    ]
+    builder.add_articulation(joints)
+    goal = gap * np.array([1.0, -1.5, 0.0])
+    builder.add_joint_fixed(-1, hand, parent_xform=transform(goal))
+    model = builder.finalize(device="cpu")
+    solver, state, after = SolverAVBD(model, **settings), model.state(), model.state()
+    for _ in range(120):
+        solver.step(state, after, model.control(), None, DT)
+        state, after = after, state
+    np.testing.assert_allclose(state.body_q.numpy()[hand, :3], goal, atol=1e-5)
+    np.testing.assert_allclose(state.body_q.numpy()[sledge, :3], [goal[0], 0.0, 0.0], atol=1e-5)
+    # the correction of a gap is no velocity
+    np.testing.assert_allclose(state.body_qd.numpy(), 0.0, atol=1e-5)

@@ -16,6 +16,7 @@ from newton_avbd.io import Request, Simulation, UserError, open_scene, require
 from newton_avbd.io.controls import CONTROLS
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.measure import Probe, deepest_penetration, distances
+from newton_avbd.study.measure_joints import Joints
 from newton_avbd.study.overlaps import describe_overlaps
 
 from .options import add_scene_arguments, check_writable, device_notes, use_device
@@ -24,6 +25,10 @@ from .terminal import Interruption, gathered_warnings, interruptible, progress, 
 
 COLORS = ("#0072b2", "#d55e00")
 """Colors of the two solvers in a plot, told apart by every kind of color vision."""
+ACTUATED = ("avbd", "mujoco")
+"""Solvers that read ``control.mujoco.ctrl``."""
+PASSED = 1.0e-4
+"""How far a joint has to be past its limits to be named [m or rad]."""
 
 
 @dataclass
@@ -40,6 +45,10 @@ class Course:
         solver_ms: Median time of a solver step [ms].
         collision_ms: Time of collision detection a step [ms]; 0 where the solver includes it.
         test: What the scene's own test says; None where it has none.
+        step_error: Distance at the end between this run and one at half the step [m], of the body
+            that is off most; None where no such run was made.
+        passed: How far a joint was past its limits at the end of a frame, at most [m or rad], and
+            its label; None where all were within.
     """
 
     solver: str
@@ -50,8 +59,10 @@ class Course:
     solver_ms: float = 0.0
     collision_ms: float = 0.0
     test: str | None = None
+    step_error: float | None = None
+    passed: tuple[float, str] | None = None
 
-    def record(self, probe: Probe, simulation: Simulation) -> None:
+    def record(self, probe: Probe, simulation: Simulation, joints: Joints | None) -> None:
         """Add the simulation's present state."""
         state = simulation.state
         self.penetration.append(deepest_penetration(probe.separations(state)))
@@ -59,6 +70,13 @@ class Course:
         self.speed.append(probe.speed(state))
         if probe.overlaps:
             self.overlap.append(probe.overlap(state))
+        if joints is None:
+            return
+        passed = joints.limit_violation(state.body_q.numpy().astype(float))
+        if passed.max(initial=0.0) > max(PASSED, self.passed[0] if self.passed else 0.0):
+            worst = int(np.argmax(passed))
+            label = simulation.model.joint_label[joints.index[worst]]
+            self.passed = (float(passed[worst]), label)
 
     def close(self, simulation: Simulation) -> None:
         """Add what is known only at the end."""
@@ -79,6 +97,9 @@ class Comparison:
         distance_max: Largest distance between the places that the two solvers give to a body's
             center of mass, in each frame [m].
         distance_median: Median of the same [m].
+        body: Label of the body that the two put farthest apart at the end; None without bodies
+            that move.
+        moved: How far that body is from its start in each of the two [m].
     """
 
     scene: str
@@ -88,6 +109,8 @@ class Comparison:
     courses: tuple[Course, Course]
     distance_max: list[float] = field(default_factory=list)
     distance_median: list[float] = field(default_factory=list)
+    body: str | None = None
+    moved: tuple[float, float] = (0.0, 0.0)
 
     def keep(self, count: int) -> None:
         """Keep ``count`` frames: Ctrl-C may have cut the record of one more short."""
@@ -104,8 +127,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--against",
         choices=SOLVERS,
-        default="vbd",
-        help="solver to compare with (default: %(default)s)",
+        help="solver to compare with (default: vbd; avbd where --solver is another one)",
     )
     parser.add_argument(
         "--ctrl",
@@ -122,16 +144,29 @@ def main(args: argparse.Namespace) -> int:
     use_device(args.device)
     if args.png:
         require("matplotlib")
-    with gathered_warnings():
-        pair = tuple(
-            open_scene(
-                args.scene,
-                Request(solver, args.iterations, args.dt, None, args.arguments, args.ctrl),
-            )
-            for solver in (args.solver, args.against)
+    against = args.against or _rival(args)
+    names = (args.solver, against)
+    if args.ctrl and not set(names) <= set(ACTUATED):
+        raise UserError(
+            f"--ctrl drives actuators of MuJoCo, which only {' and '.join(ACTUATED)} have; compare "
+            f"these two"
         )
+
+    def open_pair(dt: float | None) -> tuple[Simulation, ...]:
+        with gathered_warnings():
+            return tuple(
+                open_scene(
+                    args.scene,
+                    Request(solver, args.iterations, dt, None, args.arguments, args.ctrl),
+                )
+                for solver in names
+            )
+
+    pair = open_pair(args.dt)
     say_notes(device_notes(args.device))
-    comparison, interruption = _compare(pair, (args.solver, args.against), args.frames)
+    comparison, interruption = _compare(pair, names, args.frames)
+    if args.ctrl and not interruption.happened:
+        _refine(comparison, pair, open_pair(0.5 * pair[0].dt))
     if args.json:
         print(json.dumps(dataclasses.asdict(comparison), indent=2))
     else:
@@ -139,6 +174,13 @@ def main(args: argparse.Namespace) -> int:
     if args.png:
         _plot(comparison, args.png)
     return interruption.status(0)
+
+
+def _rival(args: argparse.Namespace) -> str:
+    """The solver to compare with where the user names none."""
+    if args.solver != "avbd":
+        return "avbd"
+    return "mujoco" if args.ctrl else "vbd"
 
 
 def _compare(
@@ -151,6 +193,7 @@ def _compare(
     frames = frames or one.frames
     probes = tuple(Probe(simulation.model) for simulation in pair)
     say_notes([*one.notes, *describe_overlaps(probes[0].overlaps)])
+    joints = Joints.of(one.model) if one.model.joint_count else None
     courses = (Course(names[0]), Course(names[1]))
     comparison = Comparison(
         scene=one.name,
@@ -162,7 +205,7 @@ def _compare(
 
     def record() -> None:
         for course, probe, simulation in zip(courses, probes, pair, strict=True):
-            course.record(probe, simulation)
+            course.record(probe, simulation, joints)
         poses = [simulation.state.body_q.numpy().astype(float) for simulation in pair]
         apart = distances(probes[0].bodies, *poses)
         comparison.distance_max.append(float(np.max(apart, initial=0.0)))
@@ -177,7 +220,33 @@ def _compare(
     comparison.keep(len(comparison.distance_median))
     for course, simulation in zip(courses, pair, strict=True):
         course.close(simulation)
+    bodies = probes[0].bodies
+    moving = np.flatnonzero(bodies.moving)
+    if moving.size:
+        start = one.model.state().body_q.numpy().astype(float)
+        ends = [simulation.state.body_q.numpy().astype(float) for simulation in pair]
+        worst = int(np.argmax(np.nan_to_num(distances(bodies, *ends), nan=np.inf)))
+        comparison.body = one.model.body_label[moving[worst]]
+        one_way, other_way = (distances(bodies, start, end)[worst] for end in ends)
+        comparison.moved = (float(one_way), float(other_way))
     return comparison, interruption
+
+
+def _refine(
+    comparison: Comparison, pair: tuple[Simulation, ...], finer: tuple[Simulation, ...]
+) -> None:
+    """Repeat both runs at half the step, and say how far from them each ends."""
+    frames = len(comparison.time) - 1
+    with interruptible() as interruption:
+        for _ in progress(range(frames), frames, f"{comparison.scene}, half the step"):
+            for simulation in finer:
+                simulation.advance()
+    if interruption.happened:
+        return
+    bodies = Probe(pair[0].model).bodies
+    for course, coarse, fine in zip(comparison.courses, pair, finer, strict=True):
+        ends = (run.state.body_q.numpy().astype(float) for run in (coarse, fine))
+        course.step_error = float(np.max(distances(bodies, *ends), initial=0.0))
 
 
 def _report(comparison: Comparison) -> str:
@@ -206,6 +275,10 @@ def _report(comparison: Comparison) -> str:
         rows.append(row("overlap of links, for good", lambda c: length(c.overlap[-1])))
     if a.test is not None or b.test is not None:
         rows.append(row("the example's own test", lambda c: c.test or "none"))
+    if a.step_error is not None and b.step_error is not None:
+        rows.append(row("at half the step ends apart by", lambda c: length(c.step_error)))
+    if a.passed or b.passed:
+        rows.append(row("past limits of joints, ever", lambda c: _beyond(c)))
     apart = [("apart after", "most", "median")]
     last = len(comparison.time) - 1
     for frame in sorted({max(min(1, last), last * part // 4) for part in range(1, 5)}):
@@ -216,7 +289,43 @@ def _report(comparison: Comparison) -> str:
                 length(comparison.distance_median[frame]),
             )
         )
-    return f"{table(rows)}\n\n{table(apart)}"
+    return "\n\n".join([table(rows), table(apart), *_reasons(comparison)])
+
+
+def _beyond(course: Course) -> str:
+    """How far a joint is past its limits."""
+    return f"{course.passed[0] if course.passed else 0.0:.3g}"
+
+
+def _reasons(comparison: Comparison) -> list[str]:
+    """A sentence on where the two differ most in the end, and one for each reason that is known."""
+    apart = comparison.distance_max[-1]
+    if comparison.body is None:
+        return []
+    one, other = comparison.courses
+    lines = [
+        f"Farthest apart in the end is body '{comparison.body}': by {length(apart)}, after moving "
+        f"by {length(comparison.moved[0])} with {one.solver} and by "
+        f"{length(comparison.moved[1])} with {other.solver}."
+    ]
+    for course in comparison.courses:
+        if course.step_error is not None and course.step_error > 0.25 * apart > 0.0:
+            lines.append(
+                f"The step is a reason: with half of it {course.solver} ends "
+                f"{length(course.step_error)} elsewhere. Try a smaller --dt."
+            )
+        if course.passed is not None:
+            lines.append(
+                f"Limits are a reason: with {course.solver} joint '{course.passed[1]}' was "
+                f"{course.passed[0]:.3g} (m or rad) past its own."
+            )
+    deep = [max(course.penetration) for course in comparison.courses]
+    if abs(deep[0] - deep[1]) > 0.1 * apart > 0.0:
+        lines.append(
+            f"Contacts are a reason: shapes were {length(deep[0])} deep with {one.solver} and "
+            f"{length(deep[1])} with {other.solver}."
+        )
+    return ["\n".join(lines)]
 
 
 def _plot(comparison: Comparison, path: Path) -> None:

@@ -161,7 +161,13 @@ def forget_tendons(
 @wp.kernel(**KERNEL)
 def compensate_axes(
     # Model:
-    joints: wp.array[JointModel],
+    parent: wp.array[wp.int32],
+    child: wp.array[wp.int32],
+    parent_frame: wp.array[wp.transform],
+    child_frame: wp.array[wp.transform],
+    dof_start: wp.array[wp.int32],
+    dof_dim: wp.array2d[wp.int32],
+    axes: wp.array[wp.vec3],
     com: wp.array[wp.vec3],
     mass: wp.array[float],
     world: wp.array[wp.int32],
@@ -180,22 +186,23 @@ def compensate_axes(
 ):
     """Generalized force of the compensation of the links that an axis carries; one thread an axis.
 
-    Those whose actuators do not compensate have no links.
+    Those whose actuators do not compensate have no links. Joints and links are those of the user's
+    model, where welded links are bodies of their own.
     """
     i = wp.tid()
     total = float(0.0)
     joint = joint_of[i]
-    first = joints[0].dof_start[joint]
-    linear = joints[0].dof_dim[joint, 0]
-    base = joints[0].parent_frame[joint]
-    if joints[0].parent[joint] >= 0:
-        base = wp.transform_multiply(body_q[joints[0].parent[joint]], base)
+    first = dof_start[joint]
+    linear = dof_dim[joint, 0]
+    base = parent_frame[joint]
+    if parent[joint] >= 0:
+        base = wp.transform_multiply(body_q[parent[joint]], base)
     turned = wp.transform_get_rotation(base)
     for k in range(first + linear, dofs[i]):
         angle = joint_q[coordinate[i] + k - dofs[i]]
-        turned = turned * wp.quat_from_axis_angle(joints[0].axis[k], angle)
-    axis = wp.quat_rotate(turned, joints[0].axis[dofs[i]])
-    end = wp.transform_multiply(body_q[joints[0].child[joint]], joints[0].child_frame[joint])
+        turned = turned * wp.quat_from_axis_angle(axes[k], angle)
+    axis = wp.quat_rotate(turned, axes[dofs[i]])
+    end = wp.transform_multiply(body_q[child[joint]], child_frame[joint])
     anchor = wp.transform_get_translation(end)
     for k in range(start[i], start[i + 1]):
         link = links[k]

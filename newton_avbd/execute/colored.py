@@ -492,7 +492,7 @@ def make_colored(effects: Effects) -> Colored:
         scale = colors.scale[world]
         if colors.is_finite[world] == 0 or colors.has_impacts[world] == 1:
             colors.jumps[world] = 1
-        elif body_jumps(body, scale, joints, work, rows, tree, history):
+        elif body_jumps(worlds.rank[body], scale, joints, worlds, work, rows, tree, history):
             colors.jumps[world] = 1
         elif not goes_on_smoothly(body, body_q, body_qd, scale, model, work, rows, history):
             colors.breaks[world] = 1

@@ -62,6 +62,7 @@ from .slopes import (
     next_slope,
     second_order,
 )
+from .tendons import meets_range
 from .trees import is_linked
 
 JOLT = wp.constant(0.5)
@@ -309,15 +310,17 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
 
     @wp.func
     def body_jumps(
-        body: int,
+        i: int,
         scale: WorldScale,
         joints: wp.ref[JointModel],
+        worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
     ) -> bool:
         """Whether the velocity of a body is about to jump, or a linked body turns fast."""
+        body = body_at(i, worlds)
         if wp.static(effects.spinning):
             if wp.length_sq(work.spin_momentum[body]) > 0.0:
                 return True
@@ -328,6 +331,9 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                 # a compliant row's gap holds its damping by backward Euler
                 if rows.owned_start[body] < rows.owned_end[body]:
                     return True
+        if wp.static(effects.tendons and not effects.compliance):
+            if meets_range(i, scale.h, tree):
+                return True
         if wp.static(effects.joints and effects.hard_limits):
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
@@ -368,7 +374,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     ) -> bool:
         """Whether no velocity of a world is about to jump."""
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            if body_jumps(body_at(i, worlds), scale, joints, work, rows, tree, history):
+            if body_jumps(i, scale, joints, worlds, work, rows, tree, history):
                 return False
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):

@@ -51,6 +51,8 @@ from .trees import (
 FREE = wp.constant(1.0e6)
 """How much softer a row without a slope is than the bodies that it pulls are mobile: it then pushes
 with F but for a millionth, which the next sweep finds."""
+LIMIT_JOLT = wp.constant(1.0e-5)
+"""How far beyond its range the length of a tendon that goes on is about to be [m or rad]."""
 WILD = wp.constant(0.25)
 """Turn of a body in a sweep from which the curvature of a path counts with the most that it has at
 any turn [rad], where it is more than the body's inertia. Always, it would slow all light bodies."""
@@ -125,6 +127,24 @@ class TendonFunctions:
     settle_tendon: wp.Function
     tendon_wrench: wp.Function
     end_tendon: wp.Function
+
+
+@wp.func
+def meets_range(first: int, h: float, tree: wp.ref[TreeWork]) -> bool:
+    """Second order: whether the length of a tendon of a block is about to meet its range."""
+    closures = tree.closures
+    number = closures.block_of[first]
+    if number < 0:
+        return False
+    block = closures.blocks[number]
+    for c in range(block.first, block.end):
+        i = closures.closures[c].tendon
+        if i >= 0 and closures.closures[c].other < 0:
+            goes_to = wp.float32(tree.tendons.length[i]) + h * tree.tendons.motion[i].rate
+            ends = range_of(i, tree.tendons)
+            if goes_to < ends[0] - LIMIT_JOLT or goes_to > ends[1] + LIMIT_JOLT:
+                return True
+    return False
 
 
 def make_tendons(effects: Effects) -> TendonFunctions:

@@ -34,6 +34,9 @@ FRAMES = 240
 
 _MESH = re.compile(r"Mesh file '(.+?)' ([^;]+)")
 
+UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
+"""Kinds of MuJoCo's actuators that Newton's importer leaves out without a word."""
+
 GROUND_CLEARANCE = 0.01
 """Gap left between an asset that reaches below z = 0 and the ground put under it [m]."""
 
@@ -79,7 +82,7 @@ def _open_driven(path: Path, request: Request) -> ModelSimulation:
     except Exception as error:
         # The importer fails in as many ways as files can be wrong.
         raise UserError(f"cannot read {path}: {_reason(error)}") from error
-    simulation = simulate(path.name, path, builder, request, ())
+    simulation = simulate(path.name, path, builder, request, unread_actuators(path))
     assert request.ctrl is not None
     simulation.controls = Controls(request.ctrl, simulation.model, path)
     return simulation
@@ -97,6 +100,23 @@ def read_driven(path: Path, solver: str = "avbd") -> newton.ModelBuilder:
     _collide_by_hulls(builder)
     filter_neighbors(builder)
     return builder
+
+
+def unread_actuators(path: Path) -> tuple[str, ...]:
+    """A sentence on the actuators of an MJCF file that are of :data:`UNREAD` kinds, if any."""
+    found = [
+        f"'{element.get('name', '')}' (<{element.tag}>)"
+        for group in ElementTree.parse(path).getroot().iter("actuator")
+        for element in group
+        if element.tag in UNREAD
+    ]
+    if not found:
+        return ()
+    names = ", ".join(found)
+    return (
+        f"{path.name} goes on without the actuator{'s' * (len(found) > 1)} {names}: Newton's "
+        "importer does not read such. Write a <general> one of the same law.",
+    )
 
 
 def simulate(
@@ -161,7 +181,7 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         _add_mjcf(builder, path)
         _collide_by_hulls(builder)
         filter_neighbors(builder)
-        return builder, ()
+        return builder, unread_actuators(path)
     builder.add_usd(str(path))
     orphans = find_orphans(builder)
     if orphans:

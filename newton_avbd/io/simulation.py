@@ -108,7 +108,10 @@ class ModelSimulation:
         self.timer = StepTimer()
         self._pipeline = newton.CollisionPipeline(self.model)
         self._contacts = self._pipeline.contacts()
-        self._collide = not solvers.detects_collisions(self.solver)
+        # an MJCF file may turn contacts off, as the cart-pole's does, which starts in the ground
+        flag = getattr(getattr(self.model, "mujoco", None), "flag_contact", None)
+        has_contacts = flag is None or bool(flag.numpy()[0])
+        self._collide = has_contacts and not solvers.detects_collisions(self.solver)
         self.timer.watch_solver(self.solver)
         self.timer.watch_pipeline(self._pipeline)
         self._state, self._next = self.model.state(), self.model.state()

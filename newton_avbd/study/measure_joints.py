@@ -37,6 +37,7 @@ class Joints:
     direction.
 
     Attributes:
+        index: Each joint's index in the model, shape [n].
         parent: Body of each joint's parent, -1 for the world, shape [n].
         child: Body of each joint's child, shape [n].
         parent_frame: Pose of the anchor in the parent, shape [n, 7].
@@ -57,6 +58,7 @@ class Joints:
         ball: Whether a joint turns about no axes of its own, shape [n].
     """
 
+    index: NDArray[np.int64]
     parent: NDArray[np.int64]
     child: NDArray[np.int64]
     parent_frame: Array
@@ -107,6 +109,7 @@ class Joints:
                 if low >= -math.pi and high <= math.pi:
                     lower[row, 3 + place], upper[row, 3 + place] = low, high
         return cls(
+            index=chosen.astype(np.int64),
             parent=model.joint_parent.numpy()[chosen].astype(np.int64),
             child=model.joint_child.numpy()[chosen].astype(np.int64),
             parent_frame=model.joint_X_p.numpy()[chosen].astype(float),
