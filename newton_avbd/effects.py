@@ -512,6 +512,12 @@ class Effects:
         return self.joint_friction or self.effort_limits
 
     @property
+    def switching(self) -> bool:
+        """Whether something changes sides within a step: contacts, stops, bounded forces. Which do
+        may take more sweeps than other steps."""
+        return self.contact or self.laws
+
+    @property
     def balanced(self) -> bool:
         """Whether sweeps may end before they have settled, and the energy of such steps is
         bounded."""

@@ -5,7 +5,7 @@
 import newton
 import numpy as np
 import pytest
-from helpers import G, Simulation
+from helpers import NO_GRAVITY, G, Simulation
 from joint_scenes import (
     WORLD,
     add_link,
@@ -144,3 +144,34 @@ def test_a_stop_that_let_go_holds_what_presses_it_again() -> None:
     sim.step(240)
     assert np.abs(sim.velocity).max() < 1e-5
     assert coordinates(sim)[0][-1] > -1e-6
+
+
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_a_train_that_is_pulled_taut_keeps_its_momentum(scheme: str) -> None:
+    """The last of 24 wagons, none of whose couplings can give way, is hit away from the others.
+
+    All go at v/24 in that step. Couplings take the load one after the other, which takes more
+    sweeps than other steps have; when they ended before, the whole momentum was gone.
+    """
+    count, speed = 24, 1.0
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    joints, ahead = [], WORLD
+    for i in range(count):
+        wagon = add_link(builder, xform=transform((float(i), 0.0, 0.0)))
+        hung = transform((float(i > 0), 0.0, 0.0))
+        limits = {"limit_lower": -1.0, "limit_upper": 0.0} if i > 0 else {}
+        joints.append(
+            builder.add_joint_prismatic(
+                ahead, wagon, axis=(1.0, 0.0, 0.0), parent_xform=hung, **limits
+            )
+        )
+        ahead = wagon
+    builder.add_articulation(joints)
+    sim = simulate(builder, scheme=scheme)
+    sim.step(5)
+    sim.set_velocity(count - 1, (speed, 0.0, 0.0))
+    sim.step()
+    assert sim.velocity[:, 0] == pytest.approx(speed / count, rel=1.0e-3)
+    sim.step(60)
+    assert sim.velocity[:, 0] == pytest.approx(speed / count, rel=1.0e-3)
+    assert np.diff(sim.pose[:, 0]).max() < 1.0 + CLOSE

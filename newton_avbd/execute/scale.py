@@ -132,10 +132,11 @@ def is_unsettled(update: float, scale: WorldScale) -> bool:
 def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
     """Whether the last sweep's update, squared [m^2], says that impacts go on in a world.
 
-    A first sweep moves whatever is to move, and says nothing about that.
+    A first sweep moves whatever is to move, and says nothing about that. An update is infinite
+    where a stop changed sides.
     """
     struck = wp.max(impact_of(scale), settled_update(scale))
-    return sweeps > 1 and update > struck * struck and wp.isfinite(update)
+    return sweeps > 1 and update > struck * struck
 
 
 def make_count_passes(effects: Effects) -> wp.Function:

@@ -161,7 +161,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         recovery = float(0.0)
         has_islands = bool(False)
         has_not_settled = bool(False)
-        rounds = int(wp.static(1 if effects.ramp else 3 if effects.contact else 2))
+        rounds = int(wp.static(1 if effects.ramp else 3 if effects.switching else 2))
         for _round in range(rounds):
             if recovery == 0.0:
                 most = begin_sweeps(
@@ -200,7 +200,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             if recovery > 0.0:
                 break
             sweeps += taken
-            if wp.static(effects.contact and not effects.ramp):
+            if wp.static(effects.switching and not effects.ramp):
                 if sweeps == iterations and is_struck(sweeps, update, scale):
                     if wp.static(effects.piles):
                         stiffen_piles(world, scale, worlds, rows)
