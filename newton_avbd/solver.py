@@ -173,8 +173,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 ``"bodies"``, all blocks of a color at once, for large worlds; a block is then a
                 free body or an articulation. Scenes without contacts have no colors, and are solved
                 by worlds. None, the default, takes bodies on a GPU where a world has at least 256,
-                and neither ``sleeping``, a ``scheme`` of second order nor ``formulation="ramp"`` is
-                asked for.
+                and neither ``sleeping`` nor ``formulation="ramp"`` is asked for.
             sleeping: Islands, what contacts and joints link, are not solved any more once all their
                 bodies have been at rest for half a second, until something touches or drives them
                 or their state, forces or gravity change; see :attr:`status`. Each is solved for
