@@ -79,8 +79,9 @@ it goes: the error of backward Euler is half a step times it."""
 SLOW = wp.constant(1.0e-2)
 """Turn of a step [rad] up to which the mean of the spins at its ends keeps the energy of what
 flies: it gains 5e-8 of it a step at 0.05 rad, and some 5e-12 here."""
-MOST_TURN = wp.constant(1.0)
-"""Turn of a body in a step [rad] beyond which extrapolation says nothing."""
+MOST_TURN = wp.constant(0.3)
+"""Turn of a body in a step [rad] beyond which extrapolation says nothing: with 1, a light body on a
+stiff two-way tendon spins up without end."""
 
 
 @wp.func
