@@ -78,7 +78,7 @@ def coordinates(model: newton.Model, ctrl: list[float], steps: int, **settings: 
 
 def test_a_motor_with_gear_accelerates_its_hinge() -> None:
     """q = g u t^2/(2 I); backward Euler adds g u t dt/(2 I). Bound: rounding of 400 steps."""
-    q = coordinates(scene('<motor joint="hinge" gear="3"/>'), [0.1], 400)[-1, 0]
+    q = coordinates(scene('<motor joint="hinge" gear="3"/>'), [0.1], 400, scheme="euler")[-1, 0]
     assert q == pytest.approx(3.0 * 0.1 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
 
 
@@ -96,9 +96,9 @@ def test_control_is_clamped_to_its_range() -> None:
 
 @pytest.mark.parametrize("kp", [50.0, 1.0e7])
 def test_a_position_actuator_pushes_within_its_force_range(kp: float) -> None:
-    """On the way to its target it accelerates by the limit, however stiff it is."""
+    """On the way to its target it accelerates by the limit, however stiff; backward Euler."""
     actuator = f'<position joint="hinge" kp="{kp}" kv="{kp / 100.0}" forcerange="-0.2 0.5"/>'
-    q = coordinates(scene(actuator), [1.0], 400)[-1, 0]
+    q = coordinates(scene(actuator), [1.0], 400, scheme="euler")[-1, 0]
     assert q == pytest.approx(0.5 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-3)
 
 
@@ -106,7 +106,9 @@ def test_a_position_actuator_pushes_within_its_force_range(kp: float) -> None:
 def test_a_stiff_servo_holds_what_its_force_range_allows(load: float, gives: float) -> None:
     """Beyond it gives way to the rest of the load. Bound: load / kp, and rounding."""
     servo = '<position joint="hinge" kp="1e6" forcerange="-0.5 0.5"/>'
-    q = coordinates(scene(f'{servo}<motor joint="hinge"/>'), [0.0, load], 400)[-1, 0]
+    q = coordinates(scene(f'{servo}<motor joint="hinge"/>'), [0.0, load], 400, scheme="euler")[
+        -1, 0
+    ]
     expected = gives / (2.0 * INERTIA) * 0.4 * (0.4 + DT)
     assert q == pytest.approx(expected, rel=1.0e-3, abs=1.0e-6)
 
@@ -114,7 +116,7 @@ def test_a_stiff_servo_holds_what_its_force_range_allows(load: float, gives: flo
 def test_a_force_range_need_not_be_symmetric() -> None:
     """Of a range from 0.1 up the actuator pushes with 0.1 at least."""
     actuator = '<position joint="hinge" kp="50" forcerange="0.1 0.5"/>'
-    q = coordinates(scene(actuator), [-1.0], 400)[-1, 0]
+    q = coordinates(scene(actuator), [-1.0], 400, scheme="euler")[-1, 0]
     assert q == pytest.approx(0.1 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
 
 
@@ -136,7 +138,7 @@ def test_two_stiff_servos_hold_what_both_force_ranges_allow(load: float, gives: 
     actuators = servo.format(0.5) + servo.format(0.2) + '<motor joint="hinge"/>'
     model = scene(actuators)
     assert SolverAVBD(model).effects["force_ranges"].on
-    q = coordinates(model, [0.0, 0.0, load], 400)[-1, 0]
+    q = coordinates(model, [0.0, 0.0, load], 400, scheme="euler")[-1, 0]
     expected = gives / (2.0 * INERTIA) * 0.4 * (0.4 + DT)
     assert q == pytest.approx(expected, rel=1.0e-3, abs=1.0e-6)
 
@@ -147,7 +149,7 @@ def test_the_axis_limits_the_sum_of_its_actuators() -> None:
         '<position joint="hinge" kp="50"/><motor joint="hinge"/>',
         joint='actuatorfrcrange="-0.3 0.3"',
     )
-    q = coordinates(model, [1.0, 0.5], 400)[-1, 0]
+    q = coordinates(model, [1.0, 0.5], 400, scheme="euler")[-1, 0]
     assert q == pytest.approx(0.3 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
 
 
@@ -155,7 +157,10 @@ def test_a_servo_with_gear_follows_the_implicit_law() -> None:
     """(I/h^2 + g^2 (kp + kd/h)) dq = g (kp u - kp g q) + I v/h, in each step."""
     kp, kv, gear, u = 200.0, 5.0, 2.0, 0.7
     q = coordinates(
-        scene(f'<position joint="hinge" kp="{kp}" kv="{kv}" gear="{gear}"/>'), [u], 200
+        scene(f'<position joint="hinge" kp="{kp}" kv="{kv}" gear="{gear}"/>'),
+        [u],
+        200,
+        scheme="euler",
     )[:, 0]
     at, v = 0.0, 0.0
     for found in q:
@@ -187,7 +192,7 @@ def test_activation_drives_the_force(kind: str, early: bool) -> None:
         f'<general joint="hinge" dyntype="{kind}" {dynprm} gainprm="3" '
         f'actearly="{str(early).lower()}"/>'
     )
-    q = coordinates(scene(actuator), [0.5], 300)[-1, 0]
+    q = coordinates(scene(actuator), [0.5], 300, scheme="euler")[-1, 0]
     force = 3.0 * activation(kind, 301, 0.5)[int(early) :][:300]
     expected = DT * DT / INERTIA * np.sum(np.cumsum(force))
     assert q == pytest.approx(expected, rel=2.0e-4)
@@ -255,7 +260,9 @@ def test_a_muscle_without_a_length_range_is_an_error_that_names_it() -> None:
 
 
 def test_armature_of_an_actuator_is_inertia_by_gear_squared() -> None:
-    q = coordinates(scene('<motor joint="hinge" gear="2" armature="0.1"/>'), [0.1], 400)[-1, 0]
+    q = coordinates(
+        scene('<motor joint="hinge" gear="2" armature="0.1"/>'), [0.1], 400, scheme="euler"
+    )[-1, 0]
     assert q == pytest.approx(0.2 / (2.0 * (INERTIA + 0.4)) * 0.4 * (0.4 + DT), rel=1.0e-4)
 
 
@@ -266,7 +273,7 @@ def test_a_compensated_arm_weighs_less(share: float) -> None:
     com = model.body_com.numpy()
     com[0] = (0.2, 0.0, 0.0)
     model.body_com.assign(com)
-    solver = SolverAVBD(model, update_joint_state=True)
+    solver = SolverAVBD(model, update_joint_state=True, scheme="euler")
     assert solver.effects["gravity_compensation"].on
     q, _ = advance(model, solver, [], 50)
     whole = INERTIA + 2.0 * 0.2**2
@@ -286,7 +293,7 @@ def test_welded_links_are_compensated_each_at_its_own_com() -> None:
     weld = builder.add_joint_fixed(near, far, parent_xform=at)
     builder.add_articulation([hinge, weld])
     model = builder.finalize(device="cpu")
-    q = coordinates(model, [], 20)
+    q = coordinates(model, [], 20, scheme="euler")
     whole = 0.2 + 0.01 + 5.0 * 0.36
     assert q[-1, 0] == pytest.approx(G * 0.1 / (2.0 * whole) * 0.02 * (0.02 + DT), rel=1.0e-3)
 
@@ -297,7 +304,7 @@ TENDON = """<tendon><fixed name="cord" {has}>
 
 def test_a_motor_pulls_a_fixed_tendon_by_its_coefficients() -> None:
     model = scene('<motor tendon="cord" gear="3"/>', tendon=TENDON.format(has=""))
-    q = coordinates(model, [0.1], 400)[-1]
+    q = coordinates(model, [0.1], 400, scheme="euler")[-1]
     reach = 0.4 * (0.4 + DT) / 2.0
     assert q[0] == pytest.approx(2.0 * 0.3 / INERTIA * reach, rel=1.0e-4)
     assert q[1] == pytest.approx(-0.3 / 2.0 * reach, rel=1.0e-4)
@@ -450,7 +457,7 @@ def test_a_slider_crank_turns_its_wheel(on_wheel: str) -> None:
 def test_a_dc_motor_runs_up_to_its_no_load_speed() -> None:
     """v <- (v + h K V/(R I))/(1 + h K^2/(R I)): K/R (V - K v), with its own back-EMF implicit."""
     model = scene('<dcmotor joint="hinge" motorconst="0.6" resistance="0.2"/>')
-    q = coordinates(model, [3.0], 500)[:, 0]
+    q = coordinates(model, [3.0], 500, scheme="euler")[:, 0]
     v, at = 0.0, []
     for _ in range(500):
         v = (v + DT * 0.6 * 3.0 / (0.2 * INERTIA)) / (1.0 + DT * 0.36 / (0.2 * INERTIA))
@@ -499,7 +506,7 @@ def test_compensation_by_actuators_counts_towards_their_limit(through: bool) -> 
     com = model.body_com.numpy()
     com[0] = (0.2, 0.0, 0.0)
     model.body_com.assign(com)
-    q = coordinates(model, [], 20)[-1, 0]
+    q = coordinates(model, [], 20, scheme="euler")[-1, 0]
     rest = 2.0 * G * 0.2 - 1.0 if through else 0.0
     expected = rest / (2.0 * (INERTIA + 2.0 * 0.2**2)) * 0.02 * (0.02 + DT)
     assert q == pytest.approx(expected, rel=2.0e-3, abs=1.0e-7)

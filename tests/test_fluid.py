@@ -100,7 +100,7 @@ def test_a_spin_slows_down_by_the_formula(scheme: str, bound: float) -> None:
 
 def test_wind_takes_a_body_along() -> None:
     """Viscosity alone leaves exp(-c t/m) of the difference, backward Euler a step's part more."""
-    sim = falling_box(0.0, 5.0, gravity=NO_GRAVITY, wind=(1.0, -2.0, 3.0))
+    sim = falling_box(0.0, 5.0, gravity=NO_GRAVITY, wind=(1.0, -2.0, 3.0), scheme="euler")
     sim.run(1.0)
     rate = 3.0 * math.pi * EDGES.mean() * 5.0 / 48.0
     left = (1.0 + rate * in_float32(sim.dt)) ** -240

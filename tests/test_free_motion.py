@@ -39,7 +39,7 @@ def test_a_projectile_is_the_backward_euler_solution(with_shapes: bool) -> None:
         add_sphere(builder, position)
     else:
         add_mass(builder, position=position)
-    sim = Simulation(builder, collide=with_shapes)
+    sim = Simulation(builder, collide=with_shapes, scheme="euler")
     sim.set_velocity(0, VELOCITY)
     steps = 480
     sim.step(steps)
@@ -56,7 +56,7 @@ def test_free_fall_converges_with_order_one() -> None:
     for dt in (1.0 / 60.0, 1.0 / 120.0):
         builder = newton.ModelBuilder()
         add_mass(builder)
-        sim = Simulation(builder, dt=dt, collide=False)
+        sim = Simulation(builder, dt=dt, collide=False, scheme="euler")
         sim.run(1.0)
         errors.append(sim.pose[0, 2] - 0.5 * GRAVITY[2])
     assert errors[0] == pytest.approx(0.5 * GRAVITY[2] / 60.0, rel=1.0e-3)
@@ -72,7 +72,7 @@ def test_a_body_turns_about_its_center_of_mass() -> None:
     com = np.array([0.3, -0.2, 0.1])
     builder = newton.ModelBuilder()
     add_mass(builder, com=com)
-    sim = Simulation(builder, collide=False)
+    sim = Simulation(builder, collide=False, scheme="euler")
     sim.set_velocity(0, VELOCITY, (0.0, 0.0, 2.0))
     steps = 240
     sim.step(steps)
@@ -92,7 +92,7 @@ def test_force_and_torque_accelerate_by_mass_and_inertia(through: str) -> None:
     force, torque = np.array([4.0, -6.0, 8.0]), np.array([0.0, 0.05, 0.0])
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     add_mass(builder, mass=2.0, inertia=(0.2, 0.3, 0.4), com=(0.1, 0.2, 0.3))
-    sim = Simulation(builder, collide=False)
+    sim = Simulation(builder, collide=False, scheme="euler")
     if through == "body_f":
         sim.push(0, force, torque)
     else:

@@ -47,7 +47,7 @@ def test_an_axis_follows_its_law(kind: str, name: str) -> None:
     """
     law = LAWS[name]
     q, v = 0.1, -0.9
-    sim, inertia = axis_scene(kind, law, q, v)
+    sim, inertia = axis_scene(kind, law, q, v, scheme="euler")
     h = in_float32(sim.dt)
     fastest = 0.5
     for _ in range(240):
@@ -67,11 +67,13 @@ def test_an_axis_follows_its_law(kind: str, name: str) -> None:
 def test_modes_say_what_a_drive_follows(kind: str, mode: Mode) -> None:
     """POSITION damps to rest, VELOCITY has no stiffness, NONE and EFFORT leave all to ``joint_f``.
 
+    Each step is backward Euler's.
+
     So do SolverMuJoCo's actuators and SolverKamino's joint dynamics.
     """
     law = Law(**{**vars(DRIVE), "actuator_mode": mode, "force": 0.5})
     expected = law.without_drive() if mode in (Mode.NONE, Mode.EFFORT) else law
-    sim, inertia = axis_scene(kind, law, 0.1, -0.9)
+    sim, inertia = axis_scene(kind, law, 0.1, -0.9, scheme="euler")
     h = in_float32(sim.dt)
     q, v = 0.1, -0.9
     for _ in range(60):
@@ -82,7 +84,7 @@ def test_modes_say_what_a_drive_follows(kind: str, mode: Mode) -> None:
 
 def test_values_are_read_live() -> None:
     """Each of them acts from the step after it was changed on, also where there was none of it."""
-    sim, inertia = axis_scene("hinge", Law(target_kd=1.0), 0.1, -0.9)
+    sim, inertia = axis_scene("hinge", Law(target_kd=1.0), 0.1, -0.9, scheme="euler")
     law = Law(
         target_kd=1.0,
         effort_limit=0.4,

@@ -26,7 +26,9 @@ TURNED = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
 GAINS = [(0.0, 5.0), (100.0, 0.0), (100.0, 3.0), (1.0e4, 20.0), (1.0e6, 0.0)]
 
 
-def one_dof(kind: str, ke: float, kd: float, q: float, qd: float) -> tuple[Simulation, float]:
+def one_dof(
+    kind: str, ke: float, kd: float, q: float, qd: float, **settings: str
+) -> tuple[Simulation, float]:
     """A body of 2 kg on a turned slider or hinge without gravity, and what it weighs for its dof.
 
     The hinge runs through the COM, about a principal axis, so that the motion is linear.
@@ -47,7 +49,7 @@ def one_dof(kind: str, ke: float, kd: float, q: float, qd: float) -> tuple[Simul
     )
     builder.add_articulation([joint])
     set_coordinates(builder, joint, [q], [qd])
-    return simulate(builder), 2.0 if kind == "slider" else inertia[1]
+    return simulate(builder, **settings), 2.0 if kind == "slider" else inertia[1]
 
 
 @pytest.mark.parametrize(("ke", "kd"), GAINS)
@@ -61,7 +63,7 @@ def test_a_driven_dof_follows_the_implicit_law(kind: str, ke: float, kd: float) 
     """
     q, v = 0.2, -0.5
     target, target_v, force = 0.35, 0.7, 1.5
-    sim, inertia = one_dof(kind, ke, kd, q, v)
+    sim, inertia = one_dof(kind, ke, kd, q, v, scheme="euler")
     set_control(sim, joint_f=[force], joint_target_q=[target], joint_target_qd=[target_v])
     h = in_float32(sim.dt)
     scale = 0.0

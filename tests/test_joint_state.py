@@ -34,7 +34,7 @@ def test_a_joint_that_is_switched_off_lets_go() -> None:
     builder = newton.ModelBuilder()
     joints = add_hinge_chain(builder, 2, length=0.5, base=(0.0, 0.0, 3.0))
     set_coordinates(builder, joints[0], [np.pi / 2])
-    sim = simulate(builder)
+    sim = simulate(builder, scheme="euler")
     sim.run(0.25)
     assert np.abs(sim.velocity).max() < 1.0e-5
     hanging = sim.pose
@@ -110,7 +110,7 @@ def test_a_kinematic_root_carries_its_child(kind: str) -> None:
     assert np.linalg.norm(sim.velocity[child, :3]) > 0.5  # carried along
 
 
-def wheel(ke: float, kd: float) -> Simulation:
+def wheel(ke: float, kd: float, **settings: str) -> Simulation:
     """A body on a driven hinge through its COM, no gravity, joint state written."""
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     body = add_link(builder, inertia=(0.2, 0.25, 0.3))
@@ -123,7 +123,7 @@ def wheel(ke: float, kd: float) -> Simulation:
         target_kd=kd,
     )
     builder.add_articulation([joint])
-    return simulate(builder, update_joint_state=True)
+    return simulate(builder, update_joint_state=True, **settings)
 
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
@@ -133,7 +133,7 @@ def test_the_angle_of_a_hinge_keeps_counting_turns(direction: float) -> None:
     The drive takes the wheel up to speed as v' = (I v + dt kd target) / (I + dt kd). Bound 1e-3
     of a turn; ``joint_qd`` is the speed.
     """
-    sim = wheel(0.0, 5.0)
+    sim = wheel(0.0, 5.0, scheme="euler")
     target, inertia, h = direction * 8.0, 0.3, in_float32(sim.dt)
     set_control(sim, joint_target_qd=[target])
     q = v = 0.0
@@ -163,7 +163,7 @@ def test_turns_are_counted_without_writing_the_joint_state() -> None:
         WORLD, body, axis=(0.0, 0.0, 1.0), target_q=10.0, target_ke=60.0, target_kd=8.0
     )
     builder.add_articulation([joint])
-    sim = simulate(builder)
+    sim = simulate(builder, scheme="euler")
     turned = 0.0
     for _ in range(720):
         sim.step()

@@ -107,7 +107,7 @@ def test_a_drive_can_come(flag: ModelFlags, absent: str) -> None:
         target_kd=3.0 * (absent == "mode"),
         actuator_mode=mode.NONE if absent == "mode" else mode.POSITION,
     )
-    sim = simulate(builder)
+    sim = simulate(builder, scheme="euler")
     set_control(sim, joint_target_q=[0.3])
     sim.step(10)
     np.testing.assert_allclose(sim.pose[0, 2], 0.0, atol=1e-7)
@@ -344,7 +344,7 @@ def test_masses_and_gains_are_drawn_by_world_in_a_graph(gain: float) -> None:
 
     Without gains at first there is no code for drives: then the graph must notify.
     """
-    sim = simulate(worlds(slider(target_ke=gain, target_kd=gain), 3))
+    sim = simulate(worlds(slider(target_ke=gain, target_kd=gain), 3), scheme="euler")
     sim.model.joint_target_mode.fill_(int(newton.JointTargetMode.POSITION))
     set_control(sim, joint_target_q=[0.3, 0.3, 0.3])
     draws = wp.array(DRAWS, dtype=float, device="cpu")
@@ -359,7 +359,7 @@ def test_masses_and_gains_are_drawn_by_world_in_a_graph(gain: float) -> None:
 
 def test_targets_and_limits_are_drawn_by_world_in_a_graph() -> None:
     """Sliders that had no limit go to their world's target or stop: as the spring says, to 1e-5."""
-    sim = simulate(worlds(slider(target_ke=200.0, target_kd=40.0), 3))
+    sim = simulate(worlds(slider(target_ke=200.0, target_kd=40.0), 3), scheme="euler")
     sim.model.joint_target_mode.fill_(int(newton.JointTargetMode.POSITION))
     targets, limits = np.array([0.3, 0.15, 0.4]), np.array([0.1, 0.2, 1.0])
     drawn = [wp.array(values, dtype=float, device="cpu") for values in (targets, limits)]

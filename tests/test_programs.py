@@ -29,7 +29,7 @@ def wheel() -> newton.ModelBuilder:
 
 @pytest.mark.parametrize("mode", ["explicit", "implicit"])
 def test_actuators_of_newton_drive_a_joint(mode: str) -> None:
-    """``newton.actuators`` read the joint state and write ``control.joint_f``.
+    """``newton.actuators`` read the joint state and write ``control.joint_f``; backward Euler.
 
     Explicit: I (v' - v) = h (kp (t - q) - kd v).
     Implicit: (I + h kd + h^2 kp) v' = I v + h kp (t - q).
@@ -41,7 +41,7 @@ def test_actuators_of_newton_drive_a_joint(mode: str) -> None:
     response = JointSpaceResponse(model)
     if mode == "implicit":
         actuator.set_effort_mode_implicit(response)
-    solver = SolverAVBD(model, update_joint_state=True)
+    solver = SolverAVBD(model, update_joint_state=True, scheme="euler")
     state, after, control = model.state(), model.state(), model.control()
     control.joint_target_q.fill_(TARGET)
     q = v = 0.0
@@ -93,7 +93,7 @@ def test_the_torque_of_a_drive_is_its_law_at_the_end_of_the_step() -> None:
     )
     builder.add_articulation([joint])
     model = builder.finalize(device="cpu")
-    solver = SolverAVBD(model, update_joint_state=True)
+    solver = SolverAVBD(model, update_joint_state=True, scheme="euler")
     observables = solver.observables({solver.ObservableKind.BODY_QDD})
     state = model.state()
     for _ in range(20):

@@ -114,7 +114,7 @@ def test_a_tendon_around_a_cylinder_has_its_geodesic_and_its_radius_for_an_arm()
     """
     pull, inertia, steps = 2.0, 0.5, 200
     model = model_of(file(OVER_DRUM.format(has=""), '<motor tendon="cord"/>'))
-    q, solver = run(model, steps, -pull)
+    q, solver = run(model, steps, -pull, scheme="euler")
     angle = -pull * drum_length(0.0)[1] / inertia * steps * (steps + 1) / 2 * DT**2
     assert q[-1, ARM] == pytest.approx(angle, rel=1.0e-4)
     found = solver._tree.tendons.length.numpy()[0]
@@ -132,7 +132,7 @@ def test_two_weights_on_a_rope_over_pulleys_accelerate_as_atwood_says(ratio: flo
     masses[LEFT] = ratio * 3.0
     model.body_mass.assign(masses)
     model.body_inv_mass.assign(1.0 / masses)
-    q, _ = run(model, 200)
+    q, _ = run(model, 200, scheme="euler")
     weights = (masses[LEFT] - masses[RIGHT]) / (masses[LEFT] + masses[RIGHT])
     assert q[-1, RIGHT] == pytest.approx(weights * G * 0.2 * (0.2 + DT) / 2.0, rel=1.0e-4)
     np.testing.assert_allclose(q[:, LEFT] + q[:, RIGHT], 0.0, atol=1.0e-6)
@@ -144,7 +144,7 @@ def test_a_rope_that_goes_slack_pulls_nothing_and_then_holds() -> None:
     Bounds: rounding; 1e-5 m where it holds, what one step leaves open.
     """
     model = model_of(file(ROPE.format(has='limited="true" range="0 3"')), G)
-    q, _ = run(model, 500, rates=(0.0, 1.0, 1.0))
+    q, _ = run(model, 500, rates=(0.0, 1.0, 1.0), scheme="euler")
     t = DT * np.arange(1, 501)
     free = t - G * t * (t + DT) / 2.0
     is_slack = t < 0.2
@@ -172,7 +172,7 @@ def test_a_pulley_divides_the_pull_of_what_comes_after_it() -> None:
     """Of a force on the tendon a branch of divisor 2 gets the half."""
     tendon = """<spatial name="cord"><site site="left"/><site site="pulley_left"/>
     <pulley divisor="2"/><site site="right"/><site site="pulley_right"/></spatial>"""
-    q, _ = run(model_of(file(tendon, '<motor tendon="cord"/>')), 100, -3.0)
+    q, _ = run(model_of(file(tendon, '<motor tendon="cord"/>')), 100, -3.0, scheme="euler")
     reach = 0.1 * (0.1 + DT) / 2.0
     assert q[-1, LEFT] == pytest.approx(3.0 / 3.0 * reach, rel=1.0e-4)
     assert q[-1, RIGHT] == pytest.approx(1.5 / 1.0 * reach, rel=1.0e-4)
@@ -184,7 +184,7 @@ def test_a_spring_is_slack_in_its_band_and_stable_beyond_however_stiff() -> None
     tendon = f"""<spatial stiffness="{stiffness}" springlength="0 1.5">
     <site site="left"/><site site="pulley_left"/></spatial>"""
     model = model_of(file(tendon), G)
-    q, _ = run(model, 1000)
+    q, _ = run(model, 1000, scheme="euler")
     t = DT * np.arange(1, 1001)
     free = -G * t * (t + DT) / 2.0
     np.testing.assert_allclose(q[t < 0.3, LEFT], free[t < 0.3], atol=1.0e-5)
@@ -246,7 +246,7 @@ def test_a_muscle_pulls_a_spatial_tendon_by_its_force_length_curve(length: float
 def test_a_limit_of_a_fixed_tendon_stops_the_sum_of_its_coordinates() -> None:
     """Both fall freely; from the limit on their sum stays, and it pulls both alike."""
     model = model_of(file(BOTH.format(has='limited="true" range="-0.5 9"')), G)
-    q, _ = run(model, 600, rates=(0.0, 0.0, -0.5))
+    q, _ = run(model, 600, rates=(0.0, 0.0, -0.5), scheme="euler")
     total = q[:, LEFT] + q[:, RIGHT]
     assert np.all(total > -0.5 - 1.0e-5)
     np.testing.assert_allclose(total[-100:], -0.5, atol=1.0e-5)
@@ -263,7 +263,7 @@ def test_friction_loss_holds_a_tendon_and_then_slips() -> None:
     model = model_of(file(tendon, '<motor tendon="cord"/>'))
     held, _ = run(model, 100, -1.9)
     np.testing.assert_allclose(held[:, LEFT], 0.0, atol=1.0e-6)
-    slips, _ = run(model, 100, -5.0)
+    slips, _ = run(model, 100, -5.0, scheme="euler")
     assert slips[-1, LEFT] == pytest.approx(3.0 / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
@@ -271,7 +271,7 @@ def test_armature_adds_to_the_inertia_along_a_tendon() -> None:
     """a = f/(m + armature), where the moment is 1."""
     tendon = """<spatial name="cord" armature="2"><site site="left"/><site site="pulley_left"/>
     </spatial>"""
-    q, _ = run(model_of(file(tendon, '<motor tendon="cord"/>')), 100, -5.0)
+    q, _ = run(model_of(file(tendon, '<motor tendon="cord"/>')), 100, -5.0, scheme="euler")
     assert q[-1, LEFT] == pytest.approx(5.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
@@ -290,7 +290,7 @@ def test_a_force_range_of_a_tendon_bounds_its_actuators() -> None:
     tendon = """<spatial name="cord" actuatorfrcrange="-2 2"><site site="left"/>
     <site site="pulley_left"/></spatial>"""
     actuator = '<position tendon="cord" kp="1e6" kv="1e3"/>'
-    q, _ = run(model_of(file(tendon, actuator)), 100, 0.0)
+    q, _ = run(model_of(file(tendon, actuator)), 100, 0.0, scheme="euler")
     assert q[-1, LEFT] == pytest.approx(2.0 / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
