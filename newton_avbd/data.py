@@ -965,6 +965,8 @@ class AxisMotion:
     rate: float
     """Its rate at the end."""
     slope: float
+    slip: int
+    """Which way friction pushed at the end, as in :attr:`AxisLaw.piece`."""
 
 
 @wp.struct

@@ -258,6 +258,7 @@ def make_colored(effects: Effects) -> Colored:
     begin_order, body_jumps, loop_jumps = orders.begin_body, orders.body_jumps, orders.loop_jumps
     goes_on_smoothly, order_world = orders.goes_on, orders.order_world
     start_body, lead_rows = orders.start_body, orders.lead_rows
+    slips_otherwise = orders.slips_otherwise
     remember_motion, remember_loop = orders.remember_motion, orders.remember_loop
     remember_state = orders.remember_state
     join_cluster = make_join(join_at_once)
@@ -1104,6 +1105,8 @@ def make_colored(effects: Effects) -> Colored:
                 history.last[body].velocity = body_qd[body]
                 if not is_quiet(body, velocity, colors.scale[world], model, work, history):
                     colors.is_moving[world] = 1
+                if slips_otherwise(body, joints, tree, history):
+                    colors.jumps[world] = 1
             if wp.static(effects.balanced and effects.kinds.gimbals):
                 if is_body_led(body, joints, work, tree):
                     colors.is_excessive[0] = 1

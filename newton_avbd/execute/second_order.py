@@ -298,6 +298,7 @@ class SecondOrderFunctions:
     order_world: wp.Function
     start_body: wp.Function
     lead_rows: wp.Function
+    slips_otherwise: wp.Function
     remember_motion: wp.Function
     remember_motions: wp.Function
     remember_loop: wp.Function
@@ -648,6 +649,22 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         return out
 
     @wp.func
+    def slips_otherwise(
+        body: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork], history: wp.ref[History]
+    ) -> bool:
+        """Whether friction of a body's joint pushes otherwise than in the last step, or holds."""
+        result = bool(False)
+        if wp.static(effects.joints and effects.joint_friction):
+            if is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    slip = history.piece[dof][2]
+                    if history.coordinate[dof].slip != slip:
+                        history.coordinate[dof].slip = slip
+                        result = True
+        return result
+
+    @wp.func
     def remember_motion(
         body: int,
         scale: WorldScale,
@@ -752,6 +769,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         quiet = bool(True)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = body_at(i, worlds)
+            if slips_otherwise(body, joints, tree, history):
+                history.smooth[world] = JUMPED
             if quiet and not is_quiet(body, body_qd_out[body], scale, model, work, history):
                 quiet = False
         if quiet:
@@ -799,6 +818,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         order_world,
         start_body,
         lead_rows,
+        slips_otherwise,
         remember_motion,
         remember_motions,
         remember_loop,
