@@ -513,9 +513,8 @@ class Effects:
 
     @property
     def switching(self) -> bool:
-        """Whether something changes sides within a step: contacts, stops, bounded forces. Which do
-        may take more sweeps than other steps."""
-        return self.contact or self.laws
+        """Whether velocities may jump, at contacts or stops: such a step may take more sweeps."""
+        return self.contact or self.stops
 
     @property
     def balanced(self) -> bool:

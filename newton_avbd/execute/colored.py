@@ -58,6 +58,7 @@ from .scale import (
     is_struck,
     is_unsettled,
     last_update,
+    length_of,
     make_count_passes,
     make_measure_world,
     open_update,
@@ -1229,7 +1230,7 @@ def make_colored(effects: Effects) -> Colored:
         if sweeps > 0:
             update = colors.moved[sweeps, world]
         worlds.sweeps[world] = sweeps
-        worlds.update[world] = wp.sqrt(update)
+        worlds.update[world] = length_of(update)
         worlds.settled[world] = settled_update(scale)
         is_open = colors.is_open[world] == 1
         passes = count_passes(sweeps, update, colors.deepest[world], is_open, scale)

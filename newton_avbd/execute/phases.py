@@ -42,6 +42,7 @@ from .scale import (
     COLD_STEPS,
     LONGER,
     last_update,
+    length_of,
     make_count_passes,
     make_measure_world,
     open_update,
@@ -431,7 +432,7 @@ def make_phases(effects: Effects) -> Phases:
                 for i in range(loops.world_start[world], loops.world_start[world + 1]):
                     remember_loop(i, scale, joints, loops, history)
         worlds.sweeps[world] = sweeps
-        worlds.update[world] = wp.sqrt(update)
+        worlds.update[world] = length_of(update)
         worlds.settled[world] = settled_update(scale)
         has_islands = bool(False)
         if wp.static(effects.contact):

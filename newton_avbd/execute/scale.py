@@ -40,6 +40,11 @@ LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
 
+STOPPING = wp.constant(1.0e30)
+"""Update, squared, of a sweep after which a stop is to hold that did not, or to let go: an impact
+goes on, whatever that sweep has moved."""
+
+
 def make_measure_world(effects: Effects) -> wp.Function:
     """Device function: how far things may go in this step, and how much could rest on a contact."""
 
@@ -129,14 +134,21 @@ def is_unsettled(update: float, scale: WorldScale) -> bool:
 
 
 @wp.func
+def length_of(update: float) -> float:
+    """How far a sweep moved something [m], from an update as sweeps have it; infinite for one that
+    was not the last in any case."""
+    return wp.where(update < STOPPING, wp.sqrt(update), wp.inf)
+
+
+@wp.func
 def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
     """Whether the last sweep's update, squared [m^2], says that impacts go on in a world.
 
-    A first sweep moves whatever is to move, and says nothing about that. An update is infinite
-    where a stop changed sides.
+    A first sweep moves whatever is to move, and says nothing about that. Nor does one in which
+    only forces met their bounds, whose update is infinite.
     """
     struck = wp.max(impact_of(scale), settled_update(scale))
-    return sweeps > 1 and update > struck * struck
+    return sweeps > 1 and update > struck * struck and wp.isfinite(update)
 
 
 def make_count_passes(effects: Effects) -> wp.Function:

@@ -45,6 +45,7 @@ from ..rows import joint as joint_rows
 from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, NEAR_POLE, ROD, counted, wrapped
 from .bodies import body_at, has_rows, nonnegative
+from .scale import STOPPING
 from .slopes import begin_axis
 
 ROUNDING = wp.constant(5.0e-7)
@@ -1752,9 +1753,13 @@ def make_trees(
         worlds: wp.ref[WorldWork],
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
-    ):
+    ) -> bool:
         """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
-        not led to fewer for a while. Limits of drives are then searched along the update."""
+        not led to fewer for a while. Limits of drives are then searched along the update.
+
+        Returns whether a stop is to hold that did not, or to let go.
+        """
+        is_stopping = bool(False)
         root = body_at(first, worlds)
         if not has_dual or wrong < tree.fewest[root]:
             tree.fewest[root] = wrong
@@ -1772,12 +1777,15 @@ def make_trees(
                     index = nonnegative(joints.dof_start[joint] + dof)
                     law = tree.laws[tree.axis_start[body] + dof]
                     piece = law.piece
+                    if law.next[0] != piece[0]:
+                        is_stopping = True
                     if wp.static(effects.bounded_axes):
                         piece[1] = law.next[1]
                     if left > 0 and not (law.next == piece):
                         piece = law.next
                         left -= 1
                     history.piece[index] = piece
+        return is_stopping
 
     @wp.func
     def sweep_tree(
@@ -1886,7 +1894,8 @@ def make_trees(
         if wrong > 0:
             farthest = wp.inf
             if wp.static(effects.laws):
-                take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history)
+                if take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history):
+                    farthest = STOPPING
         if wp.static(effects.equalities):
             # what a line misses of a curve, and the next iteration finds
             farthest = wp.max(farthest, missed_by_lines(first, recovery, joints, work, tree))
