@@ -513,7 +513,7 @@ class Effects:
 
     @property
     def switching(self) -> bool:
-        """Whether velocities may jump, at contacts or stops: such a step may take more sweeps."""
+        """Whether velocities may jump, at contacts or stops. Such steps may take more sweeps."""
         return self.contact or self.stops
 
     @property
