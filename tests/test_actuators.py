@@ -333,8 +333,6 @@ def test_a_tendon_s_spring_ties_coordinates(stiffness: float) -> None:
 @pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
 def test_actuators_act_in_every_driver_and_scheme(parallel: str, scheme: str) -> None:
     """With a box on the ground beside the arm, so that there is something to color."""
-    if parallel == "bodies" and scheme != "euler":
-        pytest.skip("steps of second order are solved by worlds")
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, -G))
     SolverMuJoCo.register_custom_attributes(builder)
     parts = {"body": 'gravcomp="1"', "joint": "", "tendon": TENDON.format(has="")}

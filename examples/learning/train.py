@@ -77,10 +77,10 @@ class BatchOfWorlds(VecEnv):
         return [getattr(self._envs, attr_name, None)] * self.num_envs
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        raise NotImplementedError
+        raise NotImplementedError("all environments are worlds of one batch, and alike")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> Any:
-        raise NotImplementedError
+        raise NotImplementedError("all environments are worlds of one batch, and alike")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         return [False] * self.num_envs
