@@ -10,10 +10,10 @@ import importlib.metadata
 import os
 import sys
 from collections.abc import Sequence
-from types import ModuleType
 from typing import NoReturn
 
 from newton_avbd.commands import COMMANDS, examples, overview
+from newton_avbd.commands.completion import script
 from newton_avbd.commands.terminal import INTERRUPTED, gathered_warnings, start_warp
 from newton_avbd.io.errors import UserError, missing_of
 
@@ -35,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if name is None:
             return 0
         module = importlib.import_module(COMMANDS[name].module)
-        args = _parse(name, module, arguments[1:])
+        args = _parse(name, arguments[1:])
         start_warp()
         with gathered_warnings():
             return module.main(args)
@@ -63,8 +63,14 @@ def _command(first: list[str]) -> str | None:
     )
     parser.add_argument("--version", action="version", version=_versions())
     parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
-    name: str | None = parser.parse_args(first).command
-    if name is None:
+    parser.add_argument(
+        "--completion", action="store_true", help="print a script for the Tab key, bash or zsh"
+    )
+    parsed = parser.parse_args(first)
+    name: str | None = parsed.command
+    if parsed.completion:
+        print(script({known: _parser(known) for known in COMMANDS}))
+    elif name is None:
         parser.print_help()
     elif name not in COMMANDS:
         close = difflib.get_close_matches(name, COMMANDS)
@@ -73,15 +79,21 @@ def _command(first: list[str]) -> str | None:
     return name
 
 
-def _parse(name: str, module: ModuleType, arguments: list[str]) -> argparse.Namespace:
-    """Arguments of a command, with what follows ``--`` in ``arguments``."""
+def _parser(name: str) -> argparse.ArgumentParser:
+    """The parser of a command's arguments."""
     parser = argparse.ArgumentParser(
         prog=f"newton-avbd {name}",
         description=COMMANDS[name].summary,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    module.add_arguments(parser)
+    importlib.import_module(COMMANDS[name].module).add_arguments(parser)
     parser.epilog = "\n\n".join(filter(None, (examples(name), parser.epilog)))
+    return parser
+
+
+def _parse(name: str, arguments: list[str]) -> argparse.Namespace:
+    """Arguments of a command, with what follows ``--`` in ``arguments``."""
+    parser = _parser(name)
     split = arguments.index("--") if "--" in arguments else len(arguments)
     args, unknown = parser.parse_known_args(arguments[:split])
     if unknown:

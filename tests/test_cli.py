@@ -7,6 +7,7 @@ import importlib.util
 import json
 import os
 import shlex
+import shutil
 import subprocess
 import sys
 import warnings
@@ -230,7 +231,25 @@ def test_every_command_lists_examples_that_its_parser_takes():
     for name, command in COMMANDS.items():
         assert command.examples
         for typed, _ in command.examples:
-            _parse(name, importlib.import_module(command.module), shlex.split(typed))
+            _parse(name, shlex.split(typed))
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
+@pytest.mark.parametrize(
+    ("typed", "completed"),
+    [
+        ("ru", "run"),
+        ("run --pn", "--png"),
+        ("falls --scheme gen", "generalized_alpha"),
+        ("x y", ""),
+    ],
+)
+def test_the_tab_key_completes(typed, completed, capfd):
+    assert main(["--completion"]) == 0
+    words = f"COMP_WORDS=(newton-avbd {typed}); COMP_CWORD={len(typed.split())}; _newton_avbd"
+    shell = f'{capfd.readouterr().out}\n{words}; echo "${{COMPREPLY[*]}}"'
+    run = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, check=True)
+    assert (run.stdout.strip(), run.stderr) == (completed, "")
 
 
 def test_without_a_command_they_are_listed(capsys):

@@ -45,7 +45,9 @@ as with SolverMuJoCo, or, where MuJoCo refuses the robot, as its law has it, to 
 does if it pushes as its law says, to 2 %: what the links beyond it gain in momentum, less gravity
 and contact forces, is the force of the law. (Two simulators need not make the same motion of a
 robot: a foot sticks in one and creeps in the other, and what falls over falls at another time.)
+"""
 
+_TIMES = """\
 Times are of one step while the robot holds its first pose, without collision detection, in
 microseconds: replayed from a graph for SolverAVBD, SolverXPBD and SolverVBD, bare calls for
 `mj_step`, plain calls from Python for SolverMuJoCo, on one core. MuJoCo is given the same robot;
@@ -126,20 +128,14 @@ def write_page(
     parts = [_USD if is_usd else "", _INTRODUCTION, f"{summary(reports)}\n"]
     if is_usd:
         parts[1] = parts[1].partition("\n")[2].replace("docs`", "docs --usd`")
+    timed = [solver for solver in SOLVERS if any(solver in report.times for report in reports)]
+    if timed:
+        parts.insert(2, _TIMES)
     for package in dict.fromkeys(report.package for report in reports):
-        rows = [_row(folder, report) for report in reports if report.package == package]
-        titles = [PEERS[solver].title if solver in PEERS else "`mj_step`" for solver in SOLVERS]
-        head = [
-            "",
-            "robot",
-            "links",
-            "massless",
-            "drives",
-            "base",
-            "result",
-            *titles,
-            "/ `mj_step`",
-        ]
+        rows = [_row(folder, report, timed) for report in reports if report.package == package]
+        titles = [PEERS[solver].title if solver in PEERS else "`mj_step`" for solver in timed]
+        head = ["", "robot", "links", "massless", "drives", "base", "result", *titles]
+        head += ["/ `mj_step`"] if timed else []
         parts.append(f"## {package}\n\n| {' | '.join(head)} |\n|{' --- |' * len(head)}")
         parts[-1] += "".join(f"\n| {' | '.join(row)} |" for row in rows) + "\n"
     parts.append("\n".join(f"- {name}: {value}" for name, value in machine.items()) + "\n")
@@ -172,7 +168,8 @@ def write_montage(folder: Path) -> Path | None:
     return folder / MONTAGE
 
 
-def _row(folder: Path, report: Report) -> list[str]:
+def _row(folder: Path, report: Report, timed: list[str]) -> list[str]:
+    """Cells of a robot, with times of the solvers that were timed on any robot of the page."""
     image = picture(report.name)
     shown = f"![{report.name}]({image.as_posix()})" if (folder / image).exists() else ""
     links, massless, drives = report.links
@@ -181,9 +178,10 @@ def _row(folder: Path, report: Report) -> list[str]:
         f"{1e6 * report.times[solver]:.3g}" + ("*" if report.notes.get(solver) == BLEW_UP else "")
         if solver in report.times
         else "-"
-        for solver in SOLVERS
+        for solver in timed
     ]
     ours, theirs = (report.times.get(solver) for solver in ("avbd", MJ_STEP))
-    ratio = f"{ours / theirs:.2f}" if ours and theirs else "-"
+    if timed:
+        times.append(f"{ours / theirs:.2f}" if ours and theirs else "-")
     numbers = [str(links), str(massless), str(drives), report.base]
-    return [shown, f"`{report.name}`", *numbers, verdict.replace("|", "\\|"), *times, ratio]
+    return [shown, f"`{report.name}`", *numbers, verdict.replace("|", "\\|"), *times]
