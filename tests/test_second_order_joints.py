@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Schemes of second order with what acts along joints: drives, springs, friction, limits."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,9 @@ from joint_scenes import (
 )
 from scipy.integrate import solve_ivp
 from test_second_order import ALPHA, STEPS, assert_second_order
+
+from newton_avbd.study.hard_case import Trial
+from newton_avbd.study.hard_cases import CASES
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 
@@ -144,6 +148,37 @@ def test_a_hinge_that_friction_stops_does_not_ring(settings: dict[str, Any]) -> 
         speeds.append(np.abs(sim.velocity[0]).max())
     assert speeds[0] > 0.9
     assert max(speeds[-30:]) < 1.0e-5
+
+
+@pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0])
+def test_a_turning_arm_is_pulled_evenly_after_its_start(dt: float) -> None:
+    """By m w^2 r: what the first step leaves, along a chord, took 16 steps to die out."""
+    builder = hinged(qd=3.0)
+    builder.gravity = NO_GRAVITY
+    builder.request_state_attributes("body_parent_f")
+    sim = simulate(builder, dt=dt, scheme=ALPHA)
+    pulls = []
+    for _ in range(24):
+        sim.step()
+        spin = np.linalg.norm(sim.velocity[0, 3:])
+        force = np.linalg.norm(sim.state.body_parent_f.numpy()[0, :3])
+        pulls.append(float(force) / (spin**2 * ARM))
+    assert max(pulls[:4]) < 2.3
+    assert pulls[4:] == pytest.approx([1.0] * 20, abs=0.05)
+
+
+@pytest.mark.parametrize("rate", [240.0, 480.0])
+def test_a_taut_grid_gains_no_energy_however_many_sweeps(rate: float) -> None:
+    """Its joints open by micrometers, so what swings is faster than any step. Extrapolated, and
+    converged, boxes of it went at 17 rad/s; in 1 s it gained 12 and 68 mm of height."""
+    case = CASES["joint_grid_8"].at_rate(rate)
+    trial = Trial(dataclasses.replace(case, settings={"scheme": ALPHA}), "avbd", 100)
+    weight = G * float(np.sum(trial.bodies.mass[trial.bodies.moving]))
+    start, highest = trial.energy(), -np.inf
+    for step in range(int(rate)):
+        trial.step(case.step_size(step))
+        highest = max(highest, trial.energy())
+    assert highest - start < 1.0e-5 * weight
 
 
 def test_a_limit_gives_no_energy_back() -> None:

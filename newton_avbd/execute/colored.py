@@ -65,7 +65,7 @@ from .scale import (
     settled_update,
 )
 from .second_order import is_flying, is_quiet, is_remembered, last_of, make_second_order
-from .slopes import JUMPED, QUIET_WORLD, SMOOTH
+from .slopes import JUMPED, QUIET_WORLD, is_going_on
 from .sweeps import make_sweep, make_sweep_block
 from .tendons import make_join_tendons
 from .trees import is_linked, make_trees
@@ -540,9 +540,11 @@ def make_colored(effects: Effects) -> Colored:
         world = wp.tid()
         last = last_of(world, history)
         is_smooth = colors.is_held[world] == 1 and last != QUIET_WORLD and colors.jumps[world] == 0
-        is_continued = last == SMOOTH and colors.breaks[world] == 0
+        is_continued = is_going_on(last) and colors.breaks[world] == 0
         scale = colors.scale[world]
-        colors.scale[world] = order_world(world, is_smooth, is_continued, scale, worlds, history)
+        colors.scale[world] = order_world(
+            world, last, is_smooth, is_continued, scale, worlds, history
+        )
         colors.jumps[world] = 0
 
     @kernel(effects.second_order)
@@ -1474,7 +1476,7 @@ def make_colored(effects: Effects) -> Colored:
         if colors.is_finite[world] == 1 and is_remembered(world, scale, history):
             if work.inv_mass[body] > 0.0 and not is_flying(body, history):
                 q, qd = body_q_out[body], body_qd_out[body]
-                remember_state(body, q, qd, scale, body_q, model, work, history)
+                remember_state(world, body, q, qd, scale, body_q, model, work, history)
 
     strikes = make_colored_impacts(effects, kernel)
     return Colored(

@@ -29,7 +29,7 @@ from .bodies import body_at
 from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
-from .slopes import SMOOTH
+from .slopes import is_going_on
 from .weights import mass_to_stop
 
 NOT_UNIT = wp.constant(0.1)
@@ -542,7 +542,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     row = contact_rows.penalise(row, mass, load, held, u, scale)
                     # backward Euler's guess says too little of how things slide
                     if wp.static(effects.second_order and effects.friction):
-                        if history.smooth[world] == SMOOTH:
+                        if is_going_on(history.smooth[world]):
                             expected = contact_rows.slip(
                                 row, work.increment[body], work.increment[row.b], span
                             )

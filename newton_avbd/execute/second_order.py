@@ -53,11 +53,13 @@ from .loops import has_loops
 from .piles import row_count, row_of
 from .slopes import (
     JUMPED,
+    LASTING,
     QUIET_WORLD,
     RHO,
     SMOOTH,
     constants,
     end_axis,
+    is_going_on,
     lead,
     next_slope,
     second_order,
@@ -79,6 +81,10 @@ it goes: the error of backward Euler is half a step times it."""
 SLOW = wp.constant(1.0e-2)
 """Turn of a step [rad] up to which the mean of the spins at its ends keeps the energy of what
 flies: it gains 5e-8 of it a step at 0.05 rad, and some 5e-12 here."""
+RESOLVED = wp.constant(0.3)
+"""Share of its velocity, or of that of a free fall, that a body may gain in a step by how much its
+acceleration has changed since the last one: w^2 h^2 of an oscillation. With 0.5 taut grids stay
+quiet, too; without it they gain energy without end."""
 MOST_TURN = wp.constant(0.3)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing: with 1, a light body on a
 stiff two-way tendon spins up without end."""
@@ -125,7 +131,7 @@ def jumps(now: wp.vec3, last: wp.vec3, least: float) -> bool:
 @wp.func
 def is_remembered(world: int, scale: WorldScale, history: wp.ref[History]) -> bool:
     """Whether the motion of a step is one to go on from, or was one that went on."""
-    return history.smooth[world] == SMOOTH or scale.step < scale.h
+    return is_going_on(history.smooth[world]) or scale.step < scale.h
 
 
 @wp.func
@@ -171,6 +177,25 @@ def is_quiet(
     mass, inertia = model.mass[body], work.inertia[body]
     allowed = ROUNDING * ROUNDING * energy_of(mass, inertia, velocity) + mass * fall * fall
     return energy_of(mass, inertia, change) <= allowed
+
+
+@wp.func
+def is_resolved(
+    body: int,
+    velocity: wp.spatial_vector,
+    change: wp.spatial_vector,
+    scale: WorldScale,
+    model: wp.ref[BodyModel],
+    work: wp.ref[BodyWork],
+) -> bool:
+    """Whether steps are short beside the time in which what holds a body changes.
+
+    What its acceleration changes in a step counts by the kinetic energy that it gives in one.
+    """
+    mass, inertia = model.mass[body], work.inertia[body]
+    fall = RESOLVED * scale.gravity * scale.h
+    allowed = RESOLVED * RESOLVED * energy_of(mass, inertia, velocity) + mass * fall * fall
+    return energy_of(mass, inertia, scale.h * change) <= allowed
 
 
 @wp.func
@@ -309,6 +334,7 @@ class SecondOrderFunctions:
 def make_second_order(effects: Effects) -> SecondOrderFunctions:
     """Generates the functions for a scene's effects."""
     a, b = constants(0.0 if effects.cables else RHO)
+    a_0, b_0 = constants(0.0)
 
     @wp.func
     def body_jumps(
@@ -466,6 +492,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     @wp.func
     def order_world(
         world: int,
+        last: int,
         is_smooth: bool,
         is_continued: bool,
         scale: WorldScale,
@@ -475,11 +502,16 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         """The scale of a world's step, of second order where it continues a smooth motion."""
         out = scale
         out.age = history.slope_age[world]
+        age = float(0.5)
         if is_smooth and is_continued:
-            out = second_order(out, wp.static(a), wp.static(b))
-        history.smooth[world] = wp.where(is_smooth, SMOOTH, JUMPED)
+            history.smooth[world] = wp.min(last + 1, LASTING)
+            age = wp.where(last == LASTING, wp.static(a), wp.static(a_0))
+            b_now = wp.where(last == LASTING, wp.static(b), wp.static(b_0))
+            out = second_order(out, age, b_now)
+        else:
+            history.smooth[world] = wp.where(is_smooth, SMOOTH, JUMPED)
         worlds.step[world] = out.step
-        history.slope_age[world] = wp.where(out.step < out.h, wp.static(a), 0.5) * out.h
+        history.slope_age[world] = age * out.h
         return out
 
     @wp.func
@@ -633,13 +665,13 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         may_last = may_last and is_smooth(
             world, scale, joints, worlds, work, rows, tree, loops, history
         )
-        lasts = may_last and last == SMOOTH
+        lasts = may_last and is_going_on(last)
         if lasts:
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 body = body_at(i, worlds)
                 if lasts and not goes_on(body, body_q, body_qd, scale, model, work, rows, history):
                     lasts = False
-        out = order_world(world, may_last, lasts, scale, worlds, history)
+        out = order_world(world, last, may_last, lasts, scale, worlds, history)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             start_body(body_at(i, worlds), out, body_q, body_qd, model, work, history)
         if wp.static(effects.contact):
@@ -719,6 +751,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
 
     @wp.func
     def remember_state(
+        world: int,
         body: int,
         pose: wp.transform,
         velocity: wp.spatial_vector,
@@ -746,8 +779,17 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             given = wp.spatial_vector(wp.spatial_top(given), spin)
         change_v = velocity - began - scale.h * given
         acceleration, gain = history.last[body].acceleration, history.last[body].gain
-        history.last[body].acceleration = (change_v - lead(scale, acceleration, gain)) / scale.step
+        pushed = (change_v - lead(scale, acceleration, gain)) / scale.step
+        if scale.step < scale.h:
+            if not is_resolved(body, velocity, pushed - acceleration, scale, model, work):
+                history.smooth[world] = JUMPED
+        history.last[body].acceleration = pushed
         history.last[body].gain = next_slope(scale, change_v, gain)
+        if wp.static(not effects.cables):
+            # a chord would carry on, half as much again, what backward Euler misses of a fall;
+            # tensions of cables swing less after it
+            if scale.step == scale.h:
+                history.last[body].slope = 0.5 * (began + velocity)
         history.last[body].velocity = velocity
         history.last[body].wrench = wrench
         history.last[body].pose = pose
@@ -799,6 +841,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                 body = body_at(i, worlds)
                 if work.inv_mass[body] > 0.0 and not is_flying(body, history):
                     remember_state(
+                        world,
                         body,
                         body_q_out[body],
                         body_qd_out[body],

@@ -21,8 +21,11 @@ from ..data import AxisMotion, WorldScale
 JUMPED = wp.constant(0)
 """Of a world: a velocity has jumped in the last step, or may have."""
 SMOOTH = wp.constant(1)
-"""Of a world: no velocity has jumped, and the step is remembered."""
-QUIET_WORLD = wp.constant(2)
+"""Of a world: no velocity has jumped, and the step is remembered; one more for each step since."""
+LASTING = wp.constant(4)
+"""Of a world: as many steps have been smooth. Until then steps take rho = 0: what backward Euler
+left, velocities along chords and not along what constraints allow, is gone at once."""
+QUIET_WORLD = wp.constant(9)
 """Of a world: no velocity of what is held has changed."""
 
 RHO = 0.5
@@ -40,6 +43,12 @@ def constants(rho: float) -> tuple[float, float]:
     alpha_m, alpha_f = 0.5 * (3.0 - rho) / (1.0 + rho), 1.0 / (1.0 + rho)
     gamma = 0.5 + alpha_m - alpha_f
     return gamma - 0.5, gamma * (1.0 - alpha_f) / alpha_m
+
+
+@wp.func
+def is_going_on(smooth: int) -> bool:
+    """Whether a step of a world was smooth, and is remembered."""
+    return smooth >= SMOOTH and smooth <= LASTING
 
 
 @wp.func
