@@ -96,7 +96,7 @@ def read_driven(path: Path, solver: str = "avbd") -> newton.ModelBuilder:
     """
     builder = _prepared(solver)
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    _add_mjcf(builder, path, ctrl_direct=True)
+    add_mjcf(builder, path, ctrl_direct=True)
     _collide_by_hulls(builder)
     filter_neighbors(builder)
     return builder
@@ -178,7 +178,7 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         return _read_urdf(path, solver, floating)
     builder = _prepared(solver)
     if suffix == ".xml":
-        _add_mjcf(builder, path)
+        add_mjcf(builder, path)
         _collide_by_hulls(builder)
         filter_neighbors(builder)
         return builder, unread_actuators(path)
@@ -191,7 +191,8 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
     return builder, ()
 
 
-def _add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> None:
+def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> None:
+    """``builder.add_mjcf`` for a file, also one that chooses MuJoCo's PGS solver."""
     source = _without_pgs(path)
     if source is None:
         builder.add_mjcf(str(path), **options)

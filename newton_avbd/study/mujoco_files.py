@@ -35,6 +35,7 @@ import numpy as np
 from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
+from newton_avbd.io.assets import add_mjcf
 from newton_avbd.io.controls import Controls
 from newton_avbd.io.robots import robots
 from newton_avbd.rows.actuator import MUSCLE_GAIN
@@ -214,7 +215,7 @@ def read(path: Path) -> newton.Model:
     """The model of an MJCF file, with MuJoCo's attributes."""
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
-    builder.add_mjcf(str(path), ctrl_direct=True)
+    add_mjcf(builder, path, ctrl_direct=True)
     model = builder.finalize(device="cpu")
     _find_length_ranges(model, path)
     return model
