@@ -4,19 +4,28 @@
 """``newton-avbd accuracy``: what accuracy costs in time, for SolverAVBD and its peers."""
 
 import argparse
+import dataclasses
+import json
 import sys
 from pathlib import Path
+from typing import Any
 
-from newton_avbd.io import UserError, require
-from newton_avbd.study import accuracy_page
-from newton_avbd.study.accuracy import FULL, QUICK, QUICK_SCENES, Results, run
+from newton_avbd.io import UserError, read_scene, require
+from newton_avbd.study import accuracy_ask, accuracy_page
+from newton_avbd.study.accuracy import ASK, FULL, QUICK, QUICK_SCENES, Results, run
+from newton_avbd.study.accuracy_front import OURS
+from newton_avbd.study.accuracy_run import Point
 from newton_avbd.study.accuracy_scenes import ACCURACY_SCENES
 from newton_avbd.study.accuracy_solvers import MEASURED
 from newton_avbd.study.bench import chosen, describe_machine, pinned
 from newton_avbd.study.mujoco_native import silence
 
 from .options import make_folder
-from .terminal import interruptible, progress, say
+from .output import length, table
+from .terminal import gathered_warnings, interruptible, progress, say, say_notes
+
+REFERENCE_BUDGET = 25.0
+"""Processor time in which the motion of a scene of the user's is found out [s]."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,6 +47,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for plots, tables and numbers; what is there is not measured again",
     )
+    parser.add_argument(
+        "--ask",
+        metavar="SCENE",
+        help="what each accuracy costs on a scene of your own: a file, robot:NAME, or what "
+        "newton-avbd run takes; two minutes",
+    )
+    parser.add_argument("--json", action="store_true", help="with --ask: print all numbers")
     parser.epilog = "scenes:\n" + "\n".join(
         f"  {name:<16} {scene.summary}" for name, scene in ACCURACY_SCENES.items()
     )
@@ -53,9 +69,13 @@ def main(args: argparse.Namespace) -> int:
         UserError: A scene or a solver does not exist, the folder cannot be written, or it holds
             results of another machine.
     """
-    require("scipy")
     if args.output:
         require("matplotlib")
+    if args.ask is not None:
+        return _ask(args)
+    if args.json:
+        raise UserError("--json goes with --ask; without it --output writes all numbers")
+    require("scipy")
     default = list(QUICK_SCENES) if args.quick else []
     names = chosen("accuracy scene", args.scenes or default, tuple(ACCURACY_SCENES))
     named = args.solvers.split(",") if args.solvers else []
@@ -83,3 +103,135 @@ def main(args: argparse.Namespace) -> int:
     except OSError as error:
         raise UserError(f"cannot write to {args.output}: {error}") from error
     return interruption.status(0)
+
+
+def _ask(args: argparse.Namespace) -> int:
+    """Answer for a scene of the user's; returns the exit status."""
+    if args.scenes:
+        raise UserError(
+            f"--ask takes one scene, and {', '.join(args.scenes)} besides: leave it out"
+        )
+    named = args.solvers.split(",") if args.solvers else list(accuracy_ask.SOLVERS)
+    solvers = chosen("solver", named, tuple(MEASURED))
+    silence()
+    make_folder(args.output)
+    with gathered_warnings(), pinned() as core:
+        scene, notes = read_scene(args.ask)
+        say_notes(notes)
+        points: list[Point] = []
+        question = None
+        with interruptible() as interruption:
+            for _ in progress([scene.name], 1, "how it moves"):
+                question = accuracy_ask.ask(scene, budget=REFERENCE_BUDGET)
+            if question is not None and question.is_determined:
+                results = Results(describe_machine(core), ASK, None)
+                for point in progress(run([question.scene], solvers, results), None, "settings"):
+                    points.append(point)
+    if question is None:
+        return interruption.status(0)
+    prices = accuracy_ask.prices(question, points)
+    if args.json:
+        print(json.dumps(_as_json(question, prices, points), indent=1))
+    else:
+        print(_answer(question, prices, points))
+    if args.output and points:
+        file = args.output / f"{Path(scene.name).stem}.svg"
+        try:
+            accuracy_page.write_plot(question.scene, points, file)
+        except OSError as error:
+            raise UserError(f"cannot write to {args.output}: {error}") from error
+        print(f"wrote {file}", file=sys.stderr)
+    return interruption.status(0)
+
+
+def _answer(
+    question: accuracy_ask.Question, prices: list[accuracy_ask.Price], points: list[Point]
+) -> str:
+    """What each accuracy costs, as text."""
+    scene, reference = question.scene, question.reference
+    if not question.is_determined:
+        return (
+            f"{scene.name}: its motion is not determined. Runs with {reference.substeps // 2} and "
+            f"{reference.substeps} steps a frame part by more than "
+            f"{length(accuracy_ask.CERTAIN)} within {accuracy_ask.FEWEST} frames, so nobody can "
+            "say how far off a solver is. Compare energy and momentum: newton-avbd compare "
+            f"{scene.name}"
+        )
+    parts = [_reference(question)]
+    solvers = [name for name in MEASURED if any(p.solver == name and p.cost for p in points)]
+    rows = [["off by at most", *(MEASURED[name].title for name in solvers)]]
+    for price in prices:
+        cells = [price.cheapest.get(name) for name in solvers]
+        rows.append([length(price.accuracy), *(_price(point) for point in cells)])
+    parts.append(
+        "ms of computing for a simulated second (steps a second, iterations, scheme), replayed:\n"
+        + table(rows)
+    )
+    lines = {price.line: price.accuracy for price in prices if price.line}
+    if lines:
+        pasted = [[length(accuracy), line] for line, accuracy in lines.items()]
+        parts.append("to paste:\n" + "\n".join(f"{a.rjust(8)}  {line}" for a, line in pasted))
+    failed = {p.solver: p.note for p in points if p.error is None and p.note}
+    for name, note in failed.items():
+        if not any(p.solver == name and p.error is not None for p in points):
+            parts.append(f"{MEASURED[name].title} is left out: {note}")
+    return "\n\n".join(parts)
+
+
+def _reference(question: accuracy_ask.Question) -> str:
+    """What is asked about, and how its motion is known."""
+    scene, reference = question.scene, question.reference
+    way = length(reference.way[scene.frames])
+    text = (
+        f"{scene.name}: {question.bodies} bodies in their first {scene.seconds:.3g} s, in which a "
+        f"point goes {way}. Reference: {MEASURED[reference.solver].title} refined to "
+        f"{reference.substeps} steps a frame, known to {length(question.bar)}."
+    )
+    if scene.frames < question.frames:
+        text += (
+            f" What comes later is not determined: after {question.frames / 60:.3g} s two fine "
+            f"runs are {length(reference.bar[question.frames])} apart."
+        )
+    if question.apart is not None and reference.solver == OURS:
+        text += (
+            f" mj_step converges to another motion, {length(question.apart)} away: its limits and "
+            "its friction in joints are soft."
+        )
+    elif question.apart is not None:
+        text += f" SolverAVBD refined ends {length(question.apart)} from it."
+    elif scene.touching:
+        text += " Solvers whose contacts are soft converge to another motion."
+    return text
+
+
+def _price(point: Point | None) -> str:
+    """Cost and setting of a point; nothing where there is none."""
+    if point is None:
+        return "-"
+    setting = point.setting
+    given = [f"{round(60 * setting.substeps)} Hz"]
+    given += [] if setting.iterations is None else [f"{setting.iterations} it"]
+    given += [] if setting.scheme is None else [setting.scheme]
+    return f"{point.cost:.3g} ({', '.join(given)})"
+
+
+def _as_json(
+    question: accuracy_ask.Question, prices: list[accuracy_ask.Price], points: list[Point]
+) -> dict[str, Any]:
+    """All numbers: lengths [m], costs [ms] of a simulated second."""
+    reference = question.reference
+    return {
+        "scene": question.scene.name,
+        "bodies": question.bodies,
+        "seconds": question.scene.seconds,
+        "is_determined": question.is_determined,
+        "way": float(reference.way[question.scene.frames]),
+        "reference": {
+            "solver": reference.solver,
+            "substeps": reference.substeps,
+            "bar": reference.bar.tolist(),
+            "apart": question.apart,
+        },
+        "prices": [{**dataclasses.asdict(price), "line": price.line} for price in prices],
+        "points": [dataclasses.asdict(point) for point in points],
+    }

@@ -8,11 +8,13 @@ import textwrap
 from pathlib import Path
 
 import newton
+import warp as wp
 
 from newton_avbd.study import scenes
+from newton_avbd.study.scene import FRAMES_PER_SECOND, GivenScene, Scene
 
 from . import examples, robots, solvers
-from .assets import SUFFIXES, open_asset
+from .assets import FRAMES, SUFFIXES, open_asset, set_up_asset
 from .errors import UserError, missing_of, require
 from .simulation import ModelSimulation, Request, Simulation
 from .timing import StepTimer
@@ -25,6 +27,7 @@ __all__ = [
     "UserError",
     "list_scenes",
     "open_scene",
+    "read_scene",
     "require",
 ]
 
@@ -57,6 +60,62 @@ def open_scene(name: str, request: Request) -> Simulation:
         raise UserError(f"{name} cannot run with {request.solver}: {error}") from error
 
 
+def read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
+    """Read a scene by name, as studies take it: without a solver.
+
+    Of a Newton example this is its model, without what its program does between steps.
+
+    Args:
+        name: As for :func:`open_scene`.
+
+    Returns:
+        The scene, and what the user should know of it, a sentence each.
+
+    Raises:
+        UserError: There is no such scene, or it cannot be read.
+    """
+    try:
+        return _read_scene(name)
+    except ImportError as error:
+        raise missing_of(error) from error
+
+
+def _read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
+    if name in scenes.SCENES:
+        return scenes.SCENES[name], ()
+    if name.startswith(robots.PREFIX):
+        robot, builder, notes = robots.set_up_robot(name, "avbd")
+        return _given(robot.name, builder), notes
+    if name.removeprefix(EXAMPLE_PREFIX) not in examples.names() and _is_asset(name):
+        builder, notes = set_up_asset(Path(name), "avbd")
+        return _given(Path(name).name, builder), notes
+    simulation = open_scene(name, Request())
+    model, start = simulation.model, simulation.state
+    # most examples move their bodies where the joints' coordinates put them, in the state alone
+    for part in ("body_q", "body_qd", "joint_q", "joint_qd"):
+        array = getattr(start, part)
+        if array is not None:
+            wp.copy(getattr(model, part), array)
+    frames = round(simulation.frames * simulation.frame_dt * FRAMES_PER_SECOND)
+    scene = GivenScene(simulation.name, frames=frames, finalize=lambda device: model)
+    note = f"{simulation.name}: only its model is taken; what its program sets meanwhile is not"
+    return scene, (*simulation.notes, note)
+
+
+def _given(name: str, builder: newton.ModelBuilder) -> GivenScene:
+    """A scene of a filled builder."""
+    if builder.body_count == 0:
+        raise UserError(f"cannot simulate {name}: it holds no rigid bodies")
+    if not builder.body_color_groups:
+        builder.color()
+    return GivenScene(name, frames=FRAMES, finalize=builder.finalize)
+
+
+def _is_asset(name: str) -> bool:
+    """Whether a name is that of a file, there or not."""
+    return Path(name).suffix.lower() in SUFFIXES or Path(name).is_file()
+
+
 def list_scenes() -> str:
     """All scenes that can be named, as text for a terminal."""
     own = "\n".join(f"  {scene.name:<16} {scene.summary}" for scene in scenes.SCENES.values())
@@ -83,7 +142,7 @@ def _open(name: str, request: Request) -> Simulation:
         return robots.open_robot(name, request)
     if name in scenes.SCENES:
         return _open_own(scenes.SCENES[name], request)
-    if Path(name).suffix.lower() in SUFFIXES or Path(name).is_file():
+    if _is_asset(name):
         return open_asset(Path(name), request)
     close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
     hint = f" Did you mean {' or '.join(close)}?" if close else ""

@@ -58,15 +58,34 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
     Raises:
         UserError: The file is missing, is no such asset or holds no bodies.
     """
+    if request.ctrl is not None:
+        _check_asset(path)
+        return _open_driven(path, request)
+    builder, notes = set_up_asset(path, request.solver)
+    return simulate(path.name, path, builder, request, notes)
+
+
+def set_up_asset(path: Path, solver: str) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+    """Read a file, and put a ground under what it holds: see :func:`open_asset`.
+
+    Returns:
+        A builder, and what the user should know of it, a sentence each.
+
+    Raises:
+        UserError: The file is missing, is no such asset or cannot be read.
+    """
+    _check_asset(path)
+    builder, notes = read_asset(path, solver, floating=True)
+    add_ground(builder)
+    return builder, notes
+
+
+def _check_asset(path: Path) -> None:
+    """Raise a :class:`UserError` unless ``path`` is a file with one of :data:`SUFFIXES`."""
     if path.suffix.lower() not in SUFFIXES:
         raise UserError(f"cannot read {path}: not one of {', '.join(SUFFIXES)}")
     if not path.is_file():
         raise UserError(f"cannot read {path}: no such file")
-    if request.ctrl is not None:
-        return _open_driven(path, request)
-    builder, notes = read_asset(path, request.solver, floating=True)
-    add_ground(builder)
-    return simulate(path.name, path, builder, request, notes)
 
 
 def _open_driven(path: Path, request: Request) -> ModelSimulation:

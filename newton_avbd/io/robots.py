@@ -175,6 +175,30 @@ def read_robot(robot: Robot, solver: str = "avbd") -> tuple[newton.ModelBuilder,
     return read_asset(robot.path, solver, floating=False)
 
 
+def set_up_robot(name: str, solver: str) -> tuple[Robot, newton.ModelBuilder, tuple[str, ...]]:
+    """Read a robot by name, and stand it up or bolt it down; its drives hold its first pose.
+
+    Args:
+        name: Its name, with or without :data:`PREFIX`.
+        solver: The solver for which the builder is prepared.
+
+    Returns:
+        The robot, a builder, and what the user should know of it, a sentence each.
+
+    Raises:
+        UserError: There is no such robot, or it cannot be read.
+    """
+    robot = find_robot(name)
+    builder, notes = read_robot(robot, solver)
+    pose = stand(builder)
+    if pose.filtered:
+        notes += (
+            f"{robot.name}: {pose.filtered} pairs of its shapes overlap in the first pose and are "
+            "filtered",
+        )
+    return robot, builder, notes
+
+
 def open_robot(name: str, request: Request) -> ModelSimulation:
     """Open a robot as a simulation: on the ground or bolted down, its drives hold its first pose.
 
@@ -188,14 +212,7 @@ def open_robot(name: str, request: Request) -> ModelSimulation:
     Raises:
         UserError: There is no such robot, or it cannot be read.
     """
-    robot = find_robot(name)
-    builder, notes = read_robot(robot, request.solver)
-    pose = stand(builder)
-    if pose.filtered:
-        notes += (
-            f"{robot.name}: {pose.filtered} pairs of its shapes overlap in the first pose and are "
-            "filtered",
-        )
+    robot, builder, notes = set_up_robot(name, request.solver)
     return simulate(robot.name, robot.path, builder, request, notes)
 
 

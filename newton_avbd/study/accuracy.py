@@ -37,6 +37,7 @@ class Effort:
 
 FULL = Effort("full", repeats=3, budget=25.0)
 QUICK = Effort("quick", repeats=1, budget=2.0, quick=True, left_out=("kamino", "mujoco_warp"))
+ASK = Effort("ask", repeats=1, budget=12.0)
 
 COARSE_SHARE = 0.7
 """Share of the budget that the coarse grid of settings may take."""
@@ -159,7 +160,12 @@ def _try_settings(scene: AccuracyScene, solver: str, results: Results) -> Iterat
         budget = whole * (share if is_first else 1.0)
         point = results.get((scene.name, solver, setting))
         if point is None:
-            worker = worker or runner(scene, solver)
+            try:
+                worker = worker or runner(scene, solver)
+            except Exception as error:
+                # what one solver cannot read the others may
+                yield Point(scene.name, solver, setting, note=f"{type(error).__name__}: {error}")
+                return
             left = whole if is_preset else budget - spent
             point = measure(worker, solver, setting, repeats=effort.repeats, budget=left)
             results.add(point)

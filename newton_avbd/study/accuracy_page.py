@@ -82,8 +82,8 @@ def write_plot(scene: AccuracyScene, points: list[Point], file: File) -> None:
                         )
         axes.set(xscale="log", yscale="log")
         axes.set_xlabel("computing for a simulated second [ms]")
-        axes.set_ylabel("relative error")
-        axes.set_title(f"{scene.name}: {scene.summary}", fontsize=9)
+        axes.set_ylabel(scene.axis)
+        axes.set_title(": ".join(filter(None, (scene.name, scene.summary))), fontsize=9)
         axes.minorticks_off()
         axes.grid(alpha=0.3)
         if axes.get_legend_handles_labels()[0]:

@@ -90,6 +90,7 @@ class AccuracyScene:
         vbd_ke: Contact stiffness for SolverVBD [N/m], see :class:`Scene`.
         resolution: Relative error of the reference itself; smaller ones mean nothing.
         patience: How many times the time of other scenes each solver has.
+        axis: What plots call the error.
     """
 
     name: str
@@ -106,6 +107,7 @@ class AccuracyScene:
     vbd_ke: float | None = None
     resolution: float = 0.0
     patience: float = 1.0
+    axis: str = "relative error"
 
     @property
     def frames(self) -> int:

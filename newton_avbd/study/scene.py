@@ -4,7 +4,7 @@
 """What a named scene is."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import newton
 
@@ -54,3 +54,31 @@ class Scene:
         self.build(builder)
         builder.color()
         return builder.finalize(device=device)
+
+
+def _nothing(builder: newton.ModelBuilder) -> None:
+    """Puts nothing into a builder."""
+
+
+@dataclass(frozen=True)
+class GivenScene(Scene):
+    """A scene that was read from a file or made by somebody else's program.
+
+    Attributes:
+        finalize: Makes the model on a device, complete for every Newton solver. Materials are those
+            that were read.
+    """
+
+    summary: str = ""
+    build: Callable[[newton.ModelBuilder], None] = _nothing
+    finalize: Callable[[str | None], newton.Model] = field(kw_only=True)
+
+    def model(self, *, ke: float | None = None, device: str | None = None) -> newton.Model:
+        """Make the model; see :class:`Scene`."""
+        del ke
+        model = self.finalize(device)
+        # an MJCF file may turn contacts off, as the cart-pole's does, which starts in the ground
+        flag = getattr(getattr(model, "mujoco", None), "flag_contact", None)
+        if flag is not None and not flag.numpy()[0]:
+            model.shape_contact_pair_count = 0
+        return model
