@@ -17,12 +17,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from newton_avbd.io.errors import UserError
-from newton_avbd.study.accuracy_front import OURS, cheapest
+from newton_avbd.study.accuracy_front import OURS, cheapest, usable
 from newton_avbd.study.accuracy_run import OutOfTime, Point, Runner, runner
 from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, Path, farthest
 from newton_avbd.study.accuracy_solvers import MEASURED, Setting
 from newton_avbd.study.measure import Array, Bodies, rotate, transform
-from newton_avbd.study.peers import MJ_STEP
+from newton_avbd.study.peers import ITERATIONS, MJ_STEP
 from newton_avbd.study.scene import Scene
 
 FRAMES = 120
@@ -52,6 +52,9 @@ FINE = {
     MJ_STEP: Setting(1, scheme="rk4"),
 }
 """Where a refinement starts."""
+
+NO_DEARER = 1.1
+"""Cost relative to the cheapest setting's below which clocks do not tell them apart."""
 
 ROUNDING = 1e-7
 """Share of a coordinate that states in single precision lose."""
@@ -329,7 +332,23 @@ def prices(question: Question, points: list[Point]) -> list[Price]:
     for level in LEVELS:
         if level >= 2.0 * question.bar:
             solvers = {solver: [p for p in points if p.solver == solver] for solver in MEASURED}
-            best = {solver: cheapest(group, level) for solver, group in solvers.items()}
+            best = {solver: _plainest(group, level) for solver, group in solvers.items()}
             reached = {solver: point for solver, point in best.items() if point is not None}
             found.append(Price(level, reached))
     return found
+
+
+def _plainest(points: list[Point], level: float) -> Point | None:
+    """The cheapest point that reaches a level, or one as good with the solver's own iterations."""
+    best = cheapest(points, level)
+    if best is None or best.cost is None:
+        return None
+    alike = [
+        point
+        for point in usable(points)
+        if point.error <= level  # type: ignore[operator]
+        and point.cost <= NO_DEARER * best.cost  # type: ignore[operator]
+        and point.setting.iterations == ITERATIONS
+        and point.setting.tolerance is None
+    ]
+    return min(alike, key=lambda point: point.cost or 0.0, default=best)
