@@ -1551,6 +1551,8 @@ class ColorWork:
     has_more: wp.array[wp.int32]
     """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, or where
     impacts go on."""
+    is_cold: wp.array[wp.int32]
+    """1 where a world takes still more of them, shape (1,): in its first step after a reset."""
     is_excessive: wp.array[wp.int32]
     """1 where a world did not settle, whose energy may have to be bounded, shape (1,)."""
     is_apart: wp.array[wp.int32]

@@ -17,7 +17,7 @@ from .execute.barrier import block_size
 from .execute.colored import Colored, make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
-from .execute.scale import COLD_FACTOR, JOINT_PASSES, LOOP_PASSES
+from .execute.scale import COLD_FACTOR, JOINT_PASSES, LOOP_PASSES, STRUCK_FACTOR
 from .rows.contact import RECOVERY
 from .topology import Topology
 
@@ -113,6 +113,7 @@ class LargeWorlds:
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
             colors.has_more = wp.zeros(1, dtype=wp.int32)
+            colors.is_cold = wp.zeros(1, dtype=wp.int32)
             colors.is_apart = wp.zeros(1, dtype=wp.int32)
             colors.is_excessive = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
@@ -291,12 +292,16 @@ class LargeWorlds:
 
         def sweep_on() -> None:
             assemble(iterations)
-            sweep(iterations, most)
+            sweep(iterations, int(STRUCK_FACTOR) * iterations)
+
+        def sweep_cold() -> None:
+            sweep(int(STRUCK_FACTOR) * iterations, most)
 
         assemble(0)
         sweep(0, iterations)
         launch(kernels.begin_round, self._world_count, [iterations, colors])
         self._launch_if(colors.has_more, sweep_on)
+        self._launch_if(colors.is_cold, sweep_cold)
         launch(
             kernels.remember,
             bodies,

@@ -52,9 +52,9 @@ from .launch import ABSENT, KERNEL, absent, uncollected
 from .loops import make_loops, reach_farther
 from .resetting import forget_joints
 from .scale import (
-    COLD_FACTOR,
     COLD_STEPS,
     LONGER,
+    STRUCK_FACTOR,
     is_struck,
     is_unsettled,
     last_update,
@@ -63,6 +63,7 @@ from .scale import (
     make_measure_world,
     open_update,
     settled_update,
+    sweeps_at_age,
 )
 from .second_order import is_flying, is_quiet, is_remembered, last_of, make_second_order
 from .slopes import JUMPED, QUIET_WORLD, is_going_on
@@ -294,6 +295,7 @@ def make_colored(effects: Effects) -> Colored:
         colors.lane_finite[lane] = int(is_finite)
         if lane == 0:
             colors.has_more[0] = 0
+            colors.is_cold[0] = 0
             colors.is_apart[0] = 0
             colors.is_excessive[0] = 0
 
@@ -341,10 +343,12 @@ def make_colored(effects: Effects) -> Colored:
             colors.breaks[world] = 0
             colors.is_moving[world] = 0
         history.step[world] = h
-        colors.most[world] = is_finite * iterations
-        if history.age[world] < COLD_STEPS:
-            colors.most[world] = is_finite * COLD_FACTOR * iterations
+        most = sweeps_at_age(history.age[world], iterations)
+        colors.most[world] = is_finite * most
+        if most > iterations:
             colors.has_more[0] = 1
+        if most > STRUCK_FACTOR * iterations:
+            colors.is_cold[0] = 1
 
     @kernel()
     def build_rows(
@@ -918,7 +922,7 @@ def make_colored(effects: Effects) -> Colored:
         world = wp.tid()
         if colors.most[world] == iterations:
             if is_struck(iterations, colors.moved[iterations, world], colors.scale[world]):
-                colors.most[world] = COLD_FACTOR * iterations
+                colors.most[world] = STRUCK_FACTOR * iterations
                 colors.begin[world] = iterations
                 colors.has_more[0] = 1
 

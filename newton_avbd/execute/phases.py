@@ -38,8 +38,6 @@ from .launch import ABSENT, absent
 from .loops import make_loops, reach_farther
 from .piles import make_piles
 from .scale import (
-    COLD_FACTOR,
-    COLD_STEPS,
     LONGER,
     last_update,
     length_of,
@@ -47,6 +45,7 @@ from .scale import (
     make_measure_world,
     open_update,
     settled_update,
+    sweeps_at_age,
 )
 from .second_order import lead_spin, make_second_order
 from .sweeps import make_sweep, make_sweep_block, make_sweep_world
@@ -342,8 +341,7 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.piles):
             factor_piles(world, worlds, work, rows)
         if wp.static(not effects.ramp):
-            if history.age[world] < COLD_STEPS:
-                sweeps = COLD_FACTOR * sweeps
+            sweeps = sweeps_at_age(history.age[world], sweeps)
         return sweeps
 
     @wp.func

@@ -33,9 +33,12 @@ LOOP_PASSES = wp.constant(24)
 """Likewise where joints close loops: a four-bar that lands is not closed by fewer."""
 COLD_STEPS = wp.constant(3)
 """Steps after a reset that sweep more, because the multipliers start from nothing."""
-COLD_FACTOR = wp.constant(4)
+STRUCK_FACTOR = wp.constant(4)
 """How many times more those steps sweep: a stack of 20 boxes then starts without a wave. So do
 those in which impacts do not settle."""
+COLD_FACTOR = wp.constant(12)
+"""Likewise the first of them. What it leaves takes long to go: with 4, a house of cards at 60 Hz is
+0.38 mm deep after it, with 8 0.09 mm, with 12 0.03 mm."""
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
@@ -90,6 +93,14 @@ def make_measure_world(effects: Effects) -> wp.Function:
         return scale
 
     return measure_world
+
+
+@wp.func
+def sweeps_at_age(age: int, iterations: int) -> int:
+    """Most sweeps of a step, by the steps since the world's multipliers were reset."""
+    if age == 0:
+        return COLD_FACTOR * iterations
+    return wp.where(age < COLD_STEPS, STRUCK_FACTOR, 1) * iterations
 
 
 @wp.func

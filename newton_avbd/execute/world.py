@@ -31,7 +31,7 @@ from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .links import gather_body, gather_joint, place_fixed_links, scatter_body
 from .phases import make_phases
-from .scale import COLD_FACTOR, COLD_STEPS, is_struck, is_unsettled
+from .scale import COLD_STEPS, STRUCK_FACTOR, is_struck, is_unsettled
 
 
 @functools.cache
@@ -180,7 +180,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                     history,
                 )
                 if sweeps > 0:
-                    most = (COLD_FACTOR - 1) * iterations
+                    most = (STRUCK_FACTOR - 1) * iterations
             taken, update = sweep_to_rest(
                 world,
                 most,
