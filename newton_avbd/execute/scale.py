@@ -11,7 +11,6 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from ..rows.contact import STRUCK
 from .bodies import body_at
 
 SLOP_SHARE = wp.constant(0.05)
@@ -22,9 +21,10 @@ SETTLED = wp.constant(5.0e-6)
 """Update from which nothing moves any more, as a share of g h^2: a world at rest sweeps once."""
 ROUNDED = wp.constant(1.0e-7)
 """Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
-STRUCK_SHARE = wp.constant(5.0e-3)
-"""Share of the reach by which a sweep without gravity still moves something where impacts go on:
-at 5 m/s and 60 Hz about what :data:`STRUCK` says with the earth's."""
+GOING_ON = wp.constant(0.05)
+"""Update of a last sweep from which impacts go on, as a share of g h^2."""
+STRUCK_SHARE = wp.constant(5.0e-4)
+"""Likewise without gravity, as a share of the reach: at 5 m/s and 60 Hz about as much."""
 OPEN = wp.constant(1.0e-5)
 """Update [m] of the last sweep of a step that may leave joints open by several times as much."""
 JOINT_PASSES = wp.constant(8)
@@ -131,10 +131,10 @@ def open_update(scale: WorldScale) -> float:
 
 @wp.func
 def impact_of(scale: WorldScale) -> float:
-    """What moves farther in a step than is expected, as in an impact [m]."""
+    """Update of a last sweep from which impacts go on [m]."""
     if scale.gravity == 0.0:
         return STRUCK_SHARE * scale.reach
-    return STRUCK * scale.gravity * scale.h * scale.h
+    return GOING_ON * scale.gravity * scale.h * scale.h
 
 
 @wp.func

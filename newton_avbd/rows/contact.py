@@ -32,7 +32,7 @@ hold back a body that is about to leave or slide."""
 LINK_RELEASE_RATIO = wp.constant(0.1)
 """Likewise of the penalty that a link of a pile has for what is behind it."""
 STRUCK = wp.constant(0.5)
-"""Closing to expect that is an impact, as a share of g h^2; likewise what a sweep still changes."""
+"""Closing to expect that is an impact, as a share of g h^2."""
 RECOVERY = wp.constant(0.5)
 """Share of the penetration beyond the slop that a step removes."""
 

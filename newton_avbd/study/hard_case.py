@@ -72,6 +72,7 @@ class Case:
         stores: Whether springs hold energy that is not measured: what is gained then counts from
             the start of the run instead of the lowest energy so far.
         speculative: How far the collision detection looks ahead of moving bodies [m].
+        farther: How many times the gap that it sets its shapes lets the detection look.
         is_quick: Whether it takes seconds and not minutes.
         vbd_ke: Contact stiffness [N/m] with which ``SolverVBD`` does best; None for Newton's.
         settings: Further settings of SolverAVBD.
@@ -89,6 +90,7 @@ class Case:
     act: "Callable[[Trial, int], bool] | None" = None
     stores: bool = False
     speculative: float | None = None
+    farther: float = 1.0
     is_quick: bool = True
     vbd_ke: float | None = None
     settings: dict[str, Any] = field(default_factory=dict)
@@ -106,10 +108,9 @@ class Case:
         """
         if self.own_rate:
             raise ValueError(self.own_rate)
-        ahead = self.speculative
-        if ahead is not None:
-            ahead *= max(1.0, 1.0 / (rate * self.step_size(0)))
-        return dataclasses.replace(self, dt=1.0 / rate, speculative=ahead)
+        farther = max(1.0, 1.0 / (rate * self.step_size(0)))
+        ahead = self.speculative and farther * self.speculative
+        return dataclasses.replace(self, dt=1.0 / rate, speculative=ahead, farther=farther)
 
 
 class Catalog(dict[str, Case]):
@@ -162,6 +163,7 @@ class Trial:
         builder.color()
         # Newton would mend needles and thin plates.
         self.model = builder.finalize(skip_validation_inertia=True)
+        self.model.shape_gap.assign(case.farther * self.model.shape_gap.numpy())
         settings = case.settings if solver == "avbd" else {}
         self.solver = solvers.construct(solver, self.model, iterations, **settings)
         self.control = self.model.control()
