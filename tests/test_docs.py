@@ -5,6 +5,7 @@
 import re
 from pathlib import Path
 
+import newton
 import pytest
 
 ROOT = Path(__file__).parent.parent
@@ -13,6 +14,9 @@ FRONT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 """Outside of the site, whose build checks the links of its own pages."""
 STEP = (ROOT / "docs" / "algorithm.md").read_text().split("| what | function | file |")[1]
 STAGES = [line for line in STEP.split("\n\n")[0].splitlines() if ".py" in line]
+ABOUT_CODE = ("algorithm", "mechanisms")
+"""Pages whose names in backticks are those of this package and of Newton."""
+SOURCE = "\n".join(path.read_text() for path in sorted(PACKAGE.rglob("*.py")))
 
 
 @pytest.mark.parametrize("line", STAGES)
@@ -29,6 +33,23 @@ def test_the_files_that_a_page_names_exist(page: Path) -> None:
     for name in re.findall(r"`([a-z0-9_/]+\.py)`", page.read_text()):
         places = (ROOT / name, PACKAGE / name, PACKAGE / "execute" / name, PACKAGE / "rows" / name)
         assert any(place.exists() for place in places), name
+
+
+@pytest.mark.parametrize("page", ABOUT_CODE)
+def test_the_names_that_a_page_says_of_the_code_are_in_it(page: str) -> None:
+    known = set(re.findall(r"\w+", SOURCE)) | set(dir(newton.Control()))
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    names = re.findall(r"`([A-Za-z_][\w.]*)(?:=[^`]*)?`", text)
+    assert len(names) > 50
+    assert not [name for name in names if name.split(".")[-1] not in known]
+
+
+@pytest.mark.parametrize("page", ABOUT_CODE)
+def test_the_constants_that_a_page_gives_a_value_have_it(page: str) -> None:
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    for name, value in re.findall(r"`([A-Z_]+)` = ([-.e\d]+\d)", text):
+        defined = re.findall(rf"^{name} = .*?([\d.]+(?:e-?\d+)?)\)*$", SOURCE, re.MULTILINE)
+        assert float(value) in map(float, defined), name
 
 
 @pytest.mark.parametrize("page", FRONT_PAGES)
