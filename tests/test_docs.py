@@ -8,6 +8,8 @@ from pathlib import Path
 import newton
 import pytest
 
+from newton_avbd.study.hard_cases import CASES
+
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "newton_avbd"
 FRONT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
@@ -15,7 +17,7 @@ FRONT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 STEP = (ROOT / "docs" / "algorithm.md").read_text().split("| what | function | file |")[1]
 STAGES = [line for line in STEP.split("\n\n")[0].splitlines() if ".py" in line]
 ABOUT_CODE = ("algorithm", "mechanisms")
-"""Pages whose names in backticks are those of this package and of Newton."""
+"""Pages whose names in backticks are those of this package, its hard cases and of Newton."""
 SOURCE = "\n".join(path.read_text() for path in sorted(PACKAGE.rglob("*.py")))
 
 
@@ -37,7 +39,7 @@ def test_the_files_that_a_page_names_exist(page: Path) -> None:
 
 @pytest.mark.parametrize("page", ABOUT_CODE)
 def test_the_names_that_a_page_says_of_the_code_are_in_it(page: str) -> None:
-    known = set(re.findall(r"\w+", SOURCE)) | set(dir(newton.Control()))
+    known = set(re.findall(r"\w+", SOURCE)) | set(dir(newton.Control())) | set(CASES)
     text = (ROOT / "docs" / f"{page}.md").read_text()
     names = re.findall(r"`([A-Za-z_][\w.]*)(?:=[^`]*)?`", text)
     assert len(names) > 50
