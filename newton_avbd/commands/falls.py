@@ -4,6 +4,7 @@
 """``newton-avbd falls``: drop, spin and throw robots, and say whether energy appears."""
 
 import argparse
+import contextlib
 import json
 import sys
 from dataclasses import asdict, replace
@@ -19,7 +20,7 @@ from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.fall_run import Fall, Setup, run_falls
 from newton_avbd.study.fall_scene import KINDS, bare, starts
 
-from .options import positive
+from .options import make_folder, positive
 from .output import length, table
 from .robots import chosen_robots, show, show_nothing, silence
 
@@ -90,7 +91,7 @@ def main(args: argparse.Namespace) -> int:
     ]
     if args.replay:
         return _replay(args.replay)
-    _make_folder(args.output)
+    make_folder(args.output)
     for sentence in not_installed():
         print(f"newton-avbd: {sentence}", file=sys.stderr)
     rows: list[tuple[str, ...]] = [HEAD]
@@ -221,22 +222,11 @@ def _replay(path: Path) -> int:
     return int(bool(fall.failures()))
 
 
-def _make_folder(folder: Path | None) -> None:
-    if folder is None:
-        return
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error}") from error
-
-
 def _seeds(text: str) -> range:
     """Reader of a number of seeds, or of the first and the end."""
     first, colon, end = text.partition(":")
-    seeds = range(int(first), int(end)) if colon else range(int(first))
-    if not seeds:
-        raise ValueError
-    return seeds
-
-
-_seeds.__name__ = "N or FIRST:END"  # argparse names the reader when it rejects a value
+    with contextlib.suppress(ValueError):
+        seeds = range(int(first), int(end)) if colon else range(int(first))
+        if seeds:
+            return seeds
+    raise argparse.ArgumentTypeError(f"{text!r} names no seeds: 3 is 0 to 2, 5:8 is 5 to 7")

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from newton_avbd.commands.options import check_writable
 from newton_avbd.commands.terminal import interruptible, progress, say
-from newton_avbd.io.errors import UserError
+from newton_avbd.io.errors import UserError, unknown
 from newton_avbd.study.properties_body import BODIES
 from newton_avbd.study.properties_cable import CABLES
 from newton_avbd.study.properties_contact import CONTACTS
@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "names",
         nargs="*",
         metavar="NAME",
-        help="properties, by the start of their names (default: all)",
+        help="properties, by the start of their names, see below (default: all)",
     )
     parser.add_argument(
         "--solvers",
@@ -78,6 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=list(SOLVERS),
         metavar="SOLVER",
         help=f"solvers to try, of {', '.join(SOLVERS)} (default: all)",
+    )
+    parser.epilog = "\n".join(
+        f"{group}:\n" + "\n".join(f"  {name}" for name in catalog)
+        for group, catalog in GROUPS.items()
     )
     parser.add_argument("--output", type=Path, metavar="FILE", help="page to write, Markdown")
     parser.add_argument(
@@ -154,7 +158,7 @@ def _choose(names: list[str]) -> list[Property]:
     """
     for name in names:
         if not any(known.startswith(name) for known in PROPERTIES):
-            raise UserError(f"there is no property {name!r}; there are: {', '.join(PROPERTIES)}")
+            raise unknown("property", name, PROPERTIES)
     starts = tuple(names) or ("",)
     return [entry for name, entry in PROPERTIES.items() if name.startswith(starts)]
 
