@@ -44,6 +44,8 @@ def test_the_names_that_a_page_says_of_the_code_are_in_it(page: str) -> None:
     names = re.findall(r"`([A-Za-z_][\w.]*)(?:=[^`]*)?`", text)
     assert len(names) > 50
     assert not [name for name in names if name.split(".")[-1] not in known]
+    for name, file in re.findall(r"`(\w+)`\s+in\s+`([\w/]+\.py)`", text):
+        assert re.search(rf"\b{name}\b", (PACKAGE / file).read_text()), f"{name} in {file}"
 
 
 @pytest.mark.parametrize("page", ABOUT_CODE)
