@@ -183,8 +183,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 and what calls for each see :attr:`effects`.
             update_joint_state: Joint coordinates are part of the state, as for ``SolverMuJoCo`` and
                 ``SolverFeatherstone``. Each step writes ``state_out.joint_q`` and ``joint_qd``,
-                with the revolutions of hinges counted. An articulation whose ``state_in.joint_q`` or
-                ``joint_qd`` the user has written since the last step, and whose bodies not, starts
+                with the revolutions of hinges counted. An articulation whose ``state_in.joint_q``
+                or ``joint_qd`` the user has written since the last step, but not its bodies, starts
                 from these: the step writes its ``body_q`` and ``body_qd`` to ``state_in`` first. If
                 both were written the bodies count. The first step starts from the joint
                 coordinates unless the bodies are elsewhere than in the model. Without this setting
