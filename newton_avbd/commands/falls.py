@@ -23,6 +23,7 @@ from newton_avbd.study.fall_scene import KINDS, bare, starts
 from .options import make_folder, positive
 from .output import length, table
 from .robots import chosen_robots, show, show_nothing, silence
+from .terminal import interruptible
 
 HEAD = ("", "kind", "solver", "falls", "fail", "gain", "speed", "joint", "limit", "bounded")
 
@@ -84,7 +85,7 @@ steps in which SolverAVBD had to bound the energy."""
 
 
 def main(args: argparse.Namespace) -> int:
-    """Run the falls, print a table; 1 where a fall with SolverAVBD fails."""
+    """Run the falls, print a table; 1 where a fall with SolverAVBD fails, 130 after Ctrl-C."""
     setups = [
         Setup(solver, args.dt, args.seconds, args.iterations, args.scheme, args.parallel)
         for solver in args.solver
@@ -97,34 +98,38 @@ def main(args: argparse.Namespace) -> int:
     rows: list[tuple[str, ...]] = [HEAD]
     failed = False
     names = _names(args.names)
-    for number, name in enumerate(names, 1):
-        label = f"{name} ({number} of {len(names)})"
-        try:
-            builder = load(name)
-            with silence():
-                chosen = starts(builder, tuple(args.kinds), args.seeds)
-        except UserError as error:
-            print(f"newton-avbd: {name} is left out: {error}", file=sys.stderr)
-            continue
-        for setup in setups:
+    with interruptible() as interruption:
+        for number, name in enumerate(names, 1):
+            label = f"{name} ({number} of {len(names)})"
             try:
+                builder = load(name)
                 with silence():
-                    shown = partial(show, label, setup.solver)
-                    falls = run_falls(name, builder, chosen, setup, shown)
-            except Exception as error:  # solvers refuse in as many ways as there are solvers
-                show_nothing()
-                print(f"newton-avbd: {name} is left out: {setup.solver}: {error}", file=sys.stderr)
+                    chosen = starts(builder, tuple(args.kinds), args.seeds)
+            except UserError as error:
+                print(f"newton-avbd: {name} is left out: {error}", file=sys.stderr)
                 continue
-            show_nothing()
-            new = _rows(name, setup.solver, falls)
-            print(table([HEAD, *new] if len(rows) == 1 else new), flush=True)
-            rows += new
-            for fall in falls:
-                if fall.failures() and setup.solver == "avbd":
-                    failed = True
-                    _save(args.output, fall, setup, args)
-    print(f"\n{table(rows)}")
-    return int(failed)
+            for setup in setups:
+                try:
+                    with silence():
+                        shown = partial(show, label, setup.solver)
+                        falls = run_falls(name, builder, chosen, setup, shown)
+                except Exception as error:  # solvers refuse in as many ways as there are solvers
+                    show_nothing()
+                    print(
+                        f"newton-avbd: {name} is left out: {setup.solver}: {error}", file=sys.stderr
+                    )
+                    continue
+                show_nothing()
+                new = _rows(name, setup.solver, falls)
+                print(table([HEAD, *new] if len(rows) == 1 else new), flush=True)
+                rows += new
+                for fall in falls:
+                    if fall.failures() and setup.solver == "avbd":
+                        failed = True
+                        _save(args.output, fall, setup, args)
+    if len(rows) > 1:
+        print(f"\n{table(rows)}")
+    return interruption.status(int(failed))
 
 
 def load(name: str) -> newton.ModelBuilder:
