@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     try:
-        name = _command(arguments[:1])
+        name = _command(arguments[: 2 if arguments[:1] == ["--completion"] else 1])
         if name is None:
             return 0
         module = importlib.import_module(COMMANDS[name].module)
@@ -53,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(first: list[str]) -> str | None:
-    """Name of the command that the first argument asks for; None where the list is printed."""
+    """Name of the command that the first arguments ask for; None where the list is printed."""
     parser = argparse.ArgumentParser(
         prog="newton-avbd",
         usage="newton-avbd COMMAND ...",
@@ -64,7 +64,11 @@ def _command(first: list[str]) -> str | None:
     parser.add_argument("--version", action="version", version=_versions())
     parser.add_argument("command", nargs="?", help=argparse.SUPPRESS)
     parser.add_argument(
-        "--completion", action="store_true", help="print a script for the Tab key, bash or zsh"
+        "--completion",
+        nargs="?",
+        const="bash",
+        choices=("bash", "zsh"),
+        help="print a script for the Tab key, the same for bash and zsh",
     )
     parsed = parser.parse_args(first)
     name: str | None = parsed.command

@@ -54,7 +54,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "piles": Cause(
         "body",
-        "free, and not the only one of its world; and blocks='articulation', the default",
+        "free, in a world of several bodies, and blocks='articulation', the default",
         "execute/piles.py",
         "Pass blocks='body'.",
     ),
@@ -74,7 +74,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "put_bodies": Cause(
         "body",
-        "with shapes that is put by the user (kinematic, or without mass), and friction",
+        "with shapes that is kinematic or without mass, and friction",
         "execute/bodies.py",
     ),
     "restitution": Cause(
@@ -99,16 +99,18 @@ CAUSES: dict[str, Cause] = {
     ),
     "light_roots": Cause(
         "body",
-        "whose joints carry so much more than itself that rounding would move it",
+        "with less than 1e-5 of the mass or inertia that its joints carry",
         "execute/trees.py",
     ),
     "light_links": Cause(
         "body",
-        "with shapes, whose joints put many times its own mass behind its contacts",
+        "with shapes, and less than 1/200 of the mass that joints put behind its contacts",
         "execute/weights.py",
     ),
     "reaction": Cause(
-        "joint", "of such a type with a parent body, or not the child's first", "execute/bodies.py"
+        "joint",
+        "of type FREE, DISTANCE or ROD with a parent body, or not the child's first",
+        "execute/bodies.py",
     ),
     "welds": Cause(
         "weld",

@@ -80,8 +80,8 @@ FASTEST = 10.0
 class RobotVectorEnv(VectorEnv[Array, Array, Any]):
     """A robot in each world of a batch, moved by SolverAVBD.
 
-    A step advances all worlds by one launch of a captured graph. Worlds whose episode ends are put
-    back by a masked reset on the device, and the others go on undisturbed.
+    A step advances all worlds by one launch of a captured graph. A masked reset on the
+    device restarts worlds whose episode ends, and the others go on undisturbed.
 
     Example:
         With a random policy::

@@ -21,7 +21,7 @@ class Report:
     sweeps: np.ndarray
     """Sweeps that the world took; 0 where nothing touched and no joint held."""
     update: np.ndarray
-    """How far the last sweep still moved a body [m], a turn by its radius of gyration."""
+    """How far the last sweep still moved a body [m]; rotations by the radius of gyration."""
     allowed: np.ndarray
     """The ``update`` [m] at which the world's sweeps end, ``tolerance`` or where nothing moves any
     more."""
@@ -63,15 +63,15 @@ class Status:
     """
 
     held_steps: np.ndarray
-    """How often a world, or a body that touches nothing, was held still because its state, or what
-    acts on it, was not finite; by Newton world, where worlds are solved apart."""
+    """How often a world, or a body that touches nothing, was frozen because its state, or what acts
+    on it, was not finite; by Newton world, where worlds are solved apart."""
     repaired_poses: np.ndarray
     """How often a body came with a quaternion that was not of unit length, and was normalised; by
     world as above."""
     sweeps: np.ndarray
     """Sweeps of the last step with contacts, by world as above."""
     update: np.ndarray
-    """How far the last of these still moved a body [m], a turn by its radius of gyration."""
+    """How far the last of these still moved a body [m]; rotations by the radius of gyration."""
     bounded_steps: np.ndarray
     """How often the energy of an island was bounded after a step that did not settle, because it
     had more than before the step and was given in it; by world as above."""

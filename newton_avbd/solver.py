@@ -75,9 +75,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
     Backward Euler on pose increments, minimised block by block. A free body is a 6x6 block; the
     bodies that joints link into a tree, an articulation, are one block, solved exactly in time
     proportional to their number, so that accuracy does not depend on the length of a chain or on
-    mass ratios along it. Contacts with Coulomb friction, and joints that close loops, are held by
-    multipliers and a penalty scaled by the masses they couple. A step is a pure function of
-    ``state_in``, ``control``, ``contacts`` and what is remembered of the last step.
+    mass ratios along it. Contacts with Coulomb friction, and joints that close loops, are enforced
+    by multipliers and a penalty scaled by the masses they couple. A step is a pure function of
+    ``state_in``, ``control``, ``contacts`` and what the solver has stored of the last step.
 
     Contacts and joints are rigid, as in :class:`newton.solvers.SolverXPBD` and ``SolverMuJoCo``;
     with ``compliant_contacts`` contacts and joint limits give way by the stiffness and damping
@@ -144,9 +144,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             iterations: Most sweeps over the bodies in each step, 10 by default: more for taller
                 stacks and larger mass ratios. The first three steps after a reset, and those in
                 which impacts do not settle, take up to four times as many.
-            tolerance: A world's sweeps end early when one moves no body by more than this [m], a
-                turn counted by its radius of gyration; penetration up to a tenth of it is left
-                alone. With 0, the default, they end only where nothing moves any more.
+            tolerance: A world's sweeps end early when one moves no body by more than this [m]; a
+                rotation counts by the radius of gyration. Penetration up to a tenth of it is left
+                alone. With 0, the default, they end only when nothing moves any more.
             compliant_contacts: Contacts give way by the shapes' ``ke`` [N/m] and ``kd`` [N s/m]
                 (their means over the two shapes) instead of being rigid, which is the default, and
                 joint limits by their ``limit_ke`` and ``limit_kd``.
@@ -183,8 +183,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 and what calls for each see :attr:`effects`.
             update_joint_state: Joint coordinates are part of the state, as for ``SolverMuJoCo`` and
                 ``SolverFeatherstone``. Each step writes ``state_out.joint_q`` and ``joint_qd``,
-                with the turns of hinges counted. An articulation whose ``state_in.joint_q`` or
-                ``joint_qd`` the user has written since the last step, and whose bodies not, starts
+                with the revolutions of hinges counted. An articulation whose ``state_in.joint_q``
+                or ``joint_qd`` the user has written since the last step, but not its bodies, starts
                 from these: the step writes its ``body_q`` and ``body_qd`` to ``state_in`` first. If
                 both were written the bodies count. The first step starts from the joint
                 coordinates unless the bodies are elsewhere than in the model. Without this setting
@@ -727,15 +727,15 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         world_mask: wp.array | None = None,
         flags: StateFlags | int | None = None,
     ) -> None:
-        """Put worlds back to the model's initial poses and forget their contacts, on the device.
+        """Reset worlds to the model's initial poses, and drop their warm start, on the device.
 
         Args:
             state: State to modify: ``body_q`` and ``body_qd``, and with ``update_joint_state``
                 ``joint_q`` and ``joint_qd``, as ``flags`` say.
             world_mask: Which worlds, shape ``(world_count + 1,)``; the last entry is for global
                 bodies. None for all.
-            flags: What to put back; None for all, 0 for poses and velocities that the caller has
-                written. Multipliers are always forgotten.
+            flags: What to reset; None for all, 0 for poses and velocities that the caller has
+                written. Multipliers are always dropped.
 
         Raises:
             TypeError: If the mask is no array of booleans.
@@ -782,9 +782,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         )
 
     def checkpoint(self) -> dict[str, np.ndarray]:
-        """What is remembered of the last step, on the host.
+        """What the solver has stored of the last step, on the host.
 
-        With the state that the step wrote it is all that a run needs to go on to the same bits, in
+        Together with the state that the step wrote, a run can go on from it to the same bits, in
         this solver or in another one of an equal model with equal settings and contact buffers.
 
         Returns:
@@ -793,7 +793,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         return {name: array.numpy().copy() for name, array in self._remembered()}
 
     def restore(self, checkpoint: Mapping[str, np.ndarray]) -> None:
-        """Remember what :meth:`checkpoint` returned, instead of the last step.
+        """Go on from what :meth:`checkpoint` returned, instead of the last step.
 
         Args:
             checkpoint: Arrays by name.

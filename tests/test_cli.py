@@ -214,8 +214,8 @@ def test_what_cannot_be_done_is_told_in_a_sentence(arguments, message, capsys):
     [
         (["run", "fall", "--framess", "3"], "did you mean --frames?"),
         (["run", "fall", "--solver", "avdb"], "'avbd', 'vbd'"),
-        (["run", "fall", "--frames", "0"], "invalid positive int value: '0'"),
-        (["run", "fall", "--dt", "inf"], "invalid positive float value: 'inf'"),
+        (["run", "fall", "--frames", "0"], "'0' is not a whole number above zero"),
+        (["run", "fall", "--dt", "inf"], "'inf' is not a number above zero"),
         (["jump"], "run"),
         (["rnu"], "did you mean run?"),
     ],

@@ -5,7 +5,10 @@
 import re
 from pathlib import Path
 
+import newton
 import pytest
+
+from newton_avbd.study.hard_cases import CASES
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "newton_avbd"
@@ -13,6 +16,9 @@ FRONT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
 """Outside of the site, whose build checks the links of its own pages."""
 STEP = (ROOT / "docs" / "algorithm.md").read_text().split("| what | function | file |")[1]
 STAGES = [line for line in STEP.split("\n\n")[0].splitlines() if ".py" in line]
+ABOUT_CODE = ("algorithm", "mechanisms")
+"""Pages whose names in backticks are those of this package, its hard cases and of Newton."""
+SOURCE = "\n".join(path.read_text() for path in sorted(PACKAGE.rglob("*.py")))
 
 
 @pytest.mark.parametrize("line", STAGES)
@@ -29,6 +35,25 @@ def test_the_files_that_a_page_names_exist(page: Path) -> None:
     for name in re.findall(r"`([a-z0-9_/]+\.py)`", page.read_text()):
         places = (ROOT / name, PACKAGE / name, PACKAGE / "execute" / name, PACKAGE / "rows" / name)
         assert any(place.exists() for place in places), name
+
+
+@pytest.mark.parametrize("page", ABOUT_CODE)
+def test_the_names_that_a_page_says_of_the_code_are_in_it(page: str) -> None:
+    known = set(re.findall(r"\w+", SOURCE)) | set(dir(newton.Control())) | set(CASES)
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    names = re.findall(r"`([A-Za-z_][\w.]*)(?:=[^`]*)?`", text)
+    assert len(names) > 50
+    assert not [name for name in names if name.split(".")[-1] not in known]
+    for name, file in re.findall(r"`(\w+)`\s+in\s+`([\w/]+\.py)`", text):
+        assert re.search(rf"\b{name}\b", (PACKAGE / file).read_text()), f"{name} in {file}"
+
+
+@pytest.mark.parametrize("page", ABOUT_CODE)
+def test_the_constants_that_a_page_gives_a_value_have_it(page: str) -> None:
+    text = (ROOT / "docs" / f"{page}.md").read_text()
+    for name, value in re.findall(r"`([A-Z_]+)` = ([-.e\d]+\d)", text):
+        defined = re.findall(rf"^{name} = .*?([\d.]+(?:e-?\d+)?)\)*$", SOURCE, re.MULTILINE)
+        assert float(value) in map(float, defined), name
 
 
 @pytest.mark.parametrize("page", FRONT_PAGES)

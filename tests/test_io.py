@@ -266,13 +266,17 @@ def test_asset_without_bodies_or_file_or_format_is_refused(tmp_path):
         open_scene(str(tmp_path / "mesh.obj"), Request("xpbd"))
 
 
-def test_unknown_scene_lists_what_there_is_close_matches_first():
+def test_unknown_scene_names_close_matches_or_lists_what_there_is():
     with pytest.raises(UserError) as caught:
         open_scene("pyramide", Request("xpbd"))
-    first, *rest = str(caught.value).splitlines()
-    assert first == (
-        "there is no scene 'pyramide', and no such file. Did you mean pyramid or pyramid_worlds?"
+    assert str(caught.value) == (
+        "there is no scene 'pyramide', and no such file. Did you mean pyramid or pyramid_worlds? "
+        "`newton-avbd run --help` lists all."
     )
+    with pytest.raises(UserError) as caught:
+        open_scene("qqq", Request("xpbd"))
+    first, *rest = str(caught.value).splitlines()
+    assert first == "there is no scene 'qqq', and no such file."
     text = "\n".join(rest)
     assert "card_house" in text
     assert "basic_shapes" in text

@@ -22,6 +22,8 @@ import newton.examples
 import numpy as np
 import pytest
 import warp as wp
+from newton.actuators import ClampingDCMotor, DrivePD
+from newton.solvers import SolverBase
 
 from newton_avbd import SolverAVBD
 
@@ -203,6 +205,95 @@ def test_an_example_gives_its_task_the_solver(
     names = runpy.run_path(str(script))
     config = names[registered["kwargs"]["env_cfg_entry_point"].rpartition(":")[2]]()
     assert config.sim.physics.class_type.__name__ == "NewtonAVBDManager"
+
+
+def quadruped(solver_class: type) -> newton.Model:
+    """A robot of the size of Unitree's Go2 above flat ground, as the task's configuration has it.
+
+    The configuration is UNITREE_GO2_CFG (unitree.py of commit 022008d): start 0.4 m above the
+    ground, hips at 0.1 rad outwards, thighs at 0.8 and 1.0 rad, calves at -1.5 rad; DC motors of
+    25 N m/rad, 0.5 N m s/rad, 23.5 N m and 30 rad/s, as actuators of Newton. Its description lies
+    on a server, so sizes and masses are those of the robot's data sheet, and bodies boxes.
+    """
+    builder = newton.ModelBuilder()
+    solver_class.register_custom_attributes(builder)
+    skin = newton.ModelBuilder.ShapeConfig(density=0.0, mu=0.8)
+
+    def link(mass: float, size: tuple[float, float, float], down: float = 0.0) -> int:
+        """A box of this mass [kg] and size [m], whose center is so far below its joint [m]."""
+        x, y, z = np.square(size)
+        inertia = wp.mat33(np.diag([y + z, x + z, x + y]).astype(np.float32) * mass / 12.0)
+        return builder.add_link(mass=mass, inertia=inertia, com=(0.0, 0.0, -down))
+
+    base = link(6.9, (0.38, 0.094, 0.114))
+    builder.add_shape_box(base, hx=0.19, hy=0.047, hz=0.057, cfg=skin)
+    joints = [builder.add_joint_free(base)]
+    for front in (1.0, -1.0):
+        for left in (1.0, -1.0):
+            parts = [
+                (link(0.68, (0.1, 0.05, 0.1)), (0.193 * front, 0.047 * left, 0.0), (1.0, 0.0, 0.0)),
+                (link(1.15, (0.03, 0.03, 0.213), 0.05), (0.0, 0.0955 * left, 0.0), (0.0, 1.0, 0.0)),
+                (link(0.24, (0.02, 0.02, 0.213), 0.12), (0.0, 0.0, -0.213), (0.0, 1.0, 0.0)),
+            ]
+            rests = (0.1 * left, 0.8 if front > 0.0 else 1.0, -1.5)
+            parent = base
+            for (child, at, axis), rest in zip(parts, rests, strict=True):
+                joint = builder.add_joint_revolute(
+                    parent, child, parent_xform=wp.transform(at, wp.quat_identity()), axis=axis
+                )
+                coordinate, dof = builder.joint_q_start[joint], builder.joint_qd_start[joint]
+                builder.joint_q[coordinate] = builder.joint_target_q[coordinate] = rest
+                motor = {"saturation_effort": 23.5, "velocity_limit": 30.0}
+                builder.add_actuator(
+                    *(DrivePD, dof, [(ClampingDCMotor, motor | {"max_motor_effort": 23.5})]),
+                    **{"pos_index": coordinate, "kp": 25.0, "kd": 0.5},
+                )
+                joints.append(joint)
+                parent = child
+            foot = wp.transform((0.0, 0.0, -0.213), wp.quat_identity())
+            builder.add_shape_sphere(parent, xform=foot, radius=0.022, cfg=skin)
+    builder.add_articulation(joints)
+    builder.joint_q[2] = 0.4
+    builder.add_ground_plane()
+    return builder.finalize(device="cpu")
+
+
+def test_the_quadruped_of_the_example_stands(lab: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three seconds of actions of zero, each held for four steps of 5 ms, as the task steps."""
+    gymnasium = pytest.importorskip("gymnasium")
+    monkeypatch.setattr(gymnasium, "register", lambda **options: None)
+    config = runpy.run_path(str(EXAMPLES / "quadruped.py"))["AVBDGo2FlatEnvCfg"]()
+    manager = config.sim.physics.class_type
+    model = quadruped(manager.solver_class)
+    solver = manager.create_solver(model, config.sim.physics.solver_cfg)
+    pipeline = newton.CollisionPipeline(model)
+    contacts = pipeline.contacts()
+    state, after, control = model.state(), model.state(), model.control()
+    observables = solver.observables({SolverBase.ObservableKind.CONTACT_F}, contacts=contacts)
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    mass, support = model.body_mass.numpy().sum(), 0.0
+    for step in range(600):
+        if step == 400:
+            rising = model.body_mass.numpy() @ state.body_qd.numpy()[:, 2]
+        control.joint_f.zero_()
+        for actuator in model.actuators:
+            actuator.step(state, control, dt=0.005)
+        pipeline.collide(state, contacts)
+        solver.step(state, after, control, contacts, 0.005, observables=observables)
+        state, after = after, state
+        if step >= 400:
+            support += 0.005 * np.abs(observables.contact_f.numpy()[:, 2].sum())
+    # Over the last second the ground gives the weight and the change of momentum.
+    change = model.body_mass.numpy() @ state.body_qd.numpy()[:, 2] - rising
+    assert support == pytest.approx(mass * 9.81 + change, rel=1.0e-4)
+    # As stiff legs stand at 0.33 m; motors of 25 N m/rad give way by some 0.2 rad.
+    x, y, z, *rotation = state.joint_q.numpy()[:7]
+    assert 0.24 < z < 0.33
+    assert np.hypot(rotation[0], rotation[1]) < 0.1  # half of the tilt [rad]
+    # Left and right are alike, and the solver is, too.
+    assert abs(y) < 1.0e-6
+    assert abs(x) < 0.25
+    assert np.abs(control.joint_f.numpy()).max() < 23.5
 
 
 def test_without_isaac_lab_the_error_says_what_to_install() -> None:

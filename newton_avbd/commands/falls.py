@@ -4,6 +4,7 @@
 """``newton-avbd falls``: drop, spin and throw robots, and say whether energy appears."""
 
 import argparse
+import contextlib
 import json
 import sys
 from dataclasses import asdict, replace
@@ -19,9 +20,10 @@ from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.fall_run import Fall, Setup, run_falls
 from newton_avbd.study.fall_scene import KINDS, bare, starts
 
-from .options import positive
+from .options import make_folder, positive
 from .output import length, table
 from .robots import chosen_robots, show, show_nothing, silence
+from .terminal import interruptible
 
 HEAD = ("", "kind", "solver", "falls", "fail", "gain", "speed", "joint", "limit", "bounded")
 
@@ -83,47 +85,51 @@ steps in which SolverAVBD had to bound the energy."""
 
 
 def main(args: argparse.Namespace) -> int:
-    """Run the falls, print a table; 1 where a fall with SolverAVBD fails."""
+    """Run the falls, print a table; 1 where a fall with SolverAVBD fails, 130 after Ctrl-C."""
     setups = [
         Setup(solver, args.dt, args.seconds, args.iterations, args.scheme, args.parallel)
         for solver in args.solver
     ]
     if args.replay:
         return _replay(args.replay)
-    _make_folder(args.output)
+    make_folder(args.output)
     for sentence in not_installed():
         print(f"newton-avbd: {sentence}", file=sys.stderr)
     rows: list[tuple[str, ...]] = [HEAD]
     failed = False
     names = _names(args.names)
-    for number, name in enumerate(names, 1):
-        label = f"{name} ({number} of {len(names)})"
-        try:
-            builder = load(name)
-            with silence():
-                chosen = starts(builder, tuple(args.kinds), args.seeds)
-        except UserError as error:
-            print(f"newton-avbd: {name} is left out: {error}", file=sys.stderr)
-            continue
-        for setup in setups:
+    with interruptible() as interruption:
+        for number, name in enumerate(names, 1):
+            label = f"{name} ({number} of {len(names)})"
             try:
+                builder = load(name)
                 with silence():
-                    shown = partial(show, label, setup.solver)
-                    falls = run_falls(name, builder, chosen, setup, shown)
-            except Exception as error:  # solvers refuse in as many ways as there are solvers
-                show_nothing()
-                print(f"newton-avbd: {name} is left out: {setup.solver}: {error}", file=sys.stderr)
+                    chosen = starts(builder, tuple(args.kinds), args.seeds)
+            except UserError as error:
+                print(f"newton-avbd: {name} is left out: {error}", file=sys.stderr)
                 continue
-            show_nothing()
-            new = _rows(name, setup.solver, falls)
-            print(table([HEAD, *new] if len(rows) == 1 else new), flush=True)
-            rows += new
-            for fall in falls:
-                if fall.failures() and setup.solver == "avbd":
-                    failed = True
-                    _save(args.output, fall, setup, args)
-    print(f"\n{table(rows)}")
-    return int(failed)
+            for setup in setups:
+                try:
+                    with silence():
+                        shown = partial(show, label, setup.solver)
+                        falls = run_falls(name, builder, chosen, setup, shown)
+                except Exception as error:  # solvers refuse in as many ways as there are solvers
+                    show_nothing()
+                    print(
+                        f"newton-avbd: {name} is left out: {setup.solver}: {error}", file=sys.stderr
+                    )
+                    continue
+                show_nothing()
+                new = _rows(name, setup.solver, falls)
+                print(table([HEAD, *new] if len(rows) == 1 else new), flush=True)
+                rows += new
+                for fall in falls:
+                    if fall.failures() and setup.solver == "avbd":
+                        failed = True
+                        _save(args.output, fall, setup, args)
+    if len(rows) > 1:
+        print(f"\n{table(rows)}")
+    return interruption.status(int(failed))
 
 
 def load(name: str) -> newton.ModelBuilder:
@@ -221,22 +227,11 @@ def _replay(path: Path) -> int:
     return int(bool(fall.failures()))
 
 
-def _make_folder(folder: Path | None) -> None:
-    if folder is None:
-        return
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error}") from error
-
-
 def _seeds(text: str) -> range:
     """Reader of a number of seeds, or of the first and the end."""
     first, colon, end = text.partition(":")
-    seeds = range(int(first), int(end)) if colon else range(int(first))
-    if not seeds:
-        raise ValueError
-    return seeds
-
-
-_seeds.__name__ = "N or FIRST:END"  # argparse names the reader when it rejects a value
+    with contextlib.suppress(ValueError):
+        seeds = range(int(first), int(end)) if colon else range(int(first))
+        if seeds:
+            return seeds
+    raise argparse.ArgumentTypeError(f"{text!r} names no seeds: 3 is 0 to 2, 5:8 is 5 to 7")

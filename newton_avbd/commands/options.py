@@ -4,6 +4,7 @@
 """Arguments that commands share."""
 
 import argparse
+import contextlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -36,14 +37,15 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
 def positive(kind: type[int] | type[float]) -> "type[int] | type[float]":
     """Reader of a positive number, for ``type=`` of an argument."""
 
-    def read(text: str) -> int | float:
-        value = kind(text)
-        if not 0 < value < float("inf"):
-            raise ValueError
-        return value
+    wanted = "a whole number" if kind is int else "a number"
 
-    # argparse names the reader when it rejects a value: "invalid positive int value".
-    read.__name__ = f"positive {kind.__name__}"
+    def read(text: str) -> int | float:
+        with contextlib.suppress(ValueError):
+            value = kind(text)
+            if 0 < value < float("inf"):
+                return value
+        raise argparse.ArgumentTypeError(f"{text!r} is not {wanted} above zero")
+
     return read  # type: ignore[return-value]
 
 

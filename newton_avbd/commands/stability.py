@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from newton_avbd.io import UserError, require
+from newton_avbd.io.errors import unknown
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.hard_case import Case, Outcome, try_case
 from newton_avbd.study.hard_cases import CASES, GROUPS
@@ -124,7 +125,7 @@ def _check_names(names: list[str], known: Iterable[str]) -> None:
     """Raises a UserError for a name with which no known one starts."""
     for name in names:
         if not any(case.startswith(name) for case in known):
-            raise UserError(f"there is no case {name!r}; there are: {', '.join(known)}")
+            raise unknown("case", name, known)
 
 
 def _chosen(names: list[str], quick: bool) -> list[Case]:

@@ -145,8 +145,11 @@ def _open(name: str, request: Request) -> Simulation:
     if _is_asset(name):
         return open_asset(Path(name), request)
     close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
-    hint = f" Did you mean {' or '.join(close)}?" if close else ""
-    raise UserError(f"there is no scene {name!r}, and no such file.{hint}\n{list_scenes()}")
+    told = f"there is no scene {name!r}, and no such file."
+    if close:
+        hint = f"Did you mean {' or '.join(close)}?"
+        raise UserError(f"{told} {hint} `newton-avbd run --help` lists all.")
+    raise UserError(f"{told}\n{list_scenes()}")
 
 
 def _open_own(scene: scenes.Scene, request: Request) -> ModelSimulation:

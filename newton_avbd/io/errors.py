@@ -3,7 +3,10 @@
 
 """Errors that are the user's to mend, told in a sentence instead of a traceback."""
 
+import difflib
 import importlib.util
+import textwrap
+from collections.abc import Iterable
 
 EXTRAS = {
     "mujoco": "scenes",
@@ -27,6 +30,20 @@ BESIDE = {"dm_control": "'newton-avbd[learning]' dm_control"}
 
 class UserError(Exception):
     """What was asked for cannot be done; the message says why and what would help."""
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
+    """Error for a name that is none of ``known``: which there are, and last which may be meant."""
+    names = list(known)
+    told = textwrap.fill(
+        f"there is no {kind} {name!r}; there are: {', '.join(names)}",
+        width=98,
+        subsequent_indent="  ",
+        break_on_hyphens=False,
+    )
+    alike = [other for other in names if name and name.lower() in other.lower()]
+    close = (alike or difflib.get_close_matches(name, names))[:3]
+    return UserError(f"{told}\nDid you mean {' or '.join(close)}?" if close else told)
 
 
 def missing(module: str) -> UserError:

@@ -82,7 +82,8 @@ def _rolling(name: str, direction: tuple[float, float]) -> AccuracyScene:
 
     return AccuracyScene(
         name,
-        f"25 balls on a box that {FORCE:.0f} N draw over the ground along {direction}",
+        f"25 balls on a box that {FORCE:.0f} N draw over the ground along "
+        f"{direction[0]:.3g}, {direction[1]:.3g}",
         CLOSED,
         "velocities of the box and of one ball, root mean square over 4 s",
         add_rolling,

@@ -10,7 +10,6 @@ steps captured in a graph, or for MuJoCo a bare ``mj_step``, which tells solvers
 """
 
 import argparse
-import difflib
 import json
 import math
 import os
@@ -27,7 +26,7 @@ import numpy as np
 
 from newton_avbd.commands.options import check_writable
 from newton_avbd.commands.terminal import interruptible, progress, say
-from newton_avbd.io.errors import UserError
+from newton_avbd.io.errors import unknown
 from newton_avbd.study import report
 from newton_avbd.study.coldstart import cold_start
 from newton_avbd.study.contestants import Contestant, NewtonContestant
@@ -270,10 +269,7 @@ def chosen(kind: str, names: list[str], known: tuple[str, ...]) -> tuple[str, ..
     """
     for name in names:
         if name not in known:
-            alike = [other for other in known if name and name.lower() in other.lower()]
-            close = alike or difflib.get_close_matches(name, known)
-            hint = f". Did you mean {' or '.join(close)}?" if close else ""
-            raise UserError(f"there is no {kind} {name!r}; there are: {', '.join(known)}{hint}")
+            raise unknown(kind, name, known)
     return tuple(name for name in known if name in names or not names)
 
 

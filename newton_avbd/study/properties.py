@@ -15,7 +15,7 @@ from pathlib import Path
 
 from newton_avbd.commands.options import check_writable
 from newton_avbd.commands.terminal import interruptible, progress, say
-from newton_avbd.io.errors import UserError
+from newton_avbd.io.errors import UserError, unknown
 from newton_avbd.study.properties_body import BODIES
 from newton_avbd.study.properties_cable import CABLES
 from newton_avbd.study.properties_contact import CONTACTS
@@ -38,29 +38,29 @@ PROPERTIES: dict[str, Property] = {**CONTACTS, **JOINTS, **BODIES, **CABLES, **M
 INTRODUCTION = """\
 # What solvers honour
 
-What a Newton scene can author, tried on each solver: on the smallest scene that shows it, against
-the number that follows by hand. The scenes and closed forms are listed below the tables. All ran
-on a CPU at 240 steps a second.
+Each property that a Newton scene can author is tried with each solver, on the smallest scene that
+shows it. The result is compared with a number that follows by hand. [Scenes](#scenes) lists the
+scenes and the numbers. All ran on a CPU at 240 steps a second.
 
 - **yes**: within the bound.
-- a **percentage** or a number: how far off it is; **never**: what should happen did not.
+- a **percentage** or a number: the error; **never**: what should happen did not.
 - *ignored*: authoring the property makes no difference.
 - *error*: the solver refuses, in the words of the note.
 - *not finite*: the state was not finite at the end.
 
-That a solver ignores a property is mostly its documented choice, not a defect. What it must be
-told in order to honour one it has been told: see the settings at the end. This page and the
-numbers behind it, [properties.json](properties.json), are written by
+A solver that ignores a property mostly does so by documented choice; it is no defect. If a solver
+honours a property only with an option, the option was set ([Settings](#settings)). This page and
+the numbers behind it, [properties.json](properties.json), are written by
 
     newton-avbd properties --json docs/properties.json --output docs/properties.md"""
 
 
 ATTRIBUTES_INTRODUCTION = """\
 All that `SolverMuJoCo.register_custom_attributes` declares, in the namespace `mujoco`. SolverMuJoCo
-takes all of it; of the others SolverSteel reads equality constraints and refuses those that it does
-not enforce. *Tried by* names rows above, or says that tests compare with a closed form. What is
-ignored has its reason, and where that changes the motion beyond how soft MuJoCo's constraints are,
-the solver warns. [From MuJoCo](from_mujoco.md) says more."""
+takes all of it. SolverSteel reads equality constraints and refuses those that it does not enforce;
+the other solvers read none of it. *Tried by* names rows above, or says that tests compare with a
+closed form. An attribute that is ignored has its reason. If that changes the motion by more than
+the softness of MuJoCo's constraints, the solver warns. [From MuJoCo](from_mujoco.md) says more."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -69,7 +69,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "names",
         nargs="*",
         metavar="NAME",
-        help="properties, by the start of their names (default: all)",
+        help="properties, by the start of their names, see below (default: all)",
     )
     parser.add_argument(
         "--solvers",
@@ -78,6 +78,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=list(SOLVERS),
         metavar="SOLVER",
         help=f"solvers to try, of {', '.join(SOLVERS)} (default: all)",
+    )
+    parser.epilog = "\n".join(
+        f"{group}:\n" + "\n".join(f"  {name}" for name in catalog)
+        for group, catalog in GROUPS.items()
     )
     parser.add_argument("--output", type=Path, metavar="FILE", help="page to write, Markdown")
     parser.add_argument(
@@ -154,7 +158,7 @@ def _choose(names: list[str]) -> list[Property]:
     """
     for name in names:
         if not any(known.startswith(name) for known in PROPERTIES):
-            raise UserError(f"there is no property {name!r}; there are: {', '.join(PROPERTIES)}")
+            raise unknown("property", name, PROPERTIES)
     starts = tuple(names) or ("",)
     return [entry for name, entry in PROPERTIES.items() if name.startswith(starts)]
 
