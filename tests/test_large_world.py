@@ -15,7 +15,7 @@ from test_large_joints import in_order_of_colors, ragdolls
 from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
 from newton_avbd.execute.coloring import COLORS, PASSES
-from newton_avbd.execute.scale import COLD_FACTOR, COLD_STEPS
+from newton_avbd.execute.scale import STRUCK_FACTOR, COLD_STEPS
 from newton_avbd.study.chains import add_chain
 from newton_avbd.study.scenes import add_brick_ring
 
@@ -123,7 +123,7 @@ def test_impacts_that_go_on_take_another_round_of_sweeps() -> None:
         sweeps.append([*colored.solver.status.sweeps, *both.solver.status.sweeps])
         assert sweeps[-1][0] == serial.solver.status.sweeps[0] == sweeps[-1][1]
     warm = np.array(sweeps[COLD_STEPS:])
-    assert warm[:, 0].max() == COLD_FACTOR * iterations
+    assert warm[:, 0].max() == STRUCK_FACTOR * iterations
     assert warm[:, 2].max() <= iterations
 
 

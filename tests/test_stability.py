@@ -91,6 +91,24 @@ def test_solver_withstands(name: str) -> None:
         pytest.xfail(reason)
 
 
+@pytest.mark.parametrize(
+    ("name", "seconds"),
+    [
+        ("card_house", 0.5),
+        ("arch", 0.5),
+        ("wall", 0.5),
+        ("ground_chain", 0.8),
+        ("thin_plate", 1.0),
+        ("needle", 0.8),
+    ],
+)
+def test_solver_withstands_at_60_hz_without_substeps(name: str, seconds: float) -> None:
+    """Piles that start cold, a chain that lands, and thin bodies: the same bounds as at 240 Hz."""
+    case = dataclasses.replace(CASES[name].at_rate(60.0), seconds=seconds)
+    outcome = try_case(case, "avbd")
+    assert outcome.failures(case.bounds) == [], outcome
+
+
 def _moved(dt: Callable[[int], float]) -> float:
     """How far boxes of a stack of ten get from their places within a second [m]."""
     case = dataclasses.replace(CASES["stack_10"], dt=dt, seconds=1.0)
@@ -102,7 +120,8 @@ def _moved(dt: Callable[[int], float]) -> float:
 def test_short_steps_between_long_ones_do_no_harm() -> None:
     """A stack stands as it does with the long steps alone, which take its weight up in one sag."""
     long = _moved(lambda step: 1 / 60)
-    assert _moved(lambda step: 1 / 240 if step % 2 else 1 / 60) < 1.1 * long
+    rounding = 1e-8
+    assert _moved(lambda step: 1 / 240 if step % 2 else 1 / 60) < 1.1 * long + rounding
 
 
 def test_a_tall_pyramid_does_not_creep() -> None:
@@ -195,6 +214,7 @@ def test_rate_is_that_of_all_cases_that_have_a_meaning_there(
     case = CASES["needle"].at_rate(60.0)
     assert case.step_size(0) == 1.0 / 60.0
     assert case.speculative == pytest.approx(4.0 * 0.05)
+    assert case.farther == pytest.approx(4.0)
     with pytest.raises(ValueError, match="its own rate"):
         CASES["rate_30"].at_rate(60.0)
 

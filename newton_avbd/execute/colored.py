@@ -55,6 +55,7 @@ from .scale import (
     COLD_STEPS,
     LONGER,
     STRUCK_FACTOR,
+    going_on,
     is_struck,
     is_unsettled,
     last_update,
@@ -921,7 +922,8 @@ def make_colored(effects: Effects) -> Colored:
         """Another round of sweeps where impacts go on after the first; one thread a world."""
         world = wp.tid()
         if colors.most[world] == iterations:
-            if is_struck(iterations, colors.moved[iterations, world], colors.scale[world]):
+            update, share = colors.moved[iterations, world], wp.static(going_on(effects))
+            if is_struck(iterations, update, share, colors.scale[world]):
                 colors.most[world] = STRUCK_FACTOR * iterations
                 colors.begin[world] = iterations
                 colors.has_more[0] = 1

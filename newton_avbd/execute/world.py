@@ -31,7 +31,7 @@ from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .links import gather_body, gather_joint, place_fixed_links, scatter_body
 from .phases import make_phases
-from .scale import COLD_STEPS, STRUCK_FACTOR, is_struck, is_unsettled
+from .scale import COLD_STEPS, STRUCK_FACTOR, going_on, is_struck, is_unsettled
 
 
 @functools.cache
@@ -201,7 +201,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 break
             sweeps += taken
             if wp.static(effects.switching and not effects.ramp):
-                if sweeps == iterations and is_struck(sweeps, update, scale):
+                share = wp.static(going_on(effects))
+                if sweeps == iterations and is_struck(sweeps, update, share, scale):
                     if wp.static(effects.piles):
                         stiffen_piles(world, scale, worlds, rows)
                     continue

@@ -61,9 +61,7 @@ def _(builder: newton.ModelBuilder) -> None:
 def _pump(trial: Trial, step: int) -> bool:
     """Swing the last body, a piston, by 15 cm at 2 Hz; it goes to where the next step puts it."""
     body, dt = trial.model.body_count - 1, trial.case.step_size(step)
-    height, end = (
-        0.1 + 0.15 * math.sin(4.0 * math.pi * t) for t in (trial.time, trial.time + dt)
-    )
+    height, end = (0.1 + 0.15 * math.sin(4.0 * math.pi * t) for t in (trial.time, trial.time + dt))
     speed = (end - height) / dt
     trial.place(body, (0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0), (0.0, 0.0, speed, 0, 0, 0))
     return step >= 0
