@@ -240,11 +240,14 @@ def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
     return added
 
 
-def compensating_axes(model: newton.Model) -> dict[int, list[int]]:
+def compensating_axes(model: newton.Model, *, limited_only: bool = True) -> dict[int, list[int]]:
     """Degrees of freedom whose actuators compensate gravity, and the links that they carry.
 
-    Compensation through an actuator differs from that of :data:`mujoco:gravcomp` alone only where
-    it counts towards the limit of the axis (``actuatorfrcrange``), so only those are found.
+    Args:
+        model: The user's model.
+        limited_only: Leave out axes without a limit (``actuatorfrcrange``). Compensation through
+            an actuator differs from that of :data:`mujoco:gravcomp` alone only where it counts
+            towards a limit.
     """
     through = authored(model, "jnt_actgravcomp")
     links = compensated_links(model)
@@ -264,7 +267,7 @@ def compensating_axes(model: newton.Model) -> dict[int, list[int]]:
             seen.add(joint)
             if KINDS[newton.JointType(kinds[joint])].has_axes:
                 for dof in range(starts[joint], starts[joint + 1]):
-                    if through[dof] and limit[dof] < NO_LIMIT:
+                    if through[dof] and (not limited_only or limit[dof] < NO_LIMIT):
                         carried.setdefault(dof, []).append(link)
             at = int(parent[joint])
     return carried

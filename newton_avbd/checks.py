@@ -137,12 +137,6 @@ def report_ignored(
             f"SolverAVBD leaves out {', '.join(actuators)}. Push with control.joint_f or "
             "state.body_f instead, or use SolverMuJoCo."
         )
-    if "mujoco:qfrc_actuator" in model.get_requested_state_attributes():
-        messages.append(
-            "SolverAVBD leaves out state.mujoco.qfrc_actuator, which the model requests. The force "
-            "of a drive is its law at the joint coordinates after the step, with "
-            "update_joint_state=True: see docs/from_mujoco.md."
-        )
     if adhesive := _shapes(model, _material(model, "ka") > 0.0):
         messages.append(
             f"SolverAVBD leaves out the adhesion (ka) of {', '.join(adhesive)}. Only the penalty "

@@ -359,7 +359,8 @@ class Effects:
         pulled, threaded = (_tied_bodies(topology, only) for only in (False, True))
         reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
         ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
-        shared = ranged & (actuators.is_shared(user_model)[axes.dofs] | driven)
+        shared = actuators.is_shared(user_model)[axes.dofs] | driven
+        shared = ranged & (shared | np.isin(axes.dofs, compensated))
         authored = has_authored_limit(user_model)[axes.dofs]
         callers = {
             "contact": shapes,

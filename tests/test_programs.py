@@ -81,7 +81,7 @@ def test_a_view_writes_joint_coordinates_of_chosen_worlds() -> None:
 
 
 def test_the_torque_of_a_drive_is_its_law_at_the_end_of_the_step() -> None:
-    """What ``qfrc_actuator`` is of SolverMuJoCo: I dv/dt = ke (target - q') - kd v'."""
+    """What ``qfrc_actuator`` has: I dv/dt = ke (target - q') - kd v'."""
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     joint = builder.add_joint_revolute(
         WORLD,
@@ -94,7 +94,8 @@ def test_the_torque_of_a_drive_is_its_law_at_the_end_of_the_step() -> None:
     builder.add_articulation([joint])
     model = builder.finalize(device="cpu")
     solver = SolverAVBD(model, update_joint_state=True, scheme="euler")
-    observables = solver.observables({solver.ObservableKind.BODY_QDD})
+    kinds = solver.ObservableKind
+    observables = solver.observables({kinds.BODY_QDD, kinds.QFRC_ACTUATOR})
     state = model.state()
     for _ in range(20):
         solver.step(state, state, None, None, DT, observables=observables)
@@ -102,14 +103,4 @@ def test_the_torque_of_a_drive_is_its_law_at_the_end_of_the_step() -> None:
         torque = INERTIA * observables.body_qdd.numpy()[0, 5]
         # at most 32 N m, of rounded velocities over the time step: 1e-7 / DT * INERTIA
         assert torque == pytest.approx(KP * (TARGET - q) - KD * v, abs=1.0e-3)
-
-
-def test_a_requested_actuator_force_is_said_to_be_left_out() -> None:
-    """Zeros in ``state.mujoco.qfrc_actuator`` would be taken for an answer."""
-    builder = wheel()
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    model = builder.finalize(device="cpu")
-    with pytest.warns(match="deprecated"):
-        model.request_state_attributes("mujoco:qfrc_actuator")
-    with pytest.warns(UserWarning, match="qfrc_actuator"):
-        SolverAVBD(model)
+        assert torque == pytest.approx(observables.qfrc_actuator.numpy()[0], abs=1.0e-3)

@@ -106,6 +106,7 @@ def pull_tendons(
     h: float,
     # Out:
     tendons: TendonModel,
+    beside: wp.array[wp.vec2],
 ):
     """Sums what actuators push along each tendon, as :func:`push_axes` does; one thread a tendon.
 
@@ -120,6 +121,7 @@ def pull_tendons(
     push = AxisPush()
     push.least = most[0]
     push.most = most[1]
+    apart = wp.vec2(0.0)
     is_alone = tendons.row_start[i + 1] == tendons.row_start[i] + 1
     for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
         row = tendons.rows[k]
@@ -139,9 +141,12 @@ def pull_tendons(
             push.force += gear * law.force
             push.stiffness += gear * gear * law.stiffness
             push.damping += gear * gear * law.damping
+        own = gear * gear * own_damping(actuators[0], row, velocity)
         push.force += gear * law.own_force
-        push.damping += gear * gear * (own_damping(actuators[0], row, velocity) + law.own_damping)
+        push.damping += own + gear * gear * law.own_damping
+        apart += wp.vec2(0.0, own)
     tendons.push[i] = push
+    beside[i] = apart
 
 
 @wp.kernel(**KERNEL)
@@ -156,6 +161,45 @@ def forget_tendons(
     if mask.shape[0] == 0 or is_selected(tendons.world[i], mask):
         tendons.piece[i] = wp.vec3i(0, 0, 0)
         tendons.force[i] = 0.0
+
+
+@wp.func
+def base_rotation(
+    joint: int,
+    # Model:
+    parent: wp.array[wp.int32],
+    parent_frame: wp.array[wp.transform],
+    # In:
+    body_q: wp.array[wp.transform],
+) -> wp.quat:
+    """Orientation of a joint's anchor on its parent."""
+    base = parent_frame[joint]
+    if parent[joint] >= 0:
+        base = wp.transform_multiply(body_q[parent[joint]], base)
+    return wp.transform_get_rotation(base)
+
+
+@wp.func
+def axis_of(
+    dof: int,
+    first: int,
+    turned: wp.quat,
+    # Model:
+    axes: wp.array[wp.vec3],
+    # In:
+    joint_q: wp.array[float],
+    coordinate: int,
+) -> wp.vec3:
+    """Axis of a degree of freedom in the world.
+
+    Args:
+        dof: The degree of freedom, whose coordinate is number ``coordinate``.
+        first: First of the axes of the joint that turn it; its own index where none does.
+        turned: Orientation of the anchor on the parent.
+    """
+    for k in range(first, dof):
+        turned = turned * wp.quat_from_axis_angle(axes[k], joint_q[coordinate + k - dof])
+    return wp.quat_rotate(turned, axes[dof])
 
 
 @wp.kernel(**KERNEL)
@@ -194,14 +238,8 @@ def compensate_axes(
     joint = joint_of[i]
     first = dof_start[joint]
     linear = dof_dim[joint, 0]
-    base = parent_frame[joint]
-    if parent[joint] >= 0:
-        base = wp.transform_multiply(body_q[parent[joint]], base)
-    turned = wp.transform_get_rotation(base)
-    for k in range(first + linear, dofs[i]):
-        angle = joint_q[coordinate[i] + k - dofs[i]]
-        turned = turned * wp.quat_from_axis_angle(axes[k], angle)
-    axis = wp.quat_rotate(turned, axes[dofs[i]])
+    turned = base_rotation(joint, parent, parent_frame, body_q)
+    axis = axis_of(dofs[i], first + linear, turned, axes, joint_q, coordinate[i])
     end = wp.transform_multiply(body_q[child[joint]], child_frame[joint])
     anchor = wp.transform_get_translation(end)
     for k in range(start[i], start[i + 1]):
@@ -236,6 +274,7 @@ def push_axis(
     # Out:
     ranged: wp.array[ActuatorLaw],
     pushes: wp.array[AxisPush],
+    beside: wp.array[wp.vec2],
 ):
     """Sums what actuators push a degree of freedom with.
 
@@ -245,6 +284,9 @@ def push_axis(
     as having reached them or not at the start of the step.
 
     Compensation of gravity by actuators moves from the links to what the limit of the axis bounds.
+
+    ``beside`` gets what no actuator's force is of the part that nothing limits: the damping of
+    actuators, and what is taken from the links.
     """
     dof = dofs[i]
     q = 0.0
@@ -260,9 +302,13 @@ def push_axis(
             limited += 1
     shares = limited == 1 and start[i + 1] == start[i] + 1
     shares = (shares or (limited == 1 and not has_effort)) and not is_driven(joints, dof)
+    if compensation.shape[0] > 0 and has_effort:
+        # the range of an actuator does not bound the compensation
+        shares = shares and compensation[i] == 0.0
     push = AxisPush()
     push.least = -wp.inf
     push.most = wp.inf
+    apart = wp.vec2(0.0)
     for k in range(start[i], start[i + 1]):
         row = rows[k]
         gear = actuators.gear[row][0]
@@ -298,12 +344,16 @@ def push_axis(
             push.force += force
             push.stiffness += stiffness
             push.damping += damping
+        own = gear * gear * own_damping(actuators, row, qd)
         push.force += gear * law.own_force
-        push.damping += gear * gear * (own_damping(actuators, row, qd) + law.own_damping)
+        push.damping += own + gear * gear * law.own_damping
+        apart += wp.vec2(0.0, own)
     if compensation.shape[0] > 0 and has_effort:
         push.force -= compensation[i]
         push.drive += compensation[i]
+        apart -= wp.vec2(compensation[i], 0.0)
     pushes[dof] = push
+    beside[dof] = apart
 
 
 @wp.kernel(**KERNEL)
@@ -326,6 +376,7 @@ def push_axes(
     # Out:
     ranged: wp.array[ActuatorLaw],
     pushes: wp.array[AxisPush],
+    beside: wp.array[wp.vec2],
 ):
     """Pushes the degrees of freedom that actuators act on; one thread for each of them.
 
@@ -348,6 +399,7 @@ def push_axes(
         compensation,
         ranged,
         pushes,
+        beside,
     )
 
 
@@ -484,6 +536,29 @@ def push_bodies(
     work.point[i] = point
 
 
+@wp.func
+def pushed_by(
+    link: int,
+    center: wp.vec3,
+    # In:
+    work: BodyActuation,
+    start: wp.array[wp.int32],
+    items: wp.array[wp.int32],
+) -> wp.spatial_vector:
+    """Wrench of actuators on a link, whose COM is at ``center``.
+
+    An item is twice an actuator, plus 1 for its reaction.
+    """
+    wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    for k in range(start[link], start[link + 1]):
+        i = items[k] / 2
+        sign = wp.where(items[k] % 2 == 0, 1.0, -1.0)
+        force = sign * work.force[i]
+        torque = sign * work.torque[i] + wp.cross(work.point[i] - center, force)
+        wrench += wp.spatial_vector(force, torque)
+    return wrench
+
+
 @wp.kernel(**KERNEL)
 def push_links(
     # Model:
@@ -502,10 +577,8 @@ def push_links(
     # Out:
     pushed: wp.array[wp.spatial_vector],
 ):
-    """External wrench on each link with what compensates its weight and actuators push it with.
-
-    An item is twice an actuator, plus 1 for its reaction; one thread a link.
-    """
+    """External wrench on each link with what compensates its weight and actuators push it with; one
+    thread a link."""
     link = wp.tid()
     wrench = body_f[link]
     if compensation.shape[0] > 0:
@@ -513,12 +586,7 @@ def push_links(
         wrench += wp.spatial_vector(lift, wp.vec3(0.0))
     if start.shape[0] > 0:
         center = wp.transform_point(body_q[link], com[link])
-        for k in range(start[link], start[link + 1]):
-            i = items[k] / 2
-            sign = wp.where(items[k] % 2 == 0, 1.0, -1.0)
-            force = sign * work.force[i]
-            torque = sign * work.torque[i] + wp.cross(work.point[i] - center, force)
-            wrench += wp.spatial_vector(force, torque)
+        wrench += pushed_by(link, center, work, start, items)
     pushed[link] = wrench
 
 
