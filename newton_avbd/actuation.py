@@ -225,7 +225,7 @@ class Actuation:
         self.beside = wp.zeros(count, dtype=wp.vec2)
         self._dofs, self._coordinate = indices(dofs), indices(coordinates_of(model, dofs))
         self._start, self._rows = lists(rows)
-        armature = reflected_armature(model, axes)
+        armature = reflected_armature(model, axes, model.joint_dof_count)
         self._armature = None
         if np.any(armature):
             self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)

@@ -224,19 +224,20 @@ def is_limited(mujoco: Any, name: str) -> np.ndarray:
     return (limited == 1) | ((limited == _AUTO) & has_range & bool(mujoco.autolimits.numpy()[0]))
 
 
-def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
-    """What the armature of actuators adds to that of each degree of freedom [kg or kg m^2].
+def reflected_armature(model: newton.Model, along: dict[int, int], count: int) -> np.ndarray:
+    """What the armature of actuators adds to that of degrees of freedom or tendons [kg or kg m^2].
 
     Args:
         model: The model.
-        axes: Degree of freedom of each actuator that pushes along one, by its row.
+        along: What each actuator pushes along, by its row.
+        count: How many such things there are.
     """
-    added = np.zeros(model.joint_dof_count, dtype=np.float32)
-    if axes:
+    added = np.zeros(count, dtype=np.float32)
+    if along:
         mujoco: Any = model.mujoco
-        rows = list(axes)
+        rows = list(along)
         gear = mujoco.actuator_gear.numpy()[rows, 0]
-        np.add.at(added, list(axes.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
+        np.add.at(added, list(along.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
     return added
 
 

@@ -28,7 +28,8 @@ def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.nda
     """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included."""
     if not model.articulation_count:
         return
-    armature = reflected_armature(model, Actuators.of_model(model).axes)
+    axes = Actuators.of_model(model).axes
+    armature = reflected_armature(model, axes, model.joint_dof_count)
     matrices = newton.eval_mass_matrix(model, reference_state(model)).numpy().astype(float)
     first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
     for k in range(model.articulation_count):

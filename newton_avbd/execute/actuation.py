@@ -110,20 +110,35 @@ def pull_tendons(
 ):
     """Sums what actuators push along each tendon, as :func:`push_axes` does; one thread a tendon.
 
-    Bounds of the sum share the mechanism of an axis' drive with the force range of an actuator that
-    is alone. Force ranges of others count as reached or not at the start of the step.
+    As in MuJoCo the force range of a tendon bounds the sum of its actuators' forces before their
+    gears. Where they have one gear it shares the mechanism of an axis' drive, as the force range of
+    an actuator that is alone does. Others count as reached or not at the start of the step.
     """
     i = wp.tid()
     length = wp.float32(tendons.length[i])
     velocity = tendons.velocity[i]
     most = tendons.force_range[i]
     is_bound = wp.isfinite(most[0]) or wp.isfinite(most[1])
+    first = tendons.row_start[i]
+    end = tendons.row_start[i + 1]
     push = AxisPush()
-    push.least = most[0]
-    push.most = most[1]
+    push.least = -wp.inf
+    push.most = wp.inf
     apart = wp.vec2(0.0)
-    is_alone = tendons.row_start[i + 1] == tendons.row_start[i] + 1
-    for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
+    is_even = bool(True)
+    for k in range(first + 1, end):
+        is_even = (
+            is_even
+            and actuators[0].gear[tendons.rows[k]][0] == (actuators[0].gear[tendons.rows[first]][0])
+        )
+    if is_bound and is_even and first < end:
+        gear = actuators[0].gear[tendons.rows[first]][0]
+        push.least = wp.min(gear * most[0], gear * most[1])
+        push.most = wp.max(gear * most[0], gear * most[1])
+    is_alone = end == first + 1
+    total = float(0.0)
+    own = wp.vec2(0.0)
+    for k in range(first, end):
         row = tendons.rows[k]
         gear = actuators[0].gear[row][0]
         law = law_in_step(actuators[0], row, ctrl, gear * length, gear * velocity, h)
@@ -133,7 +148,7 @@ def pull_tendons(
             push.most = wp.min(push.most, wp.max(gear * law.least, gear * law.most))
         elif is_limited:
             law = at_limit(law, gear * length, gear * velocity)
-        if is_bound or (is_limited and is_alone):
+        if (is_bound and is_even) or (is_limited and is_alone):
             push.drive += gear * law.force
             push.drive_stiffness += gear * gear * law.stiffness
             push.drive_damping += gear * gear * law.damping
@@ -141,10 +156,17 @@ def pull_tendons(
             push.force += gear * law.force
             push.stiffness += gear * gear * law.stiffness
             push.damping += gear * gear * law.damping
-        own = gear * gear * own_damping(actuators[0], row, velocity)
-        push.force += gear * law.own_force
-        push.damping += own + gear * gear * law.own_damping
-        apart += wp.vec2(0.0, own)
+            total += law.force - gear * (law.stiffness * length + law.damping * velocity)
+        damping = gear * gear * own_damping(actuators[0], row, velocity)
+        own += wp.vec2(gear * law.own_force, damping + gear * gear * law.own_damping)
+        apart += wp.vec2(0.0, damping)
+    if is_bound and total != 0.0 and (total < most[0] or total > most[1]):
+        share = wp.clamp(total, most[0], most[1]) / total
+        push.force *= share
+        push.stiffness *= share
+        push.damping *= share
+    push.force += own[0]
+    push.damping += own[1]
     tendons.push[i] = push
     beside[i] = apart
 
