@@ -7,6 +7,7 @@ drives of are drives. Their arrays are in :mod:`.actuation`, what a step does wi
 :mod:`.execute.actuation`, the formulas are in :mod:`.rows.actuator`.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -241,6 +242,49 @@ def reflected_armature(model: newton.Model, along: dict[int, int], count: int) -
     return added
 
 
+def axes_above(model: newton.Model) -> Callable[[int], Iterator[int]]:
+    """Function that lists the degrees of freedom, of joints with axes, that move a link."""
+    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy().tolist()
+    above: dict[int, int] = {}
+    for joint in range(model.joint_count):
+        above.setdefault(int(child[joint]), joint)
+
+    def axes_of(link: int) -> Iterator[int]:
+        seen = set()
+        while link >= 0 and link in above and above[link] not in seen:
+            joint = above[link]
+            seen.add(joint)
+            if KINDS[newton.JointType(kinds[joint])].has_axes:
+                yield from range(starts[joint], starts[joint + 1])
+            link = int(parent[joint])
+
+    return axes_of
+
+
+def passed_limits(model: newton.Model) -> list[int]:
+    """Degrees of freedom with an effort limit past which actuators push, by tendons or on links."""
+    found = Actuators.of_model(model)
+    limited = set(np.flatnonzero(model.joint_effort_limit.numpy() < NO_LIMIT).tolist())
+    if not limited or not (found.bodies or found.tendons):
+        return []
+    axes_of = axes_above(model)
+    starts, links = model.joint_qd_start.numpy(), model.shape_body.numpy().tolist()
+    passed: set[int] = set()
+    for _, link, _, against, _ in found.bodies.values():
+        passed |= set(axes_of(link)) ^ set(axes_of(against))
+    for tendon in tendons(model):
+        if tendon.row in found.tendons.values():
+            ends = [element for element in tendon.path if element.index >= 0]
+            if tendon.is_fixed:
+                for end in ends:
+                    passed.update(range(starts[end.index], starts[end.index + 1]))
+                continue
+            moved = [set(axes_of(links[end.index])) for end in ends]
+            passed |= set().union(*moved) - moved[0].intersection(*moved)
+    return sorted(passed & limited)
+
+
 def compensating_axes(model: newton.Model, *, limited_only: bool = True) -> dict[int, list[int]]:
     """Degrees of freedom whose actuators compensate gravity, and the links that they carry.
 
@@ -254,21 +298,11 @@ def compensating_axes(model: newton.Model, *, limited_only: bool = True) -> dict
     links = compensated_links(model)
     if through is None or links.size == 0 or not np.any(through):
         return {}
-    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
-    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy().tolist()
     limit = model.joint_effort_limit.numpy()
-    above: dict[int, int] = {}
-    for joint in range(model.joint_count):
-        above.setdefault(int(child[joint]), joint)
+    axes_of = axes_above(model)
     carried: dict[int, list[int]] = {}
     for link in links.tolist():
-        at, seen = link, set()
-        while at >= 0 and at in above and above[at] not in seen:
-            joint = above[at]
-            seen.add(joint)
-            if KINDS[newton.JointType(kinds[joint])].has_axes:
-                for dof in range(starts[joint], starts[joint + 1]):
-                    if through[dof] and (not limited_only or limit[dof] < NO_LIMIT):
-                        carried.setdefault(dof, []).append(link)
-            at = int(parent[joint])
+        for dof in axes_of(link):
+            if through[dof] and (not limited_only or limit[dof] < NO_LIMIT):
+                carried.setdefault(dof, []).append(link)
     return carried

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The observable ``qfrc_actuator``: what drives and MuJoCo's actuators push joints with."""
 
+import warnings
 from typing import Any
 
 import newton
@@ -177,3 +178,13 @@ def test_thrust_on_a_free_body_is_reported_in_the_world() -> None:
     solver.step(state, state, control, None, SHORT, observables=observables)
     expected = [0.0, 0.0, 10.0, 0.0, -10.0, 0.0]
     assert observables.qfrc_actuator.numpy() == pytest.approx(expected, abs=1.0e-5)
+
+
+def test_limits_past_which_actuators_push_are_said() -> None:
+    """MuJoCo bounds all that actuators bring to a joint; SolverAVBD what pushes along its axis."""
+    model = model_of(MJCF.format(limit='actuatorfrcrange="-2 2"', site=SITE, rope=""))
+    with pytest.warns(UserWarning, match="actuators of tendons, sites.* bring to 1 joint"):
+        SolverAVBD(model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SolverAVBD(model_of(LIMITED))
