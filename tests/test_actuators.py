@@ -4,6 +4,7 @@
 
 import warnings
 
+import mujoco
 import newton
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from newton.solvers import SolverMuJoCo
 from numpy.typing import NDArray
 
 from newton_avbd import SolverAVBD
+from newton_avbd.inertia import reference_inertia
 
 DT = 1.0 / 1000.0
 ARM = """
@@ -585,3 +587,24 @@ def test_actuators_that_act_are_nothing_to_warn_of() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         SolverAVBD(model, strict=True)
+
+
+def test_a_damping_ratio_counts_the_inertia_beside_joints_that_close_loops() -> None:
+    """Newton's importer puts the joint of a <connect> between two articulations."""
+    hinges = "".join(
+        f"""<body name="{name}" pos="{at} 0 0"><joint name="{name}" axis="0 1 0" armature="0.1"/>
+        <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" mass="{mass}"/></body>"""
+        for name, at, mass in (("one", 0.0, 1.0), ("other", 1.0, 2.0))
+    )
+    text = f"""<mujoco><worldbody>{hinges}</worldbody>
+      <equality><connect body1="one" body2="other" anchor=".3 0 0"/></equality></mujoco>"""
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(text)
+    found = reference_inertia(builder.finalize(device="cpu"))
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    matrix = np.zeros((2, 2))
+    mujoco.mj_fullM(model, data, matrix)
+    assert [found[dof][0] for dof in sorted(found)[-2:]] == pytest.approx(np.diag(matrix))
