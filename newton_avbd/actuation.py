@@ -104,7 +104,7 @@ class Actuation:
         """What actuators push axes and links with in a step; returns the wrenches on links."""
         model = self._model
         if self._is_measured:
-            newton.eval_ik(self._all_joints, state, self._joint_q, self._joint_qd)
+            self._all_joints.measure(launch, state, self._joint_q, self._joint_qd)
         if self._measures_tendons:
             motion = [state.body_q, state.body_qd, self._joint_q, self._joint_qd]
             count = self.tendons.row.size

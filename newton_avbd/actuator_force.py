@@ -121,7 +121,7 @@ class ActuatorForce:
         model, actuation = self._model, self._actuation
         if coordinates is None:
             coordinates = (self._joint_q, self._joint_qd)
-            newton.eval_ik(self._all_joints, state, *coordinates)
+            self._all_joints.measure(launch, state, *coordinates)
             if self._counts:
                 wp.copy(self._turns.joint_angle, history.joint_angle)
                 launch(count_turns, joint_count, [joints, self._turns, *coordinates])
