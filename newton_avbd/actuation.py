@@ -74,6 +74,7 @@ class Actuation:
         with wp.ScopedDevice(model.device):
             self.law = data.ActuatorModel()
             self.tendons = data.TendonModel()
+            self.beside_tendons = wp.zeros(len(cords), dtype=wp.vec2)
             if cords:
                 self._cords = TendonArrays(model, solved, topology, wanted, pulling)
                 self.tendons = self._cords.arrays
@@ -86,6 +87,7 @@ class Actuation:
                     if before.law.motor.size == self.law.motor.size:
                         self.law.motor = before.law.motor
             carried = compensating_axes(model) if ACTUATED <= wanted else {}
+            self.compensates = frozenset(carried if self._has_limits else ())
             self._make_axes(axes, carried)
             count = self._rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
@@ -102,12 +104,14 @@ class Actuation:
         """What actuators push axes and links with in a step; returns the wrenches on links."""
         model = self._model
         if self._is_measured:
-            newton.eval_ik(self._all_joints, state, self._joint_q, self._joint_qd)
+            self._all_joints.measure(launch, state, self._joint_q, self._joint_qd)
         if self._measures_tendons:
             motion = [state.body_q, state.body_qd, self._joint_q, self._joint_qd]
             count = self.tendons.row.size
             launch(kernels.measure_tendons, count, [model.body_com, *motion, self.tendons])
-            launch(kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons])
+            launch(
+                kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons, self.beside_tendons]
+            )
         if self._carried is not None:
             launch(
                 kernels.compensate_axes,
@@ -130,14 +134,14 @@ class Actuation:
                     model.mujoco.dof_ref,
                     *(self._dofs, self._start, self._rows, self._coordinate),
                     *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
-                    *(self._compensated, self.ranged, self.pushes),
+                    *(self._compensated, self.ranged, self.pushes, self.beside),
                 ],
             )
         bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia]
-        if self._bodies.row is not None:
+        if self.bodies.row is not None:
             poses = [state.body_q, state.body_qd]
-            given = [self.law, *bodies, *poses, ctrl, dt, self._bodies]
-            launch(kernels.push_bodies, self._bodies.row.size, given)
+            given = [self.law, *bodies, *poses, ctrl, dt, self.bodies]
+            launch(kernels.push_bodies, self.bodies.row.size, given)
         if not self.pushes_links:
             return state.body_f
         launch(
@@ -146,7 +150,7 @@ class Actuation:
             [
                 *(model.body_com, model.body_mass, model.body_world, model.gravity),
                 *(self._compensation, state.body_q, state.body_f),
-                *(self._bodies, self._link_start, self._items, self._pushed),
+                *(self.bodies, self.link_start, self.items, self._pushed),
             ],
         )
         return self._pushed
@@ -218,9 +222,10 @@ class Actuation:
         push.least, push.most = -np.inf, np.inf
         count = model.joint_dof_count if dofs.size else 0
         self.pushes = wp.full(count, push, dtype=data.AxisPush)
+        self.beside = wp.zeros(count, dtype=wp.vec2)
         self._dofs, self._coordinate = indices(dofs), indices(coordinates_of(model, dofs))
         self._start, self._rows = lists(rows)
-        armature = reflected_armature(model, axes)
+        armature = reflected_armature(model, axes, model.joint_dof_count)
         self._armature = None
         if np.any(armature):
             self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)
@@ -243,8 +248,8 @@ class Actuation:
 
     def _make_bodies(self, bodies: dict[int, tuple[int, int, Any, int, Any]]) -> None:
         """Lists actuators that push bodies, and by link those that push it."""
-        work = self._bodies = data.BodyActuation()
-        self._link_start = self._items = wp.empty(0, dtype=wp.int32)
+        work = self.bodies = data.BodyActuation()
+        self.link_start = self.items = wp.empty(0, dtype=wp.int32)
         if not bodies:
             return
         axes, link, frame, against, reference = zip(*bodies.values(), strict=True)
@@ -260,7 +265,7 @@ class Actuation:
             items[link[i]].append(2 * i)
             if against[i] >= 0:
                 items[against[i]].append(2 * i + 1)
-        self._link_start, self._items = lists(items)
+        self.link_start, self.items = lists(items)
 
     def _needs_motion(self, axes: dict[int, int], rows: list[list[int]]) -> bool:
         """Whether a force takes length and velocity at the start of the step."""

@@ -7,6 +7,7 @@ drives of are drives. Their arrays are in :mod:`.actuation`, what a step does wi
 :mod:`.execute.actuation`, the formulas are in :mod:`.rows.actuator`.
 """
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -224,47 +225,84 @@ def is_limited(mujoco: Any, name: str) -> np.ndarray:
     return (limited == 1) | ((limited == _AUTO) & has_range & bool(mujoco.autolimits.numpy()[0]))
 
 
-def reflected_armature(model: newton.Model, axes: dict[int, int]) -> np.ndarray:
-    """What the armature of actuators adds to that of each degree of freedom [kg or kg m^2].
+def reflected_armature(model: newton.Model, along: dict[int, int], count: int) -> np.ndarray:
+    """What the armature of actuators adds to that of degrees of freedom or tendons [kg or kg m^2].
 
     Args:
         model: The model.
-        axes: Degree of freedom of each actuator that pushes along one, by its row.
+        along: What each actuator pushes along, by its row.
+        count: How many such things there are.
     """
-    added = np.zeros(model.joint_dof_count, dtype=np.float32)
-    if axes:
+    added = np.zeros(count, dtype=np.float32)
+    if along:
         mujoco: Any = model.mujoco
-        rows = list(axes)
+        rows = list(along)
         gear = mujoco.actuator_gear.numpy()[rows, 0]
-        np.add.at(added, list(axes.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
+        np.add.at(added, list(along.values()), gear**2 * mujoco.actuator_armature.numpy()[rows])
     return added
 
 
-def compensating_axes(model: newton.Model) -> dict[int, list[int]]:
+def axes_above(model: newton.Model) -> Callable[[int], Iterator[int]]:
+    """Function that lists the degrees of freedom, of joints with axes, that move a link."""
+    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
+    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy().tolist()
+    above: dict[int, int] = {}
+    for joint in range(model.joint_count):
+        above.setdefault(int(child[joint]), joint)
+
+    def axes_of(link: int) -> Iterator[int]:
+        seen = set()
+        while link >= 0 and link in above and above[link] not in seen:
+            joint = above[link]
+            seen.add(joint)
+            if KINDS[newton.JointType(kinds[joint])].has_axes:
+                yield from range(starts[joint], starts[joint + 1])
+            link = int(parent[joint])
+
+    return axes_of
+
+
+def passed_limits(model: newton.Model) -> list[int]:
+    """Degrees of freedom with an effort limit past which actuators push, by tendons or on links."""
+    found = Actuators.of_model(model)
+    limited = set(np.flatnonzero(model.joint_effort_limit.numpy() < NO_LIMIT).tolist())
+    if not limited or not (found.bodies or found.tendons):
+        return []
+    axes_of = axes_above(model)
+    starts, links = model.joint_qd_start.numpy(), model.shape_body.numpy().tolist()
+    passed: set[int] = set()
+    for _, link, _, against, _ in found.bodies.values():
+        passed |= set(axes_of(link)) ^ set(axes_of(against))
+    for tendon in tendons(model):
+        if tendon.row in found.tendons.values():
+            ends = [element for element in tendon.path if element.index >= 0]
+            if tendon.is_fixed:
+                for end in ends:
+                    passed.update(range(starts[end.index], starts[end.index + 1]))
+                continue
+            moved = [set(axes_of(links[end.index])) for end in ends]
+            passed |= set().union(*moved) - moved[0].intersection(*moved)
+    return sorted(passed & limited)
+
+
+def compensating_axes(model: newton.Model, *, limited_only: bool = True) -> dict[int, list[int]]:
     """Degrees of freedom whose actuators compensate gravity, and the links that they carry.
 
-    Compensation through an actuator differs from that of :data:`mujoco:gravcomp` alone only where
-    it counts towards the limit of the axis (``actuatorfrcrange``), so only those are found.
+    Args:
+        model: The user's model.
+        limited_only: Leave out axes without a limit (``actuatorfrcrange``). Compensation through
+            an actuator differs from that of :data:`mujoco:gravcomp` alone only where it counts
+            towards a limit.
     """
     through = authored(model, "jnt_actgravcomp")
     links = compensated_links(model)
     if through is None or links.size == 0 or not np.any(through):
         return {}
-    child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
-    starts, kinds = model.joint_qd_start.numpy(), model.joint_type.numpy().tolist()
     limit = model.joint_effort_limit.numpy()
-    above: dict[int, int] = {}
-    for joint in range(model.joint_count):
-        above.setdefault(int(child[joint]), joint)
+    axes_of = axes_above(model)
     carried: dict[int, list[int]] = {}
     for link in links.tolist():
-        at, seen = link, set()
-        while at >= 0 and at in above and above[at] not in seen:
-            joint = above[at]
-            seen.add(joint)
-            if KINDS[newton.JointType(kinds[joint])].has_axes:
-                for dof in range(starts[joint], starts[joint + 1]):
-                    if through[dof] and limit[dof] < NO_LIMIT:
-                        carried.setdefault(dof, []).append(link)
-            at = int(parent[joint])
+        for dof in axes_of(link):
+            if through[dof] and (not limited_only or limit[dof] < NO_LIMIT):
+                carried.setdefault(dof, []).append(link)
     return carried

@@ -13,6 +13,7 @@ import warp as wp
 
 from . import buffers, data, views
 from .actuation import Actuation
+from .actuator_force import ActuatorForce
 from .actuators import ACTING
 from .attributes import BREAK_LIMITS, authored_fluid, break_limits
 from .cables import Cables, cabled_bodies
@@ -83,6 +84,7 @@ class SolverArrays:
         self._solved = solved_model(self.model, self._welds) or self.model
         self._refresh_solved()
         self._actuation: Actuation | None = None
+        self._actuator_force: ActuatorForce | None = None
         self._cables: Cables | None = None
         self._limit_law: dict[str, wp.array] = {}
         self._ctrl: wp.array | None = None
@@ -673,7 +675,8 @@ class SolverArrays:
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
         # graphs that were captured before go on using the old arrays
-        self._retired.append((before,))
+        self._retired.append((before, self._actuator_force))
+        self._actuator_force = None
         if not wanted.isdisjoint(ACTING):
             self._actuation = Actuation(
                 self.model, self._solved, topology, self._joints, wanted, before

@@ -11,7 +11,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from .actuators import Actuators
+from .actuators import Actuators, passed_limits
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .cables import check_cables
 from .condim import CONDIMS, Condims
@@ -137,11 +137,11 @@ def report_ignored(
             f"SolverAVBD leaves out {', '.join(actuators)}. Push with control.joint_f or "
             "state.body_f instead, or use SolverMuJoCo."
         )
-    if "mujoco:qfrc_actuator" in model.get_requested_state_attributes():
+    if passed := _passed_limits(model):
         messages.append(
-            "SolverAVBD leaves out state.mujoco.qfrc_actuator, which the model requests. The force "
-            "of a drive is its law at the joint coordinates after the step, with "
-            "update_joint_state=True: see docs/from_mujoco.md."
+            "SolverAVBD does not count what actuators of tendons, sites, ball and free joints "
+            f"bring to {', '.join(passed)} towards joint_effort_limit (actuatorfrcrange). Bound "
+            "the actuators themselves by forcerange."
         )
     if adhesive := _shapes(model, _material(model, "ka") > 0.0):
         messages.append(
@@ -304,6 +304,14 @@ def _of_pairs(model: newton.Model) -> list[str]:
             f"SolverAVBD has the same friction in all directions; of {names[0]} it takes the mean."
         )
     return messages
+
+
+def _passed_limits(model: newton.Model) -> list[str]:
+    """Joints past whose effort limit actuators push; empty where there are none."""
+    dofs = passed_limits(model)
+    joints = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
+    labels = [_label(model.joint_label, i) for i in np.unique(joints).tolist()]
+    return _named(len(labels), "joint", labels)
 
 
 def _shapes(model: newton.Model, concerned: np.ndarray) -> list[str]:

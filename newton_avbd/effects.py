@@ -359,9 +359,11 @@ class Effects:
         compensated = list(compensating_axes(user_model))
         actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated])
         pulled, threaded = (_tied_bodies(topology, only) for only in (False, True))
-        reflected = reflected_armature(user_model, actuators.axes)[axes.dofs] > 0.0
+        dof_count = user_model.joint_dof_count
+        reflected = reflected_armature(user_model, actuators.axes, dof_count)[axes.dofs] > 0.0
         ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
-        shared = ranged & (actuators.is_shared(user_model)[axes.dofs] | driven)
+        shared = actuators.is_shared(user_model)[axes.dofs] | driven
+        shared = ranged & (shared | np.isin(axes.dofs, compensated))
         authored = has_authored_limit(user_model)[axes.dofs]
         callers = {
             "contact": shapes,

@@ -28,11 +28,14 @@ def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.nda
     """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included."""
     if not model.articulation_count:
         return
-    armature = reflected_armature(model, Actuators.of_model(model).axes)
+    axes = Actuators.of_model(model).axes
+    armature = reflected_armature(model, axes, model.joint_dof_count)
     matrices = newton.eval_mass_matrix(model, reference_state(model)).numpy().astype(float)
-    first = model.joint_qd_start.numpy()[model.articulation_start.numpy()]
+    ends = (model.articulation_start, model.articulation_end)
+    first, last = (model.joint_qd_start.numpy()[end.numpy()] for end in ends)
     for k in range(model.articulation_count):
-        dofs = np.arange(first[k], first[k + 1])
+        # joints that close loops stand between articulations
+        dofs = np.arange(first[k], last[k])
         yield dofs, matrices[k, : dofs.size, : dofs.size] + np.diag(armature[dofs])
 
 

@@ -76,7 +76,7 @@ class JointState:
             count: Their number.
             history: Has the turns of their angles.
         """
-        newton.eval_ik(self._all_joints, state, state.joint_q, state.joint_qd)
+        self._all_joints.measure(launch, state, state.joint_q, state.joint_qd)
         launch(count_turns, count, [joints, history, state.joint_q, state.joint_qd])
         most = max(self._model.joint_coord_count, self._model.body_count)
         launch(keep_left, most, [*(getattr(state, name) for name in _ARRAYS), self._left])

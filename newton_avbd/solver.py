@@ -18,6 +18,7 @@ from newton import ModelFlags, StateFlags
 from newton.solvers import SolverBase
 
 from . import data
+from .actuator_force import ActuatorForce
 from .arrays import SeenWorlds, SolverArrays
 from .attributes import register_joint_attributes
 from .cables import CableViews
@@ -98,14 +99,32 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
 
     supports_collision_pipeline = True
     supports_body_pair_reduced_contacts = True
+
+    class ObservableKind(SolverBase.ObservableKind):
+        """Names of the arrays that a step can fill."""
+
+        QFRC_ACTUATOR = "qfrc_actuator"
+        """What drives and MuJoCo's actuators push joints with; the same name as of SolverMuJoCo."""
+
+    @dataclasses.dataclass(eq=False)
+    class Observables(SolverBase.Observables):
+        """Arrays that a step can fill."""
+
+        qfrc_actuator: wp.array[wp.float32] | None = SolverBase.Observables.field(  # noqa: RUF009
+            dtype=wp.float32, frequency=newton.Model.AttributeFrequency.JOINT_DOF
+        )
+        """Generalized forces of drives and MuJoCo's actuators at the end of the step [N or N m],
+        shape (joint_dof_count,), ``joint_f`` aside. Layout and frames are those of ``joint_f``."""
+
     SUPPORTED_OBSERVABLES = frozenset(
         {
-            SolverBase.ObservableKind.BODY_QDD,
-            SolverBase.ObservableKind.BODY_PARENT_F,
-            SolverBase.ObservableKind.CONTACT_F,
+            ObservableKind.BODY_QDD,
+            ObservableKind.BODY_PARENT_F,
+            ObservableKind.CONTACT_F,
+            ObservableKind.QFRC_ACTUATOR,
         }
     )
-    """Arrays that a step can fill, ``body_qdd``, ``body_parent_f`` and ``contact_f``."""
+    """``body_qdd``, ``body_parent_f``, ``contact_f`` and ``qfrc_actuator``."""
 
     def __init__(
         self,
@@ -351,6 +370,14 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self.writes_joint_state:
             joints, count = self._joints, self._solved.joint_count
             self._joint_state.write(self._launch, state_out, joints, count, self._history)
+        actuator_forces = _requested(
+            observables and observables.qfrc_actuator,
+            getattr(getattr(state_out, "mujoco", None), "qfrc_actuator", None),
+        )
+        if actuator_forces and self.model.joint_count:
+            self._export_actuator_force(actuator_forces[0], state_out, control_input)
+            for copy in actuator_forces[1:]:
+                wp.copy(copy, actuator_forces[0])
 
     def _actuate(
         self, state_in: newton.State, control: newton.Control | None, dt: float
@@ -1115,6 +1142,27 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 state_out.body_qd,
                 body_parent_f,
             ],
+        )
+
+    def _export_actuator_force(
+        self, force: wp.array, state_out: newton.State, control: data.ControlInput
+    ) -> None:
+        if self._actuator_force is None:
+            self._actuator_force = ActuatorForce(
+                self.model, self._actuation, self._flags, self._history.joint_angle
+            )
+        coordinates = None
+        if self.writes_joint_state:
+            coordinates = (state_out.joint_q, state_out.joint_qd)
+        self._actuator_force.export(
+            self._launch,
+            state_out,
+            coordinates,
+            control,
+            self._joints,
+            self._solved.joint_count,
+            self._history,
+            force,
         )
 
     def _launch_bodies(self, kernel: wp.Kernel, arguments: list) -> None:

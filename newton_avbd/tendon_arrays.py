@@ -9,11 +9,12 @@ import numpy as np
 import warp as wp
 
 from . import data
+from .actuators import reflected_armature
 from .execute import actuation as kernels
 from .inertia import reference_matrices, reference_state
 from .limits import impedance_rates
 from .rows.path import JOINT
-from .tendons import force_ranges, is_limited
+from .tendons import force_ranges, is_limited, tendon_count
 from .topology import Topology, solved_joints
 from .views import coordinates_of, indices, lists
 
@@ -54,6 +55,9 @@ class TendonArrays:
         work.row_start, work.rows = lists(pulled)
         for name in ("stiffness", "damping", "springlength", "armature", "range", "margin"):
             setattr(work, name, getattr(mujoco, f"tendon_{name}"))
+        reflected = reflected_armature(model, pulling, tendon_count(model))
+        if np.any(reflected):
+            work.armature = wp.array(mujoco.tendon_armature.numpy() + reflected, dtype=float)
         work.friction = mujoco.tendon_frictionloss
         work.limit_impedance = mujoco.tendon_solimp_limit
         work.ref = mujoco.dof_ref

@@ -10,6 +10,9 @@ import warp as wp
 
 from . import data
 from .attributes import dahl_friction
+from .execute.joint_state import measure_oblique
+from .execute.launch import Launcher
+from .rows.joint import oblique_joints
 
 
 def body_model(model: newton.Model, free_joint: wp.array, free_dof: wp.array) -> Any:
@@ -138,6 +141,9 @@ class AllJoints:
 
     def __init__(self, model: newton.Model) -> None:
         self._model = model
+        with wp.ScopedDevice(model.device):
+            self._oblique = indices(oblique_joints(model))
+            self._joints = joint_model(model) if self._oblique.size else None
         self.articulation_start = wp.array([0], dtype=wp.int32, device=model.device)
         self.articulation_end = wp.array([model.joint_count], dtype=wp.int32, device=model.device)
         self.articulation_count = 1
@@ -145,3 +151,12 @@ class AllJoints:
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._model, name)
+
+    def measure(
+        self, launch: Launcher, state: newton.State, joint_q: wp.array, joint_qd: wp.array
+    ) -> None:
+        """Writes the coordinates that the bodies of a state have, and their rates."""
+        newton.eval_ik(self, state, joint_q, joint_qd)
+        if self._joints is not None:
+            given = [self._joints, self._oblique, state.body_q, state.body_qd]
+            launch(measure_oblique, self._oblique.size, [*given, joint_q, joint_qd])

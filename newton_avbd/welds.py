@@ -16,6 +16,9 @@ from .attributes import break_limits
 
 STATIC = -1
 """Body of a link that is part of the static world."""
+OPEN = 1.0e-4
+"""From which anchor separation [m], and half of the angle [rad], on a weld is not where its links
+are: files round to a few digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +134,8 @@ def _leads_a_tree(model: newton.Model, is_weld: np.ndarray) -> np.ndarray:
 
     So MuJoCo's welds to the world and to mocap bodies come out. They pull the tree as far as its
     other joints let them; welded to the mocap body, a link would leave those behind, and welded to
-    the world it would stay where the state puts it.
+    the world it would stay where the state puts it. So would a free body that starts elsewhere than
+    where the weld is to hold it.
     """
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
     is_outside = model.joint_articulation.numpy() < 0
@@ -144,9 +148,23 @@ def _leads_a_tree(model: newton.Model, is_weld: np.ndarray) -> np.ndarray:
     moving = ~is_weld & ~is_outside & (model.joint_type.numpy() != int(newton.JointType.FREE))
     is_held[root[child[moving]]] = True
     ends = root[child], root[parent]
-    return candidates & (
-        (is_led[ends[0]] & is_held[ends[1]]) | (is_led[ends[1]] & is_held[ends[0]])
+    is_open = _is_open(model)
+    leads = [
+        is_led[one] & (is_held[other] | (is_open & ~is_led[other]))
+        for one, other in (ends, ends[::-1])
+    ]
+    return candidates & (leads[0] | leads[1])
+
+
+def _is_open(model: newton.Model) -> np.ndarray:
+    """Which joints hold their links elsewhere than where the model puts them, by :data:`OPEN`."""
+    poses = np.vstack([model.body_q.numpy().astype(np.float64), _IDENTITY])
+    start, end = (
+        multiply(poses[getattr(model, f"joint_{end}").numpy()], frames.numpy().astype(np.float64))
+        for end, frames in (("parent", model.joint_X_p), ("child", model.joint_X_c))
     )
+    apart = multiply(inverse(start), end)
+    return (np.abs(apart[:, :6]) > OPEN).any(axis=1)
 
 
 def _spanning_forest(model: newton.Model, welds: np.ndarray) -> tuple[list[int], np.ndarray]:

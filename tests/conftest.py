@@ -35,6 +35,7 @@ _ALL_KINDS = JointKinds(
     euler=True,
     gimbals=True,
     skew=True,
+    oblique=True,
     balls=True,
     rods=True,
     distances=True,

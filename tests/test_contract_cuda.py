@@ -26,6 +26,7 @@ ALL_KINDS = JointKinds(
     euler=True,
     gimbals=True,
     skew=True,
+    oblique=True,
     balls=True,
     rods=True,
 )

@@ -120,7 +120,15 @@ def test_limit_violation_is_the_way_past_it(kind, options, offset, turns, past) 
 
 @pytest.mark.parametrize(
     "axes",
-    [(X, Y), (X, Z), (X, Y, Z), (X, Z, Y), (Z, X, Y), (X, 0.6 * X + 0.8 * Y, 0.8 * Z - 0.6 * Y)],
+    [
+        (X, Y),
+        (X, Z),
+        (X, 0.6 * X - 0.8 * Z),
+        (X, Y, Z),
+        (X, Z, Y),
+        (Z, X, Y),
+        (X, 0.6 * X + 0.8 * Y, 0.8 * Z - 0.6 * Y),
+    ],
     ids=lambda axes: str(len(axes)),
 )
 def test_limits_hold_for_each_of_several_angles(axes) -> None:
@@ -129,6 +137,8 @@ def test_limits_hold_for_each_of_several_angles(axes) -> None:
     body_q = pose(np.zeros(3), *(turn(a, q) for a, q in zip(axes, angles, strict=True)))
     free = [dof(a, -1.0, 1.0) for a in axes]
     assert joint("d6", angular_axes=free).limit_violation(body_q) == pytest.approx([0.0])
+    off = joint("d6", angular_axes=free).misalignment(body_q)
+    assert off == pytest.approx([0.0], abs=ROUNDING)
     last = [*free[:-1], dof(axes[-1], angles[-1] + 0.1, 1.0)]
     assert joint("d6", angular_axes=last).limit_violation(body_q) == pytest.approx([0.1], abs=1e-6)
     first = [dof(axes[0], -1.0, 0.25), *free[1:]]

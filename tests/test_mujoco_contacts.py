@@ -31,7 +31,7 @@ BODY = "0.7 0.02 0.004"
 PAIR = '<pair geom1="floor" geom2="geom" friction="0.5 0.5 0.015 0.003 0.003" {}/>'
 
 
-def mjcf(geom: str, floor: str = "", kind: str = "box", contact: str = "") -> str:
+def mjcf(geom: str = "", floor: str = "", kind: str = "box", contact: str = "") -> str:
     """A body on a plane, with attributes of both geoms."""
     return f"""<mujoco><option cone="elliptic" timestep="0.001"/><worldbody>
       <geom name="floor" type="plane" size="5 5 .1" friction="{FLOOR}" {floor}/>
@@ -139,6 +139,41 @@ def test_an_explicit_pair_has_its_own_margin() -> None:
     sim.run(0.5)
     assert sim.pose[0, 2] == pytest.approx(R + 0.005, abs=2.0e-5)
     assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+SECOND = '<body name="top" pos="0 0 0.31"><freejoint/><geom type="box" size=".1 .1 .1" {}/></body>'
+MEETINGS = {
+    "margins add up": mjcf('margin="0.004"', 'margin="0.002"'),
+    "a gap does not lift": mjcf('margin="0.004" gap="0.003"'),
+    "a pair has its own margin": mjcf("", 'margin="0.002"', contact=PAIR.format('margin="0.003"')),
+    "masks that do not meet": mjcf('contype="2" conaffinity="2"'),
+    "a mask that meets one way": mjcf('contype="2" conaffinity="1"'),
+    "bodies whose masks meet": (mjcf(), SECOND.format('contype="2" conaffinity="1"')),
+    "bodies whose masks do not": (mjcf(), SECOND.format('contype="4" conaffinity="8"')),
+    "bodies that are excluded": (
+        mjcf(contact='<exclude body1="box" body2="top"/>'),
+        SECOND.format(""),
+    ),
+}
+
+
+@pytest.mark.parametrize("case", MEETINGS)
+def test_what_meets_is_what_meets_in_mujoco(case: str) -> None:
+    """Bodies end as high as in MuJoCo C, or fall through what they do not meet: its soft contacts
+    give way by 1e-4 m each, and where they fall the steps' errors are 0.5 g t h, 10 and 2.5 mm."""
+    text, *more = (MEETINGS[case],) if isinstance(MEETINGS[case], str) else MEETINGS[case]
+    text = text.replace("<body pos", '<body name="box" pos').replace(
+        "</worldbody>", "".join(more) + "</worldbody>"
+    )
+    sim = Simulation(build(text))
+    sim.run(0.5)
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    for _ in range(round(0.5 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(sim.pose[:, 2], data.xpos[1:, 2], atol=2.0e-2)
+    rests = data.xpos[1:, 2] > 0.0
+    np.testing.assert_allclose(sim.pose[rests, 2], data.xpos[1:, 2][rests], atol=5.0e-4)
 
 
 def test_a_pair_that_newton_does_not_deliver_is_said_and_can_be_added() -> None:

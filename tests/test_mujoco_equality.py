@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """MuJoCo's equality constraints of joints: polynomials, axes of one joint, joints that are held."""
 
+import math
 import warnings
 from typing import Any
 
@@ -251,3 +252,26 @@ def test_equalities_of_each_world_and_of_bodies_solved_by_color(parallel: str) -
         simulation.run(0.25)
     q = coordinates(sim)[0].reshape(2, -1)[:, :2]
     np.testing.assert_allclose(q, np.tile(coordinates(alone)[0], (2, 1)), atol=2.0e-6)
+
+
+def test_a_weld_takes_a_free_body_to_where_it_holds_it() -> None:
+    """0.2 m and 0.3 rad away from where it starts, against its weight; at rest in the end."""
+    half = math.sin(0.15), math.cos(0.15)
+    text = f"""<mujoco><worldbody><body name="box" pos="0 0 1"><freejoint/>
+      <geom type="box" size=".1 .2 .3" mass="2" contype="0" conaffinity="0"/></body></worldbody>
+      <equality><weld body1="box" solref=".004 1" relpose="-0.2 0 -1 {half[1]} {-half[0]} 0 0"/>
+      </equality></mujoco>"""
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(text)
+    sim = Simulation(builder, collide=False)
+    sim.run(1.0)
+    reference = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(reference)
+    for _ in range(2000):
+        mujoco.mj_step(reference, data)
+    # MuJoCo's soft weld sags by some tenths of a millimeter
+    np.testing.assert_allclose(sim.pose[0, :3], data.xpos[1], atol=1.0e-3)
+    angle = 2.0 * np.arccos(abs(sim.pose[0, 3:] @ data.xquat[1][[1, 2, 3, 0]]))
+    assert angle < 1.0e-3
+    assert np.abs(sim.velocity).max() < 1.0e-4

@@ -9,6 +9,7 @@ import warp as wp
 from helpers import NO_GRAVITY
 from joint_scenes import WORLD, add_link
 from newton.actuators import DrivePD, JointSpaceResponse
+from newton.controllers import ControllerJointImpedance
 from newton.selection import ArticulationView
 
 from newton_avbd import SolverAVBD
@@ -81,7 +82,7 @@ def test_a_view_writes_joint_coordinates_of_chosen_worlds() -> None:
 
 
 def test_the_torque_of_a_drive_is_its_law_at_the_end_of_the_step() -> None:
-    """What ``qfrc_actuator`` is of SolverMuJoCo: I dv/dt = ke (target - q') - kd v'."""
+    """What ``qfrc_actuator`` has: I dv/dt = ke (target - q') - kd v'."""
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     joint = builder.add_joint_revolute(
         WORLD,
@@ -94,7 +95,8 @@ def test_the_torque_of_a_drive_is_its_law_at_the_end_of_the_step() -> None:
     builder.add_articulation([joint])
     model = builder.finalize(device="cpu")
     solver = SolverAVBD(model, update_joint_state=True, scheme="euler")
-    observables = solver.observables({solver.ObservableKind.BODY_QDD})
+    kinds = solver.ObservableKind
+    observables = solver.observables({kinds.BODY_QDD, kinds.QFRC_ACTUATOR})
     state = model.state()
     for _ in range(20):
         solver.step(state, state, None, None, DT, observables=observables)
@@ -102,14 +104,47 @@ def test_the_torque_of_a_drive_is_its_law_at_the_end_of_the_step() -> None:
         torque = INERTIA * observables.body_qdd.numpy()[0, 5]
         # at most 32 N m, of rounded velocities over the time step: 1e-7 / DT * INERTIA
         assert torque == pytest.approx(KP * (TARGET - q) - KD * v, abs=1.0e-3)
+        assert torque == pytest.approx(observables.qfrc_actuator.numpy()[0], abs=1.0e-3)
 
 
-def test_a_requested_actuator_force_is_said_to_be_left_out() -> None:
-    """Zeros in ``state.mujoco.qfrc_actuator`` would be taken for an answer."""
-    builder = wheel()
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+def test_a_controller_of_newton_decouples_an_arm() -> None:
+    """``newton.controllers`` compensates gravity, Coriolis forces and inertia: its law is left.
+
+    q'' = kp (t - q) - kd v. The controller sees the start of the step: at 2 rad/s it is 1 mrad off.
+    """
+    builder = newton.ModelBuilder()
+    joints, parent = [], WORLD
+    for k in range(2):
+        link = add_link(builder, inertia=(0.02, 0.02, 0.02))
+        below = wp.transform(wp.vec3(0.0, 0.0, -0.3 * k), wp.quat_identity())
+        above = wp.transform(wp.vec3(0.0, 0.0, 0.15), wp.quat_identity())
+        frames = {"parent_xform": below, "child_xform": above}
+        joints.append(builder.add_joint_revolute(parent, link, axis=(0.0, 1.0, 0.0), **frames))
+        parent = link
+    builder.add_articulation(joints)
+    builder.joint_target_mode[:] = [int(newton.JointTargetMode.EFFORT)] * 2
     model = builder.finalize(device="cpu")
-    with pytest.warns(match="deprecated"):
-        model.request_state_attributes("mujoco:qfrc_actuator")
-    with pytest.warns(UserWarning, match="qfrc_actuator"):
-        SolverAVBD(model)
+    solver = SolverAVBD(model, update_joint_state=True)
+    state, control = model.state(), model.control()
+    controller = ControllerJointImpedance(
+        model,
+        stiffness=wp.array([KP, KP], dtype=float),
+        damping=wp.array([KD, KD], dtype=float),
+        use_gravity_compensation=True,
+        use_coriolis_compensation=True,
+        use_inertia_decoupling=True,
+    )
+    given, found = controller.input(), controller.output()
+    given.joint_q, given.joint_qd = state.joint_q, state.joint_qd
+    targets = np.array([TARGET, -TARGET])
+    given.joint_q_des.assign(targets.astype(np.float32))
+    found.joint_f = control.joint_f[controller.qd_start]
+    q, v = np.zeros(2), np.zeros(2)
+    h = 5.0e-4
+    for _ in range(400):
+        controller.step(inputs=given, outputs=found, dt=h)
+        solver.step(state, state, control, None, h)
+        v += h * (KP * (targets - q) - KD * v)
+        q += h * v
+        np.testing.assert_allclose(state.joint_q.numpy(), q, atol=2.0e-3)
+    assert np.all(np.abs(q) > 0.3)

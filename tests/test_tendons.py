@@ -86,7 +86,7 @@ def run(
     state.joint_qd.assign(np.array(rates, dtype=np.float32))
     newton.eval_fk(model, state.joint_q, state.joint_qd, state)
     if ctrl is not None:
-        control.mujoco.ctrl.assign(np.array([ctrl], dtype=np.float32))
+        control.mujoco.ctrl.fill_(ctrl)
     path = []
     for _ in range(steps):
         state.clear_forces()
@@ -275,6 +275,14 @@ def test_armature_adds_to_the_inertia_along_a_tendon() -> None:
     assert q[-1, LEFT] == pytest.approx(5.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
+def test_armature_of_an_actuator_adds_to_that_of_its_tendon() -> None:
+    """By the square of its gear: a = g f/(m + g^2 armature)."""
+    tendon = '<spatial name="cord"><site site="left"/><site site="pulley_left"/></spatial>'
+    motor = '<motor tendon="cord" gear="2" armature="0.5"/>'
+    q, _ = run(model_of(file(tendon, motor)), 100, -5.0, scheme="euler")
+    assert q[-1, LEFT] == pytest.approx(10.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
+
+
 def test_an_equality_leads_a_tendon_by_a_polynomial_of_another_one() -> None:
     """The cord of the left weight is 2 d + d^2 longer where that of the right one is d longer."""
     tendon = """<spatial name="one"><site site="left"/><site site="pulley_left"/></spatial>
@@ -292,6 +300,21 @@ def test_a_force_range_of_a_tendon_bounds_its_actuators() -> None:
     actuator = '<position tendon="cord" kp="1e6" kv="1e3"/>'
     q, _ = run(model_of(file(tendon, actuator)), 100, 0.0, scheme="euler")
     assert q[-1, LEFT] == pytest.approx(2.0 / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
+
+
+@pytest.mark.parametrize(
+    ("gears", "force"),
+    [((3,), 3.0 * 2.0), ((-3,), -3.0 * 2.0), ((3, 3), 3.0 * 2.0), ((3, 1), (3.0 + 1.0) * 1.0)],
+)
+def test_a_force_range_of_a_tendon_is_before_the_gears(
+    gears: tuple[int, ...], force: float
+) -> None:
+    """Motors of 50 N each; of two with other gears each gives its share, as in MuJoCo."""
+    tendon = """<spatial name="cord" actuatorfrcrange="-2 2"><site site="left"/>
+    <site site="pulley_left"/></spatial>"""
+    motors = "".join(f'<motor tendon="cord" gear="{gear}"/>' for gear in gears)
+    q, _ = run(model_of(file(tendon, motors)), 100, -50.0, scheme="euler")
+    assert q[-1, LEFT] == pytest.approx(force / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
 def test_random_paths_have_the_lengths_and_moments_of_mujoco() -> None:

@@ -49,6 +49,7 @@ class Course:
             that is off most; None where no such run was made.
         passed: How far a joint was past its limits at the end of a frame, at most [m or rad], and
             its label; None where all were within.
+        started_past: How far a joint was past its limits when the run began [m or rad].
     """
 
     solver: str
@@ -61,6 +62,7 @@ class Course:
     test: str | None = None
     step_error: float | None = None
     passed: tuple[float, str] | None = None
+    started_past: float = 0.0
 
     def record(self, probe: Probe, simulation: Simulation, joints: Joints | None) -> None:
         """Add the simulation's present state."""
@@ -77,6 +79,8 @@ class Course:
             worst = int(np.argmax(passed))
             label = simulation.model.joint_label[joints.index[worst]]
             self.passed = (float(passed[worst]), label)
+        if len(self.speed) == 1 and self.passed:
+            self.started_past = self.passed[0]
 
     def close(self, simulation: Simulation) -> None:
         """Add what is known only at the end."""
@@ -315,9 +319,10 @@ def _reasons(comparison: Comparison) -> list[str]:
                 f"{length(course.step_error)} elsewhere. Try a smaller --dt."
             )
         if course.passed is not None:
+            started = course.passed[0] <= course.started_past
             lines.append(
-                f"Limits are a reason: with {course.solver} joint '{course.passed[1]}' was "
-                f"{course.passed[0]:.3g} (m or rad) past its own."
+                f"Limits are a reason: with {course.solver} joint '{course.passed[1]}' "
+                f"{'started' if started else 'was'} {course.passed[0]:.3g} (m or rad) past its own."
             )
     deep = [max(course.penetration) for course in comparison.courses]
     if abs(deep[0] - deep[1]) > 0.1 * apart > 0.0:

@@ -106,22 +106,39 @@ def pull_tendons(
     h: float,
     # Out:
     tendons: TendonModel,
+    beside: wp.array[wp.vec2],
 ):
     """Sums what actuators push along each tendon, as :func:`push_axes` does; one thread a tendon.
 
-    Bounds of the sum share the mechanism of an axis' drive with the force range of an actuator that
-    is alone. Force ranges of others count as reached or not at the start of the step.
+    As in MuJoCo the force range of a tendon bounds the sum of its actuators' forces before their
+    gears. Where they have one gear it shares the mechanism of an axis' drive, as the force range of
+    an actuator that is alone does. Others count as reached or not at the start of the step.
     """
     i = wp.tid()
     length = wp.float32(tendons.length[i])
     velocity = tendons.velocity[i]
     most = tendons.force_range[i]
     is_bound = wp.isfinite(most[0]) or wp.isfinite(most[1])
+    first = tendons.row_start[i]
+    end = tendons.row_start[i + 1]
     push = AxisPush()
-    push.least = most[0]
-    push.most = most[1]
-    is_alone = tendons.row_start[i + 1] == tendons.row_start[i] + 1
-    for k in range(tendons.row_start[i], tendons.row_start[i + 1]):
+    push.least = -wp.inf
+    push.most = wp.inf
+    apart = wp.vec2(0.0)
+    is_even = bool(True)
+    for k in range(first + 1, end):
+        is_even = (
+            is_even
+            and actuators[0].gear[tendons.rows[k]][0] == (actuators[0].gear[tendons.rows[first]][0])
+        )
+    if is_bound and is_even and first < end:
+        gear = actuators[0].gear[tendons.rows[first]][0]
+        push.least = wp.min(gear * most[0], gear * most[1])
+        push.most = wp.max(gear * most[0], gear * most[1])
+    is_alone = end == first + 1
+    total = float(0.0)
+    own = wp.vec2(0.0)
+    for k in range(first, end):
         row = tendons.rows[k]
         gear = actuators[0].gear[row][0]
         law = law_in_step(actuators[0], row, ctrl, gear * length, gear * velocity, h)
@@ -131,7 +148,7 @@ def pull_tendons(
             push.most = wp.min(push.most, wp.max(gear * law.least, gear * law.most))
         elif is_limited:
             law = at_limit(law, gear * length, gear * velocity)
-        if is_bound or (is_limited and is_alone):
+        if (is_bound and is_even) or (is_limited and is_alone):
             push.drive += gear * law.force
             push.drive_stiffness += gear * gear * law.stiffness
             push.drive_damping += gear * gear * law.damping
@@ -139,9 +156,19 @@ def pull_tendons(
             push.force += gear * law.force
             push.stiffness += gear * gear * law.stiffness
             push.damping += gear * gear * law.damping
-        push.force += gear * law.own_force
-        push.damping += gear * gear * (own_damping(actuators[0], row, velocity) + law.own_damping)
+            total += law.force - gear * (law.stiffness * length + law.damping * velocity)
+        damping = gear * gear * own_damping(actuators[0], row, velocity)
+        own += wp.vec2(gear * law.own_force, damping + gear * gear * law.own_damping)
+        apart += wp.vec2(0.0, damping)
+    if is_bound and total != 0.0 and (total < most[0] or total > most[1]):
+        share = wp.clamp(total, most[0], most[1]) / total
+        push.force *= share
+        push.stiffness *= share
+        push.damping *= share
+    push.force += own[0]
+    push.damping += own[1]
     tendons.push[i] = push
+    beside[i] = apart
 
 
 @wp.kernel(**KERNEL)
@@ -156,6 +183,45 @@ def forget_tendons(
     if mask.shape[0] == 0 or is_selected(tendons.world[i], mask):
         tendons.piece[i] = wp.vec3i(0, 0, 0)
         tendons.force[i] = 0.0
+
+
+@wp.func
+def base_rotation(
+    joint: int,
+    # Model:
+    parent: wp.array[wp.int32],
+    parent_frame: wp.array[wp.transform],
+    # In:
+    body_q: wp.array[wp.transform],
+) -> wp.quat:
+    """Orientation of a joint's anchor on its parent."""
+    base = parent_frame[joint]
+    if parent[joint] >= 0:
+        base = wp.transform_multiply(body_q[parent[joint]], base)
+    return wp.transform_get_rotation(base)
+
+
+@wp.func
+def axis_of(
+    dof: int,
+    first: int,
+    turned: wp.quat,
+    # Model:
+    axes: wp.array[wp.vec3],
+    # In:
+    joint_q: wp.array[float],
+    coordinate: int,
+) -> wp.vec3:
+    """Axis of a degree of freedom in the world.
+
+    Args:
+        dof: The degree of freedom, whose coordinate is number ``coordinate``.
+        first: First of the axes of the joint that turn it; its own index where none does.
+        turned: Orientation of the anchor on the parent.
+    """
+    for k in range(first, dof):
+        turned = turned * wp.quat_from_axis_angle(axes[k], joint_q[coordinate + k - dof])
+    return wp.quat_rotate(turned, axes[dof])
 
 
 @wp.kernel(**KERNEL)
@@ -194,14 +260,8 @@ def compensate_axes(
     joint = joint_of[i]
     first = dof_start[joint]
     linear = dof_dim[joint, 0]
-    base = parent_frame[joint]
-    if parent[joint] >= 0:
-        base = wp.transform_multiply(body_q[parent[joint]], base)
-    turned = wp.transform_get_rotation(base)
-    for k in range(first + linear, dofs[i]):
-        angle = joint_q[coordinate[i] + k - dofs[i]]
-        turned = turned * wp.quat_from_axis_angle(axes[k], angle)
-    axis = wp.quat_rotate(turned, axes[dofs[i]])
+    turned = base_rotation(joint, parent, parent_frame, body_q)
+    axis = axis_of(dofs[i], first + linear, turned, axes, joint_q, coordinate[i])
     end = wp.transform_multiply(body_q[child[joint]], child_frame[joint])
     anchor = wp.transform_get_translation(end)
     for k in range(start[i], start[i + 1]):
@@ -236,6 +296,7 @@ def push_axis(
     # Out:
     ranged: wp.array[ActuatorLaw],
     pushes: wp.array[AxisPush],
+    beside: wp.array[wp.vec2],
 ):
     """Sums what actuators push a degree of freedom with.
 
@@ -245,6 +306,9 @@ def push_axis(
     as having reached them or not at the start of the step.
 
     Compensation of gravity by actuators moves from the links to what the limit of the axis bounds.
+
+    ``beside`` gets what no actuator's force is of the part that nothing limits: the damping of
+    actuators, and what is taken from the links.
     """
     dof = dofs[i]
     q = 0.0
@@ -260,9 +324,13 @@ def push_axis(
             limited += 1
     shares = limited == 1 and start[i + 1] == start[i] + 1
     shares = (shares or (limited == 1 and not has_effort)) and not is_driven(joints, dof)
+    if compensation.shape[0] > 0 and has_effort:
+        # the range of an actuator does not bound the compensation
+        shares = shares and compensation[i] == 0.0
     push = AxisPush()
     push.least = -wp.inf
     push.most = wp.inf
+    apart = wp.vec2(0.0)
     for k in range(start[i], start[i + 1]):
         row = rows[k]
         gear = actuators.gear[row][0]
@@ -298,12 +366,16 @@ def push_axis(
             push.force += force
             push.stiffness += stiffness
             push.damping += damping
+        own = gear * gear * own_damping(actuators, row, qd)
         push.force += gear * law.own_force
-        push.damping += gear * gear * (own_damping(actuators, row, qd) + law.own_damping)
+        push.damping += own + gear * gear * law.own_damping
+        apart += wp.vec2(0.0, own)
     if compensation.shape[0] > 0 and has_effort:
         push.force -= compensation[i]
         push.drive += compensation[i]
+        apart -= wp.vec2(compensation[i], 0.0)
     pushes[dof] = push
+    beside[dof] = apart
 
 
 @wp.kernel(**KERNEL)
@@ -326,6 +398,7 @@ def push_axes(
     # Out:
     ranged: wp.array[ActuatorLaw],
     pushes: wp.array[AxisPush],
+    beside: wp.array[wp.vec2],
 ):
     """Pushes the degrees of freedom that actuators act on; one thread for each of them.
 
@@ -348,6 +421,7 @@ def push_axes(
         compensation,
         ranged,
         pushes,
+        beside,
     )
 
 
@@ -484,6 +558,29 @@ def push_bodies(
     work.point[i] = point
 
 
+@wp.func
+def pushed_by(
+    link: int,
+    center: wp.vec3,
+    # In:
+    work: BodyActuation,
+    start: wp.array[wp.int32],
+    items: wp.array[wp.int32],
+) -> wp.spatial_vector:
+    """Wrench of actuators on a link, whose COM is at ``center``.
+
+    An item is twice an actuator, plus 1 for its reaction.
+    """
+    wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    for k in range(start[link], start[link + 1]):
+        i = items[k] / 2
+        sign = wp.where(items[k] % 2 == 0, 1.0, -1.0)
+        force = sign * work.force[i]
+        torque = sign * work.torque[i] + wp.cross(work.point[i] - center, force)
+        wrench += wp.spatial_vector(force, torque)
+    return wrench
+
+
 @wp.kernel(**KERNEL)
 def push_links(
     # Model:
@@ -502,10 +599,8 @@ def push_links(
     # Out:
     pushed: wp.array[wp.spatial_vector],
 ):
-    """External wrench on each link with what compensates its weight and actuators push it with.
-
-    An item is twice an actuator, plus 1 for its reaction; one thread a link.
-    """
+    """External wrench on each link with what compensates its weight and actuators push it with; one
+    thread a link."""
     link = wp.tid()
     wrench = body_f[link]
     if compensation.shape[0] > 0:
@@ -513,12 +608,7 @@ def push_links(
         wrench += wp.spatial_vector(lift, wp.vec3(0.0))
     if start.shape[0] > 0:
         center = wp.transform_point(body_q[link], com[link])
-        for k in range(start[link], start[link + 1]):
-            i = items[k] / 2
-            sign = wp.where(items[k] % 2 == 0, 1.0, -1.0)
-            force = sign * work.force[i]
-            torque = sign * work.torque[i] + wp.cross(work.point[i] - center, force)
-            wrench += wp.spatial_vector(force, torque)
+        wrench += pushed_by(link, center, work, start, items)
     pushed[link] = wrench
 
 

@@ -6,7 +6,8 @@ import newton
 import warp as wp
 
 from ..data import History, JointModel
-from ..rows.joint import has_axes
+from ..rows.joint import has_axes, turn_about
+from .actuation import base_rotation
 from .launch import KERNEL
 from .resetting import is_selected
 
@@ -67,6 +68,42 @@ def find_written(
                 for dof in range(start, joints.dof_start[joint + 1]):
                     angle = joint_q[joints.coord_start[joint] + dof - start]
                     history.joint_angle[dof] = wp.float64(angle)
+
+
+@wp.kernel(**KERNEL)
+def measure_oblique(
+    # Model:
+    joints: JointModel,
+    found: wp.array[wp.int32],
+    # State:
+    body_q: wp.array[wp.transform],
+    body_qd: wp.array[wp.spatial_vector],
+    # Out:
+    joint_q: wp.array[float],
+    joint_qd: wp.array[float],
+):
+    """Angles and rates of joints of two axes that are not square to each other, which Newton's
+    ``eval_ik`` takes them to be; one thread for each of them."""
+    joint = found[wp.tid()]
+    linear = joints.dof_dim[joint, 0]
+    dof = joints.dof_start[joint] + linear
+    coord = joints.coord_start[joint] + linear
+    child = joints.child[joint]
+    parent = joints.parent[joint]
+    start = base_rotation(joint, joints.parent, joints.parent_frame, body_q)
+    end = base_rotation(joint, joints.child, joints.child_frame, body_q)
+    across = wp.cross(joints.axis[dof], joints.axis[dof + 1])
+    first = wp.quat_rotate(start, joints.axis[dof])
+    last = wp.quat_rotate(end, joints.axis[dof + 1])
+    middle = wp.cross(first, last)
+    joint_q[coord] = turn_about(first, wp.quat_rotate(start, across), middle)
+    joint_q[coord + 1] = turn_about(last, middle, wp.quat_rotate(end, across))
+    spin = wp.spatial_bottom(body_qd[child])
+    if parent >= 0:
+        spin -= wp.spatial_bottom(body_qd[parent])
+    along = wp.dot(first, last)
+    joint_qd[dof] = wp.dot(spin, first - along * last) / wp.length_sq(middle)
+    joint_qd[dof + 1] = wp.dot(spin, last - along * first) / wp.length_sq(middle)
 
 
 @wp.kernel(**KERNEL)

@@ -282,6 +282,16 @@ def ball_away(
     return rotation_vector(target * wp.quat_inverse(wp.quat_inverse(q_p) * q_c))
 
 
+def oblique_joints(model: newton.Model) -> np.ndarray:
+    """Joints of two angular axes that are not square to each other, by :data:`SKEW`."""
+    dims = model.joint_dof_dim.numpy()
+    found = np.flatnonzero(dims[:, 1] == 2)
+    first = model.joint_qd_start.numpy()[found] + dims[found, 0]
+    axes = model.joint_axis.numpy()
+    cosine = np.einsum("ni,ni->n", axes[first], axes[first + 1])
+    return found[np.abs(cosine) > SKEW]
+
+
 @dataclass(frozen=True)
 class JointKinds:
     """Which kinds of joints a scene has, FREE joints aside."""
@@ -296,6 +306,8 @@ class JointKinds:
     """Joints with three of them."""
     skew: bool = False
     """Gimbals whose axes are not square to each other."""
+    oblique: bool = False
+    """Joints with two angular axes that are not square to each other."""
     balls: bool = False
     """Joints whose angular axes are those of the parent frame: BALL and ROD."""
     rods: bool = False
@@ -326,6 +338,7 @@ class JointKinds:
             euler=bool(np.any(authored & (dims[:, 1] > 1))),
             gimbals=bool(np.any(is_gimbal)),
             skew=bool(np.any(np.abs(cosines) > SKEW)),
+            oblique=oblique_joints(model).size > 0,
             balls=bool(np.any(is_ball)),
             rods=bool(np.any(types == int(JointType.ROD))),
             distances=bool(np.any(types == int(JointType.DISTANCE))),
@@ -525,7 +538,12 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
         if wp.static(2 in angular):
             if free == 2:
                 sine, middle = euler_middle(joints, joint, q_p, q_c)
-                return wp.asin(sine) * middle
+                tilt = wp.asin(sine)
+                if wp.static(kinds.oblique):
+                    first = joints.dof_start[joint] + linear_count(joints, joint)
+                    cosine = wp.dot(joints.axis[first], joints.axis[first + 1])
+                    tilt += wp.asin(wp.clamp(cosine, -1.0, 1.0))
+                return tilt * middle
         return wp.vec3(0.0)
 
     @wp.func
@@ -719,6 +737,11 @@ def make_joint(kinds: JointKinds) -> JointFunctions:
                     across = wp.cross(second, third)
                     volume = wp.dot(axis, across)
                     return (volume / (volume * volume + least)) * across
+        if wp.static(kinds.oblique):
+            if angular_count(joints, joint) == 2:
+                other = angular_axis(joints, joint, 1 - dof, q_p, q_c, known)
+                along = wp.dot(axis, other)
+                return (axis - along * other) / wp.length_sq(wp.cross(axis, other))
         if wp.static(kinds.gimbals):
             if dof != 1 and is_gimbal(joints, joint):
                 other = angular_axis(joints, joint, 2 - dof, q_p, q_c, known)

@@ -50,6 +50,8 @@ class Joints:
             the other. With three free axes these, with two the locked one between them, with one
             that and two across; shape [n, 3, 3].
         sign: -1 where the last column is opposite to the joint's own axis, else 1, shape [n].
+        lean: How far the second of two angular axes is from square to the first [rad], 0 for
+            others, shape [n].
         hinges: Rows: the three angular axes of a joint in which they are not square to each other,
             which is a chain of hinges then; zero for others, shape [n, 3, 3].
         lower: Lower limits, three linear and three angular [m, rad], shape [n, 6].
@@ -68,6 +70,7 @@ class Joints:
     slide: Array
     basis: Array
     sign: Array
+    lean: Array
     hinges: Array
     lower: Array
     upper: Array
@@ -82,7 +85,7 @@ class Joints:
         count = len(chosen)
         slide, locked = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
         basis, sign = np.tile(np.eye(3), (count, 1, 1)), np.ones(count)
-        hinges = np.zeros((count, 3, 3))
+        hinges, lean = np.zeros((count, 3, 3)), np.zeros(count)
         lower, upper = np.full((count, 6), -np.inf), np.full((count, 6), np.inf)
         axes = model.joint_axis.numpy().astype(float)
         armature, rotors = np.zeros((count, 6)), model.joint_armature.numpy().astype(float)
@@ -101,6 +104,8 @@ class Joints:
                 continue
             about = axes[start + linear : start + linear + angular]
             basis[row], sign[row] = _basis(about)
+            if angular == 2:
+                lean[row] = np.arcsin(sign[row] * (about[0] @ about[1]))
             if angular == 3 and np.abs(about @ about.T - np.eye(3)).max() > _SQUARE:
                 hinges[row] = about
             for i, place in enumerate((0, 2) if angular == 2 else range(angular)):
@@ -119,6 +124,7 @@ class Joints:
             slide=slide,
             basis=basis,
             sign=sign,
+            lean=lean,
             hinges=hinges,
             lower=lower,
             upper=upper,
@@ -150,7 +156,7 @@ class Joints:
         moved = rotate(turn, axis)
         across = np.linalg.norm(np.cross(axis, moved), axis=1)
         swing = np.arctan2(across, np.einsum("ni,ni->n", axis, moved))
-        middle = np.abs(self._angles(turn)[:, 1])
+        middle = np.abs(self._angles(turn)[:, 1] - self.lean)
         return np.choose(self.angular, (whole, swing, middle, np.zeros(len(turn))))
 
     def limit_violation(self, body_q: Array) -> Array:
@@ -311,8 +317,11 @@ class Joints:
         return np.swapaxes(self.basis, 1, 2) @ moved
 
     def _angles(self, turn: Array) -> Array:
-        """Angles of ``turn`` about the columns of ``basis`` in turn [rad], shape [n, 3]."""
-        r = self._matrix(turn)
+        """Angles of ``turn`` about the columns of ``basis`` in turn [rad], shape [n, 3].
+
+        A second axis that leans is the last column turned about the one between.
+        """
+        r = self._matrix(_product(turn, _about(self.basis[:, :, 1], self.lean)))
         return np.stack(
             [
                 np.arctan2(-r[:, 1, 2], r[:, 2, 2]),
@@ -383,6 +392,7 @@ def _basis(axes: Array) -> tuple[Array, float]:
         second = np.linalg.svd(first[None])[2][1]
     else:
         second = np.cross(first, axes[1]) if len(axes) == 2 else axes[1]
+        second = second / np.linalg.norm(second)
     third = np.cross(first, second)
     sign = 1.0 if len(axes) == 1 or third @ axes[-1] > 0.0 else -1.0
     return np.stack([first, second, third], axis=1), sign

@@ -268,7 +268,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "tendon_damping": ("acts", "tests"),
     "tendon_limited": ("acts: rigid, or with compliant_contacts by its impedance", "tests"),
     "tendon_range": ("acts", "tests"),
-    "tendon_margin": ("acts: moves the limits", ""),
+    "tendon_margin": ("acts: moves the limits", "tests"),
     "tendon_frictionloss": ("acts", "tests"),
     "tendon_armature": ("acts", "tests"),
     "tendon_actuator_force_*": ("act", "tests"),
