@@ -15,7 +15,7 @@ from test_large_joints import in_order_of_colors, ragdolls
 from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
 from newton_avbd.execute.coloring import COLORS, PASSES
-from newton_avbd.execute.scale import STRUCK_FACTOR, COLD_STEPS
+from newton_avbd.execute.scale import COLD_STEPS, STRUCK_FACTOR
 from newton_avbd.study.chains import add_chain
 from newton_avbd.study.scenes import add_brick_ring
 
