@@ -17,7 +17,7 @@ from .execute.barrier import block_size
 from .execute.colored import Colored, make_colored
 from .execute.coloring import COLORS, PASSES
 from .execute.launch import Launcher
-from .execute.scale import COLD_FACTOR, JOINT_PASSES, LOOP_PASSES, STRUCK_FACTOR
+from .execute.scale import COLD_FACTOR, JOINT_PASSES, LONGER, LOOP_PASSES, STRUCK_FACTOR
 from .rows.contact import RECOVERY
 from .topology import Topology
 
@@ -67,6 +67,9 @@ class LargeWorlds:
         body_start, bodies = worlds.body_start.numpy(), worlds.bodies.numpy()
         self._body_count, self._world_count = bodies.size, body_start.size - 1
         self._device = device
+        self.may_be_cold = True
+        """Whether the next step may be the first of a world, as far as the host knows."""
+        self._h = 0.0
         slots = bodies.size + 1
         lane_start, world_lane = _lanes(body_start)
         self._lanes = lanes = lane_start.size - 1
@@ -142,6 +145,7 @@ class LargeWorlds:
     def forget(self, launch: Launcher, body_world: wp.array, mask: wp.array) -> None:
         """Starts the masked worlds from no colors; all, with an empty mask."""
         launch(coloring.forget_colors, self._body_count, [body_world, mask, self.colors])
+        self.may_be_cold = True
 
     def found(self) -> tuple[int, int]:
         """How many colors the last step took, and how many blocks found none."""
@@ -176,6 +180,9 @@ class LargeWorlds:
             body_qd_out,
         ) = arguments
         worlds, turns, colors = self._worlds, self._turns, self.colors
+        if h > float(LONGER) * self._h:
+            self.may_be_cold = True
+        self._h = h
         most = int(COLD_FACTOR) * iterations
         if colors.moved.shape[0] <= most:
             launch.forget()
@@ -301,7 +308,8 @@ class LargeWorlds:
         sweep(0, iterations)
         launch(kernels.begin_round, self._world_count, [iterations, colors])
         self._launch_if(colors.has_more, sweep_on)
-        self._launch_if(colors.is_cold, sweep_cold)
+        self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)
+        self.may_be_cold = False
         launch(
             kernels.remember,
             bodies,
@@ -428,16 +436,18 @@ class LargeWorlds:
         if effects.contact:
             launch(kernels.lead_all_rows, bodies, [worlds, work, colors, rows])
 
-    def _launch_if(self, condition: wp.array, launches: Callable[[], None]) -> None:
+    def _launch_if(
+        self, condition: wp.array, launches: Callable[[], None], *, is_due: bool = True
+    ) -> None:
         """Launches what a number on the device calls for.
 
-        Where the host cannot leave that to the device it launches all: kernels that are not needed
-        return at once.
+        Where the host cannot leave that to the device it launches all, unless it knows that nothing
+        ``is_due``: kernels that are not needed return at once.
         """
         is_graph = self._device.is_capturing and wp.is_conditional_graph_supported()
         if self._device.is_cpu or is_graph:
             wp.capture_if(condition, launches)
-        else:
+        elif is_due or self._device.is_capturing:
             launches()
 
 

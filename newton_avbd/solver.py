@@ -840,6 +840,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             )
         for name, array in arrays.items():
             array.assign(checkpoint[name])
+        if self._large is not None:
+            self._large.may_be_cold = True
 
     def _remembered(self) -> Iterator[tuple[str, wp.array]]:
         """Arrays that a step leaves to the next one, by name."""
