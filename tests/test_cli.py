@@ -19,7 +19,7 @@ import pytest
 
 from newton_avbd.__main__ import _parse, main
 from newton_avbd.commands import COMMANDS, view
-from newton_avbd.commands.terminal import gathered_warnings, progress
+from newton_avbd.commands.terminal import gathered_prints, gathered_warnings, progress
 from newton_avbd.io import ModelSimulation
 
 PNG = b"\x89PNG"
@@ -303,6 +303,17 @@ def test_warnings_of_one_kind_take_one_line(monkeypatch, capsys):
     first, second = capsys.readouterr().err.splitlines()
     assert "part0.obj" in first and "4 more of this kind" in first
     assert second == "newton-avbd: warning: another"
+
+
+def test_what_kernels_print_leaves_standard_output_to_the_answer(capfd):
+    with gathered_prints():
+        for count in (66, 65, 66):
+            os.write(1, f"contact buffer overflowed {count} > 64\n".encode())
+    print("{}")
+    printed = capfd.readouterr()
+    assert printed.out == "{}\n"
+    note = "newton-avbd: contact buffer overflowed 66 > 64 (and 2 more of this kind)"
+    assert printed.err.splitlines() == [note]
 
 
 def test_progress_is_shown_on_a_terminal_only(capsys):

@@ -22,7 +22,7 @@ from newton_avbd.study.mujoco_native import silence
 
 from .options import make_folder
 from .output import length, table
-from .terminal import gathered_warnings, interruptible, progress, say, say_notes
+from .terminal import gathered_prints, gathered_warnings, interruptible, progress, say, say_notes
 
 REFERENCE_BUDGET = 25.0
 """Processor time in which the motion of a scene of the user's is found out [s]."""
@@ -115,7 +115,7 @@ def _ask(args: argparse.Namespace) -> int:
     solvers = chosen("solver", named, tuple(MEASURED))
     silence()
     make_folder(args.output)
-    with gathered_warnings(), pinned() as core:
+    with gathered_prints(), gathered_warnings(), pinned() as core:
         scene, notes = read_scene(args.ask)
         say_notes(notes)
         points: list[Point] = []

@@ -21,7 +21,14 @@ from newton_avbd.study.overlaps import describe_overlaps
 
 from .options import add_scene_arguments, check_writable, device_notes, use_device
 from .output import length, table
-from .terminal import Interruption, gathered_warnings, interruptible, progress, say_notes
+from .terminal import (
+    Interruption,
+    gathered_prints,
+    gathered_warnings,
+    interruptible,
+    progress,
+    say_notes,
+)
 
 COLORS = ("#0072b2", "#d55e00")
 """Colors of the two solvers in a plot, told apart by every kind of color vision."""
@@ -168,9 +175,10 @@ def main(args: argparse.Namespace) -> int:
 
     pair = open_pair(args.dt)
     say_notes(device_notes(args.device))
-    comparison, interruption = _compare(pair, names, args.frames)
-    if args.ctrl and not interruption.happened:
-        _refine(comparison, pair, open_pair(0.5 * pair[0].dt))
+    with gathered_prints():
+        comparison, interruption = _compare(pair, names, args.frames)
+        if args.ctrl and not interruption.happened:
+            _refine(comparison, pair, open_pair(0.5 * pair[0].dt))
     if args.json:
         print(json.dumps(dataclasses.asdict(comparison), indent=2))
     else:

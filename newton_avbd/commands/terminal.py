@@ -3,6 +3,7 @@
 
 """Progress, Ctrl-C, and what other libraries print, on a terminal."""
 
+import ctypes
 import os
 import re
 import sys
@@ -116,6 +117,33 @@ def gathered_warnings() -> Iterator[None]:
             different = len(set(texts)) - 1
             more = f" (and {different} more of this kind: PYTHONWARNINGS=default shows all)"
             say_notes([f"warning: {texts[0]}{more if different else ''}"])
+
+
+@contextmanager
+def gathered_prints() -> Iterator[None]:
+    """Print what the kernels of solvers print in the block at its end, to standard error.
+
+    Lines that differ in numbers only are printed once. Standard output is left to the answer.
+    """
+    kinds: dict[str, list[str]] = {}
+    sys.stdout.flush()
+    kept = os.dup(1)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 1)
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+            # kernels print by the C library, which keeps lines back where this is no terminal
+            ctypes.CDLL("msvcrt" if os.name == "nt" else None).fflush(None)
+            os.dup2(kept, 1)
+            os.close(kept)
+            file.seek(0)
+            for text in filter(None, file.read().decode(errors="replace").splitlines()):
+                kinds.setdefault(_PARTICULAR.sub("", text), []).append(text)
+            for texts in kinds.values():
+                more = f" (and {len(texts) - 1} more of this kind)" if len(texts) > 1 else ""
+                say_notes([f"{texts[0]}{more}"])
 
 
 def start_warp() -> None:
