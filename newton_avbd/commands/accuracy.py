@@ -200,7 +200,7 @@ def _reference(question: accuracy_ask.Question) -> str:
     elif question.apart is not None:
         text += f" SolverAVBD refined ends {length(question.apart)} from it."
     elif scene.touching:
-        text += " Solvers whose contacts are soft converge to another motion."
+        text += " Solvers whose contacts or joint limits are soft converge to another motion."
     return text
 
 
