@@ -344,7 +344,7 @@ def make_colored(effects: Effects) -> Colored:
             colors.breaks[world] = 0
             colors.is_moving[world] = 0
         history.step[world] = h
-        most = sweeps_at_age(history.age[world], iterations)
+        most = sweeps_at_age(history.age[world], iterations, scale)
         colors.most[world] = is_finite * most
         if most > iterations:
             colors.has_more[0] = 1

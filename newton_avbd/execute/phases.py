@@ -341,7 +341,7 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.piles):
             factor_piles(world, worlds, work, rows)
         if wp.static(not effects.ramp):
-            sweeps = sweeps_at_age(history.age[world], sweeps)
+            sweeps = sweeps_at_age(history.age[world], sweeps, scale)
         return sweeps
 
     @wp.func

@@ -23,7 +23,7 @@ ROUNDED = wp.constant(1.0e-7)
 """Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
 GOING_ON = 0.5
 """Update of a last sweep from which impacts go on, as a share of g h^2, ..."""
-JOINTS_GOING_ON = 0.2
+JOINTS_GOING_ON = 0.25
 """... and where there are joints, which pass them on: a chain that lands on the ground at 60 Hz is
 1.1 mm deep otherwise."""
 WEIGHTLESS = wp.constant(1.0e-2)
@@ -41,8 +41,10 @@ STRUCK_FACTOR = wp.constant(4)
 """How many times more those steps sweep: a stack of 20 boxes then starts without a wave. So do
 those in which impacts do not settle."""
 COLD_FACTOR = wp.constant(12)
-"""Likewise the first of them. What it leaves takes long to go: with 4, a house of cards at 60 Hz is
-0.38 mm deep after it, with 8 0.09 mm, with 12 0.03 mm."""
+"""Likewise the first of them, of a world that starts from rest. What it leaves takes long to go:
+with 4, a house of cards at 60 Hz is 0.38 mm deep after it, with 8 0.09 mm, with 12 0.03 mm."""
+AT_REST = wp.constant(4.0)
+"""Reach of a world that starts from rest at most, beside g h^2; that of a free fall is twice it."""
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
@@ -100,9 +102,9 @@ def make_measure_world(effects: Effects) -> wp.Function:
 
 
 @wp.func
-def sweeps_at_age(age: int, iterations: int) -> int:
+def sweeps_at_age(age: int, iterations: int, scale: WorldScale) -> int:
     """Most sweeps of a step, by the steps since the world's multipliers were reset."""
-    if age == 0:
+    if age == 0 and scale.reach <= AT_REST * scale.gravity * scale.h * scale.h:
         return COLD_FACTOR * iterations
     return wp.where(age < COLD_STEPS, STRUCK_FACTOR, 1) * iterations
 
