@@ -113,17 +113,8 @@ class Actuation:
                 kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons, self.beside_tendons]
             )
         if self._carried is not None:
-            launch(
-                kernels.compensate_axes,
-                self._dofs.size,
-                [
-                    *(model.joint_parent, model.joint_child, model.joint_X_p, model.joint_X_c),
-                    *(model.joint_qd_start, model.joint_dof_dim, model.joint_axis),
-                    *(model.body_com, model.body_mass, model.body_world),
-                    *(model.gravity, model.mujoco.gravcomp, state.body_q, self._joint_q),
-                    *(self._dofs, *self._carried, self._compensated),
-                ],
-            )
+            found = [self._dofs, *self._carried, self._compensated]
+            compensate_axes(launch, model, state, self._joint_q, found)
         if self._dofs.size:
             launch(
                 kernels.push_axes,
@@ -344,3 +335,29 @@ class Actuation:
                 velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
             acc0[row] = abs(gear[row]) * norm
         return velocity_bias, acc0
+
+
+def compensate_axes(
+    launch: Launcher, model: newton.Model, state: newton.State, joint_q: wp.array, found: list[Any]
+) -> None:
+    """Launches what finds the compensation of gravity along axes.
+
+    Args:
+        launch: Launches kernels.
+        model: The user's model.
+        state: Has the poses of bodies.
+        joint_q: Joint coordinates there.
+        found: Degrees of freedom, for each its joint, its coordinate and the links that it carries,
+            and where to write [N or N m].
+    """
+    launch(
+        kernels.compensate_axes,
+        found[0].size,
+        [
+            *(model.joint_parent, model.joint_child, model.joint_X_p, model.joint_X_c),
+            *(model.joint_qd_start, model.joint_dof_dim, model.joint_axis),
+            *(model.body_com, model.body_mass, model.body_world),
+            *(model.gravity, model.mujoco.gravcomp, state.body_q, joint_q),
+            *found,
+        ],
+    )

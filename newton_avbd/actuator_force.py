@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from . import data, views
-from .actuation import Actuation
+from .actuation import Actuation, compensate_axes
 from .actuators import compensating_axes
 from .effects import Effects
 from .execute import actuation as kernels
@@ -134,12 +134,8 @@ class ActuatorForce:
             [self._joints, *switches, control, beside, *motion, force],
         )
         if self._dofs is not None:
-            frames = [model.joint_parent, model.joint_child, model.joint_X_p, model.joint_X_c]
-            axes = [model.joint_qd_start, model.joint_dof_dim, model.joint_axis]
-            masses = [model.body_com, model.body_mass, model.body_world, model.gravity]
-            start = [*frames, *axes, *masses, model.mujoco.gravcomp, state.body_q, coordinates[0]]
             found = [self._dofs, *self._carried, self._compensation]
-            launch(kernels.compensate_axes, self._dofs.size, [*start, *found])
+            compensate_axes(launch, model, state, coordinates[0], found)
             launch(
                 exports.add_compensation,
                 self._dofs.size,

@@ -89,7 +89,9 @@ def _read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
     if name.removeprefix(EXAMPLE_PREFIX) not in examples.names() and _is_asset(name):
         builder, notes = set_up_asset(Path(name), "avbd")
         return _given(Path(name).name, builder), notes
-    simulation = open_scene(name, Request())
+    # studies run on the CPU, for which a model that is there already cannot be made anew
+    with wp.ScopedDevice("cpu"):
+        simulation = open_scene(name, Request())
     model, start = simulation.model, simulation.state
     # most examples move their bodies where the joints' coordinates put them, in the state alone
     for part in ("body_q", "body_qd", "joint_q", "joint_qd"):

@@ -9,6 +9,8 @@ from typing import Any, Protocol
 
 import newton
 
+from newton_avbd.study.scene import may_collide
+
 from . import solvers
 from .controls import Controls
 from .timing import StepTimer
@@ -108,10 +110,7 @@ class ModelSimulation:
         self.timer = StepTimer()
         self._pipeline = newton.CollisionPipeline(self.model)
         self._contacts = self._pipeline.contacts()
-        # an MJCF file may turn contacts off, as the cart-pole's does, which starts in the ground
-        flag = getattr(getattr(self.model, "mujoco", None), "flag_contact", None)
-        has_contacts = flag is None or bool(flag.numpy()[0])
-        self._collide = has_contacts and not solvers.detects_collisions(self.solver)
+        self._collide = may_collide(self.model) and not solvers.detects_collisions(self.solver)
         self.timer.watch_solver(self.solver)
         self.timer.watch_pipeline(self._pipeline)
         self._state, self._next = self.model.state(), self.model.state()

@@ -56,6 +56,13 @@ class Scene:
         return builder.finalize(device=device)
 
 
+def may_collide(model: newton.Model) -> bool:
+    """Whether contacts count: an MJCF file may turn them off, as the cart-pole's does, which starts
+    in the ground."""
+    flag = getattr(getattr(model, "mujoco", None), "flag_contact", None)
+    return flag is None or bool(flag.numpy()[0])
+
+
 def _nothing(builder: newton.ModelBuilder) -> None:
     """Puts nothing into a builder."""
 
@@ -77,8 +84,6 @@ class GivenScene(Scene):
         """Make the model; see :class:`Scene`."""
         del ke
         model = self.finalize(device)
-        # an MJCF file may turn contacts off, as the cart-pole's does, which starts in the ground
-        flag = getattr(getattr(model, "mujoco", None), "flag_contact", None)
-        if flag is not None and not flag.numpy()[0]:
+        if not may_collide(model):
             model.shape_contact_pair_count = 0
         return model
