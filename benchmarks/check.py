@@ -43,6 +43,12 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"there is no scene {unknown[0]!r}; there are: {', '.join(SCENES)}")
     stored = json.loads(BASELINE.read_text()) if BASELINE.exists() else {"ratios": {}}
     known: dict[str, float] = stored["ratios"]
+    theirs, here = stored.get("machine", {}).get("processor"), describe_machine(None)["processor"]
+    if theirs and theirs != here and not args.write:
+        print(
+            f"The baseline is of another processor ({theirs}; here {here}), on which ratios of the "
+            "same version have differed by up to 18%. Compare with the version before, here."
+        )
     failed = []
     for scene in args.scenes or SCENES:
         measured = ratio(scene)

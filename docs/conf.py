@@ -7,12 +7,20 @@
 builds it without a network. ``DOCS_ONLINE=1`` links Newton's, Warp's and NumPy's own sites, too.
 """
 
+import importlib
 import importlib.metadata
 import os
 import sys
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parent))  # plots.py
+
+# Newton's site lists its classes under their public names, not under the modules that hold them.
+for public in ("newton.solvers", "newton"):
+    module = importlib.import_module(public)
+    for name in module.__all__:  # some are imported when they are asked for
+        if isinstance(member := getattr(module, name), type):
+            member.__module__ = public
 
 project = "newton-avbd"
 author = "The newton-avbd Developers"
@@ -25,6 +33,7 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx.ext.intersphinx",
     "sphinx.ext.mathjax",
+    "sphinx-mathjax-offline",  # MathJax as a part of the site: formulas need no network
     "sphinx.ext.viewcode",
     "sphinx_copybutton",
     "plots",

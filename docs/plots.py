@@ -25,6 +25,11 @@ from newton_avbd.study.growth import QUANTITIES
 
 DOCS = Path(__file__).parent
 SCRIPT = "plotly.min.js"
+FIT = """
+new ResizeObserver(() => Plotly.Plots.resize("{plot_id}"))
+    .observe(document.getElementById("{plot_id}"));
+"""
+"""The page gets its columns after the plot is drawn, and then the plot is too wide."""
 
 
 def accuracy() -> go.Figure:
@@ -99,10 +104,11 @@ def _choose(figure: go.Figure, owners: list[str], titles: Any) -> None:
     ]
     figure.update_layout(
         updatemenus=[{"buttons": buttons, "x": 0, "xanchor": "left", "y": 1.16, "yanchor": "top"}],
-        title={"text": titles[owners[0]], "x": 0.5, "font": {"size": 13}},
+        title={"text": titles[owners[0]], "x": 1, "xanchor": "right", "font": {"size": 13}},
+        legend={"orientation": "h", "yref": "container", "y": 0, "yanchor": "bottom"},
         template="plotly_white",
-        height=520,
-        margin={"l": 60, "r": 20, "t": 90, "b": 50},
+        height=560,
+        margin={"l": 60, "r": 20, "t": 90, "b": 110},
     )
 
 
@@ -125,6 +131,7 @@ class StudyPlot(SphinxDirective):
             include_plotlyjs=False,
             div_id=f"plot-{name}",
             config={"responsive": True},
+            post_script=FIT,
         )
         script = f'<script src="{up}_static/{SCRIPT}"></script>'
         return [nodes.raw("", script + html, format="html")]

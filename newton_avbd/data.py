@@ -966,7 +966,7 @@ class AxisMotion:
     """Its rate at the end."""
     slope: float
     slip: int
-    """Which way friction pushed at the end, as in :attr:`AxisLaw.piece`."""
+    """Which way friction pushed at the end, as in :attr:`AxisLaw.piece` but 2 more; 0 before."""
 
 
 @wp.struct

@@ -517,8 +517,9 @@ class Effects:
 
     @property
     def switching(self) -> bool:
-        """Whether velocities may jump, at contacts or stops. Such steps may take more sweeps."""
-        return self.contact or self.stops
+        """Whether velocities may jump, at contacts, at stops, or where a tree is pulled straight.
+        Such steps may take more sweeps, which does cables no good."""
+        return self.contact or self.stops or (self.joints and not self.cables)
 
     @property
     def balanced(self) -> bool:

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Large worlds, all blocks of a color at once: their buffers, and their launches in order."""
 
+import functools
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -297,17 +298,20 @@ class LargeWorlds:
                         [joints, sweep, recovery, most, *state],
                     )
 
-        def sweep_on() -> None:
-            assemble(iterations)
-            sweep(iterations, int(STRUCK_FACTOR) * iterations)
+        def sweep_on(begin: int) -> None:
+            if kernels.stiffen is not None:
+                launch(kernels.stiffen, bodies, [begin, worlds, colors, rows])
+            assemble(begin)
+            sweep(begin, begin + iterations)
 
         def sweep_cold() -> None:
             sweep(int(STRUCK_FACTOR) * iterations, most)
 
         assemble(0)
         sweep(0, iterations)
-        launch(kernels.begin_round, self._world_count, [iterations, colors])
-        self._launch_if(colors.has_more, sweep_on)
+        for turn in range(1, int(STRUCK_FACTOR)):
+            launch(kernels.begin_round, self._world_count, [iterations, turn * iterations, colors])
+            self._launch_if(colors.has_more, functools.partial(sweep_on, turn * iterations))
         self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)
         self.may_be_cold = False
         launch(

@@ -28,6 +28,8 @@ class Report:
     order: np.ndarray
     """Order of the step in time, 2 where a scheme of second order could be kept, otherwise 1; at
     rest there is no difference."""
+    worst: dict[int, str]
+    """For each world that has not settled, the contact with the largest error, and that error."""
 
     @property
     def settled(self) -> np.ndarray:
@@ -45,6 +47,8 @@ class Report:
         ]
         for world in listed:
             mark = "" if self.settled[world] else "  not settled"
+            if world in self.worst:
+                mark += f": {self.worst[world]}"
             lines.append(
                 f"{world:6d} {self.sweeps[world]:6d} {self.update[world]:10.1e} "
                 f"{self.allowed[world]:11.1e} {self.order[world]:5d}{mark}"
@@ -53,6 +57,24 @@ class Report:
             rest = np.setdiff1d(np.arange(count), listed)
             lines.append(f"{rest.size} more, at most {int(self.sweeps[rest].max())} sweeps each")
         return "\n".join(lines)
+
+
+def missed(rows: np.ndarray, increment: np.ndarray, com: np.ndarray) -> np.ndarray:
+    """How far contacts are from what they ask for at the end of a step [m].
+
+    That is no more overlap, and no gap where they push and there was no overlap to recover.
+
+    Args:
+        rows: Rows of the contacts, as :class:`~newton_avbd.data.ContactRow`, shape [rows].
+        increment: How bodies moved in the step, dx [m] and dtheta [rad], shape [slots, 6].
+        com: Their centers of mass at its start [m], shape [slots, 3].
+    """
+    a, b, normal = rows["a"], rows["b"], rows["normal"]
+    shift, turn = increment[b, :3] - increment[a, :3], increment[b, 3:] - increment[a, 3:]
+    slip = shift + np.cross(increment[b, 3:], com[a] - com[b]) + np.cross(turn, rows["arm"])
+    gap = np.maximum(rows["gap"], 0.0) + np.sum(normal * slip, axis=1)
+    pushes = (np.sum(normal * rows["force"], axis=1) > 0.0) & (rows["gap"] >= 0.0)
+    return np.where(pushes, np.abs(gap), np.maximum(-gap, 0.0))
 
 
 @dataclass(frozen=True)

@@ -65,7 +65,7 @@ from .execute.workers import Workers
 from .execute.world import make_solve, make_step, make_step_links
 from .joint_state import JointState
 from .memory import bytes_by_effect, members
-from .report import Report, Status
+from .report import Report, Status, missed
 from .settings import Settings, register_scene_settings
 from .solved import BodyState, SolvedModel
 
@@ -741,13 +741,34 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             # every link is part of the static world
             none = np.zeros(max(1, self.model.world_count))
             sweeps = none.astype(np.int32)
-            return Report(sweeps, none, none + self.tolerance, sweeps + 1)
+            return Report(sweeps, none, none + self.tolerance, sweeps + 1, {})
         sweeps, update = self._worlds.sweeps.numpy(), self._worlds.update.numpy()
         h, order = self._history.step.numpy(), np.ones_like(sweeps)
         if self.settings.second_order:
             order += self._worlds.step.numpy() < h
         allowed = np.maximum(self.tolerance, self._worlds.settled.numpy())
-        return Report(sweeps.copy(), update.copy(), allowed, order)
+        worst = self._worst_contacts(np.flatnonzero(update > allowed))
+        return Report(sweeps.copy(), update.copy(), allowed, order, worst)
+
+    def _worst_contacts(self, worlds: np.ndarray) -> dict[int, str]:
+        """The contact that misses most in each of some worlds, in words."""
+        if self._rows.rows is None:
+            return {}
+        of_body, side = self._worlds.of_body.numpy(), self._history.parity.numpy()
+        starts, ends = self._rows.owned_start.numpy(), self._rows.owned_end.numpy()
+        rows, records = self._rows.rows.numpy(), self._history.records.numpy()
+        increment, com = self._work.increment.numpy(), self._work.com.numpy()
+        worst = {}
+        for world in worlds:
+            bodies = np.flatnonzero(of_body[: self._solved.body_count] == world)
+            owned = [np.arange(starts[body], ends[body]) for body in bodies]
+            indices = np.concatenate(owned) if owned else np.empty(0, dtype=int)
+            if indices.size:
+                apart = missed(rows[indices], increment, com)
+                record = records[side[world], indices[np.argmax(apart)]]
+                names = [repr(self.model.shape_label[record[f"shape{i}"]]) for i in (0, 1)]
+                worst[int(world)] = f"{names[0]} on {names[1]} misses by {apart.max():.1e} m"
+        return worst
 
     def reset(
         self,

@@ -16,14 +16,12 @@ from newton_avbd.io import UserError
 from newton_avbd.study import accuracy, accuracy_page
 from newton_avbd.study.accuracy_front import OURS, cheapest, front, shares, split, verdicts
 from newton_avbd.study.accuracy_run import OUT_OF_TIME, Point, measure, runner
-from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, OffPath, Path
+from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, G, OffPath, Path, rebounds
 from newton_avbd.study.accuracy_scenes import (
     ACCURACY_SCENES,
     EDGE,
     LANDING_HEIGHT,
     LANDING_TILT,
-    G,
-    rebounds,
     tipped,
 )
 from newton_avbd.study.accuracy_simbench import (

@@ -37,6 +37,16 @@ def test_what_is_slower_each_time_fails(
     assert "slower by more than 10% than the baseline: pyramid\n" in capsys.readouterr().out
 
 
+def test_a_baseline_of_another_processor_is_called_one(
+    check: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    machine = {"machine": {"processor": "Z80"}, "ratios": {"pyramid": 0.2}}
+    check.BASELINE.write_text(json.dumps(machine))
+    measure(monkeypatch, check, iter([0.2]))
+    assert check.main(["pyramid"]) == 0
+    assert "of another processor (Z80; here " in capsys.readouterr().out
+
+
 def test_noise_passes(check: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
     measure(monkeypatch, check, iter([0.25, 0.21]))
     assert check.main(["pyramid"]) == 0

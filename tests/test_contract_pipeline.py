@@ -49,7 +49,8 @@ def test_without_detection_the_caller_fills_the_owned_buffer() -> None:
     The cube falls through the ground for 10 steps in the one case and rests in the other.
     """
     for fills in (False, True):
-        solver = owning(resting_box(), collision_frequency_type={RIGID: Frequency.NONE})
+        none = {RIGID: Frequency.NONE}
+        solver = owning(resting_box(), collision_frequency_type=none, scheme="euler")
         state = solver.model.state()
         for _ in range(10):
             if fills:

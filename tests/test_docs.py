@@ -30,7 +30,7 @@ def test_the_functions_of_the_step_are_where_the_docs_say(line: str) -> None:
         assert any(f"def {function}(" in source for source in sources), function
 
 
-@pytest.mark.parametrize("page", sorted((ROOT / "docs").glob("*.md")), ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", sorted((ROOT / "docs").rglob("*.md")), ids=lambda page: page.stem)
 def test_the_files_that_a_page_names_exist(page: Path) -> None:
     for name in re.findall(r"`([a-z0-9_/]+\.py)`", page.read_text()):
         places = (ROOT / name, PACKAGE / name, PACKAGE / "execute" / name, PACKAGE / "rows" / name)

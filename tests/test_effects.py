@@ -54,9 +54,9 @@ def chain(count: int) -> newton.Model:
     return builder.finalize(device="cpu")
 
 
-def memory(model: newton.Model, **settings: object) -> int:
+def memory(model: newton.Model, scheme: str = "euler", **settings: object) -> int:
     """All of a solver's arrays [bytes]."""
-    effects = SolverAVBD(model, **settings).effects
+    effects = SolverAVBD(model, scheme=scheme, **settings).effects
     return effects.always + sum(effect.bytes for effect in effects.values())
 
 
@@ -298,15 +298,23 @@ LINK, AXIS = 683, 184
 """Of each body and each axis in a scene with joints, beside those."""
 SLEEPER, SLEEPING_CONTACT = 176, 100
 """Of each body and each contact with sleeping, beside those."""
+HISTORY, DOF_HISTORY, SLEEPER_HISTORY, TOUCH = 252, 48, 4, 12
+"""Of each body, degree of freedom, body with sleeping, and contact of rigid shapes that do not
+bounce, with the scheme of second order, beside those."""
 BY_CONTACT = {"restitution": 84, "angular_friction": 52, "compliance": 4, "ramp": 8}
 """Of each contact, where the effect is on."""
 
 
-def test_a_large_world_has_no_kernels_of_absent_effects() -> None:
-    flags = SolverAVBD(boxes(2, contacts=8), parallel="bodies").effects.flags
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_a_large_world_has_no_kernels_of_absent_effects(scheme: str) -> None:
+    flags = SolverAVBD(boxes(2, contacts=8), parallel="bodies", scheme=scheme).effects.flags
     kernels = make_colored(flags)._asdict()
     made = {name for name, kernel in kernels.items() if kernel is not None}
-    assert set(kernels) - made == {
+    of_second_order = {
+        *("find_flying", "find_jumps", "order_worlds", "start_bodies", "lead_all_rows"),
+        *("remember_motions", "remember_states"),
+    }
+    absent = {
         *(
             "weigh",
             "measure_joints",
@@ -319,10 +327,11 @@ def test_a_large_world_has_no_kernels_of_absent_effects() -> None:
         *("begin_rounds", "find_impacts", "strike_worlds", "end_rounds", "leave_impacts"),
         *("align_spins", "break_trees", "break_loops"),
         *("join_clusters", "begin_clusters", "solve_clusters", "give_cables_back"),
-        *("find_flying", "find_jumps", "find_loop_jumps", "find_jerks", "find_jerked"),
-        *("order_worlds", "start_bodies", "lead_all_rows"),
-        *("remember_loops", "remember_motions", "remember_states"),
+        *("find_loop_jumps", "find_jerks", "find_jerked", "remember_loops"),
     }
+    if scheme == "euler":
+        absent |= of_second_order
+    assert set(kernels) - made == absent
     assert set(kernels["sweep_color"].module.kernels) == {kernels[name].key for name in made}
 
 
@@ -347,14 +356,37 @@ def test_memory_is_as_documented() -> None:
     text = DOCS.read_text()
     for size in (ALONE, 224, DOF, PILE, CONTACT, LINK, AXIS, SLEEPER, SLEEPING_CONTACT):
         assert f" {size} |" in text
+    for size in (HISTORY, DOF_HISTORY, SLEEPER_HISTORY, TOUCH):
+        assert f" {size} |" in text
     for size in BY_CONTACT.values():
         assert f" {size} |" in text
 
 
+def test_memory_of_second_order_is_as_documented() -> None:
+    """What the scheme adds to the above, of which it changes nothing."""
+
+    def added(few: newton.Model, many: newton.Model, **settings: object) -> int:
+        first, second = (
+            memory(many, scheme=scheme, **settings) - memory(few, scheme=scheme, **settings)
+            for scheme in ("euler", "generalized_alpha")
+        )
+        return second - first
+
+    free = HISTORY + 6 * DOF_HISTORY
+    assert added(free_bodies(100), free_bodies(200)) == 100 * free
+    assert added(boxes(100), boxes(200)) == 100 * free
+    assert added(boxes(100), boxes(200), sleeping=True) == 100 * (free + SLEEPER_HISTORY)
+    assert added(chain(100), chain(200)) == 100 * (HISTORY + DOF_HISTORY)
+    assert added(boxes(1, 100), boxes(1, 200)) == 100 * TOUCH
+    bouncing = [boxes(1, count, restitution=0.5) for count in (100, 200)]
+    assert added(*bouncing) == 0
+
+
 def test_a_hundred_thousand_boxes_fit() -> None:
     """With 400,000 contacts in 400 MB: memory is linear in both, see above."""
-    small = memory(boxes(1, 1))
-    assert small + 99_999 * (BODY + 6 * DOF + PILE) + 399_999 * CONTACT < 400.0e6
+    small = memory(boxes(1, 1), scheme="generalized_alpha")
+    box = BODY + 6 * DOF + PILE + HISTORY + 6 * DOF_HISTORY
+    assert small + 99_999 * box + 399_999 * (CONTACT + TOUCH) < 400.0e6
 
 
 # The command.

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Tasks of gymnasium and dm_control, moved by SolverAVBD: their coordinates, controls, rewards."""
 
+import mujoco
 import newton
 import numpy as np
 import pytest
@@ -14,20 +15,28 @@ pytest.importorskip("dm_control")
 
 
 @pytest.mark.parametrize(
-    ("name", "controls", "apart"),
+    ("name", "scheme", "integrator", "controls", "apart"),
     [
         # no contacts, no gravity, hinges of an arm: 32 controls, of which the hand moves by 1 rad
-        ("gymnasium/Pusher-v5", 32, 0.03),
+        ("gymnasium/Pusher-v5", "euler", "EULER", 32, 0.03),
         # swings up to 2.2 rad: of first order in the step of 20 ms
-        ("dm_control/pendulum-swingup", 32, 0.03),
+        ("dm_control/pendulum-swingup", "euler", "EULER", 32, 0.03),
+        # of second order: as the exact motion, from which first order is 0.08 rad away
+        ("dm_control/pendulum-swingup", "generalized_alpha", "RK4", 32, 0.03),
     ],
 )
-def test_a_task_moves_as_with_mujoco(name: str, controls: int, apart: float) -> None:
-    """The same controls from the same start: coordinates in rad and m, rewards."""
+def test_a_task_moves_as_with_mujoco(
+    name: str, scheme: str, integrator: str, controls: int, apart: float
+) -> None:
+    """The same controls from the same start: coordinates in rad and m, rewards.
+
+    MuJoCo's own step is of first order, as backward Euler is.
+    """
     task = learning.Task(name)
     runs = []
-    for engine in (learning.Engine(task), learning.Clock(task)):
+    for engine in (learning.Engine(task, scheme=scheme), learning.Clock(task)):
         task.reset(0, engine)
+        task.model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{integrator}")
         random = np.random.default_rng(1)
         acted = [task.step(0.3 * random.uniform(-1.0, 1.0, task.actions)) for _ in range(controls)]
         runs.append((task.data.qpos.copy(), np.array([reward for _, reward, _ in acted])))

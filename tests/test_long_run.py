@@ -2,15 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Nothing creeps, heats up or piles up in 20,000 steps; docs/stability.md has the million."""
 
-import argparse
 import dataclasses
 import math
+from collections.abc import Iterator
 
 import pytest
 
+from newton_avbd.__main__ import main
 from newton_avbd.commands import stability
-from newton_avbd.io import UserError
-from newton_avbd.study.long_run import LONG_RUNS, LongRun, run_long
+from newton_avbd.study.long_run import IN_GRAPH, LONG_RUNS, LongRun, run_long
 
 
 def test_a_resting_pile_rests() -> None:
@@ -58,15 +58,24 @@ def test_what_creeps_or_grows_fails() -> None:
         assert dataclasses.replace(good, **{name: bad}).failures() == [name]
 
 
-def command(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    stability.add_arguments(parser)
-    return stability.main(parser.parse_args(arguments))
-
-
 def test_the_command_prints_a_line_a_scene(capsys: pytest.CaptureFixture[str]) -> None:
-    assert command("--long", "240", "--device", "cpu") == 0
+    command = ["stability", "--long", "240", "--device", "cpu"]
+    assert main(command) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[:2] for line in lines] == [[name, "ok"] for name in LONG_RUNS]
-    with pytest.raises(UserError, match="no case 'stack'; there are: resting_pile"):
-        command("stack", "--long", "240")
+    assert main([*command, "stack"]) == 2
+    assert "no case 'stack'; there are: resting_pile" in capsys.readouterr().err
+
+
+def test_ctrl_c_leaves_the_steps_until_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(items: range, *about: object) -> Iterator[int]:
+        yield from items[:2]
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(stability, "progress", interrupted)
+    assert main(["stability", "resting_pile", "--long", "1000000", "--device", "cpu"]) == 130
+    printed = capsys.readouterr()
+    assert printed.out.split()[:4] == ["resting_pile", "ok", str(2 * IN_GRAPH), "steps"]
+    assert "stopped by Ctrl-C" in printed.err

@@ -14,6 +14,7 @@ from collections.abc import Callable
 
 import gymnasium
 
+from newton_avbd.commands.terminal import start_warp
 from newton_avbd.environments import RobotVectorEnv
 
 CONTROLS = 4096
@@ -44,6 +45,7 @@ def turn(envs: gymnasium.vector.VectorEnv) -> float:
 
 
 def main() -> None:
+    start_warp()
     batches = {name: make(count) for name, (count, make) in CONTESTANTS.items()}
     for envs in batches.values():
         envs.action_space.seed(0)

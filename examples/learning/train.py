@@ -8,6 +8,7 @@
 
 Prints controls a second and the return while it learns, and at the end the mean return of the
 policy over ten episodes in each engine. Ctrl-C ends the training, and the policy is tried as it is.
+``transfer.py`` tries policies in variants of both engines.
 """
 
 import argparse
@@ -23,17 +24,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
+from newton_avbd.commands.terminal import start_warp
 from newton_avbd.environments import RobotVectorEnv
 
 ENGINES = ("avbd", "mujoco")
-WORLDS = {"avbd": 64, "mujoco": 8}
-"""Environments in a batch, unless said otherwise: MuJoCo's run one after the other."""
+CONTROLS = 2048
+"""Controls of all environments between two updates of the policy, PPO's default for one."""
 
-CONTROLS = 4096
-"""Controls of all environments between two updates of the policy."""
-
-DISCOUNT = 0.995
-"""A fall costs what the rest of the episode would bring, of which this sees some 200 controls."""
+EPISODES = 10
+"""In which a policy is tried at the end."""
 
 SLOWEST = 0.05
 """The learning rate falls in proportion to the controls that are left, down to this share."""
@@ -111,11 +110,10 @@ def make(engine: str, count: int, seed: int) -> VecEnv:
     return envs
 
 
-def returns(policy: PPO, normalizer: VecNormalize, engine: str, episodes: int = 10) -> np.ndarray:
-    """Returns of a policy without noise, one episode an environment, shape (episodes,)."""
-    envs = make(engine, episodes, seed=1000)
-    observations, total = envs.reset(), np.zeros(episodes)
-    running = np.ones(episodes, bool)
+def returns(policy: PPO, normalizer: VecNormalize, envs: VecEnv) -> np.ndarray:
+    """Returns of a policy without noise, of an episode of each environment, shape (num_envs,)."""
+    observations, total = envs.reset(), np.zeros(envs.num_envs)
+    running = np.ones(envs.num_envs, bool)
     while running.any():
         known = normalizer.normalize_obs(observations)
         observations, rewards, ended, _ = envs.step(policy.predict(known, deterministic=True)[0])
@@ -128,28 +126,23 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("--engine", choices=ENGINES, default="avbd")
-    parser.add_argument("--controls", type=int, default=1_500_000)
-    parser.add_argument("--worlds", type=int, help="environments (default: 64, mujoco 8)")
+    parser.add_argument("--controls", type=int, default=1_000_000)
+    parser.add_argument("--worlds", type=int, default=16, help="environments (default: 16)")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--output", type=Path, help="file for the policy")
     args = parser.parse_args()
+    start_warp()
     torch.set_num_threads(1)  # networks this small gain nothing from more
-    worlds = args.worlds or WORLDS[args.engine]
-    envs = VecNormalize(make(args.engine, worlds, args.seed), gamma=DISCOUNT)
+    envs = VecNormalize(make(args.engine, args.worlds, args.seed))
     policy = PPO(
         "MlpPolicy",
         envs,
-        n_steps=CONTROLS // worlds,
-        batch_size=512,
-        n_epochs=10,
+        n_steps=CONTROLS // args.worlds,
         learning_rate=lambda left: 3.0e-4 * max(left, SLOWEST),
-        gae_lambda=0.97,
-        gamma=DISCOUNT,
-        policy_kwargs={"log_std_init": -1.0},
         seed=args.seed,
         device="cpu",
     )
-    begin = time.perf_counter()
+    begin, used = time.perf_counter(), time.process_time()
     try:
         policy.learn(total_timesteps=args.controls, callback=Log())
     except KeyboardInterrupt:
@@ -159,12 +152,13 @@ def main() -> None:
         envs.save(str(args.output.with_suffix(".normalizer")))
     envs.training = False
     minutes = (time.perf_counter() - begin) / 60.0
+    used = (time.process_time() - used) / 60.0
     print(
-        f"trained in {args.engine} for {policy.num_timesteps:,} controls, {minutes:.1f} min, "
-        f"seed {args.seed}, gymnasium {gymnasium.__version__}"
+        f"trained in {args.engine} for {policy.num_timesteps:,} controls, {minutes:.1f} min "
+        f"({used:.1f} of processor time), seed {args.seed}, gymnasium {gymnasium.__version__}"
     )
     for engine in ENGINES:
-        found = returns(policy, envs, engine)
+        found = returns(policy, envs, make(engine, EPISODES, seed=1000))
         print(f"return in {engine:<7} {found.mean():6.0f} ± {found.std():.0f}", flush=True)
 
 

@@ -18,6 +18,7 @@ import warp as wp
 from PIL import Image
 from stable_baselines3 import PPO
 
+from newton_avbd.commands.terminal import start_warp
 from newton_avbd.commands.view import make_viewer
 from newton_avbd.environments import RobotVectorEnv
 
@@ -36,6 +37,7 @@ def main() -> None:
     parser.add_argument("file", type=Path)
     parser.add_argument("--controls", type=int, default=500)
     args = parser.parse_args()
+    start_warp()
     policy = PPO.load(args.policy, device="cpu")
     with args.policy.with_suffix(".normalizer").open("rb") as file:
         normalizer = pickle.load(file)

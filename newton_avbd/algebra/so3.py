@@ -83,6 +83,12 @@ def world_inertia(rotation: wp.quat, inertia: wp.mat33) -> wp.mat33:
 
 
 @wp.func
+def turned_inertia(rotation: wp.quat, inertia: wp.mat33, v: wp.vec3) -> wp.vec3:
+    """R I R^T v, for less than the matrix of :func:`world_inertia` costs."""
+    return wp.quat_rotate(rotation, inertia * wp.quat_rotate_inv(rotation, v))
+
+
+@wp.func
 def rotation_vector(q: wp.quat) -> wp.vec3:
     """Rotation vector of a unit quaternion [rad], of length up to pi."""
     v = wp.vec3(q[0], q[1], q[2])

@@ -79,12 +79,6 @@ def start_momentum(
     return spin + h * wp.quat_rotate_inv(rotation, torque)
 
 
-@wp.func
-def spin_of(inv_inertia: wp.mat33, rotation: wp.quat, momentum: wp.vec3) -> wp.vec3:
-    """Angular velocity [rad/s] that belongs to a momentum [N m s], both in world axes."""
-    return wp.quat_rotate(rotation, inv_inertia * wp.quat_rotate_inv(rotation, momentum))
-
-
 @wp.func(inline=True)
 def free_turn(
     inertia: wp.mat33,

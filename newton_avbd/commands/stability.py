@@ -6,7 +6,7 @@
 import argparse
 import math
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from newton_avbd.io import UserError, require
@@ -14,7 +14,7 @@ from newton_avbd.io.errors import unknown
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.hard_case import Case, Outcome, try_case
 from newton_avbd.study.hard_cases import CASES, GROUPS
-from newton_avbd.study.long_run import LONG_RUNS, run_long
+from newton_avbd.study.long_run import IN_GRAPH, LONG_RUNS, run_long
 from newton_avbd.study.stability_page import line, write_page
 
 from .options import make_folder, positive, use_device
@@ -100,25 +100,31 @@ def main(args: argparse.Namespace) -> int:
 
 
 def _run_long(names: list[str], steps: int, iterations: int | None) -> int:
-    """Take many steps, print a line a scene; 1 where one misses a bound."""
+    """Take many steps, print a line a scene; 1 where one misses a bound, 130 after Ctrl-C."""
     _check_names(names, LONG_RUNS)
     failed = False
-    for name in LONG_RUNS:
-        if name.startswith(tuple(names) or ("",)):
-            run = run_long(name, steps, iterations)
+    chosen = [name for name in LONG_RUNS if name.startswith(tuple(names) or ("",))]
+    with interruptible() as interruption:
+        for name in chosen:
+
+            def watch(replays: range, name: str = name) -> Iterator[int]:
+                return progress(replays, len(replays), f"{name}, {IN_GRAPH} steps each")
+
+            run = run_long(name, steps, iterations, watch)
             failures = run.failures()
             failed |= bool(failures)
-            print(
+            say(
                 f"{name:<18}{' '.join(['FAIL', *failures]) if failures else 'ok'}"
                 f"  {run.steps} steps"
                 f"  drift {length(run.drift)}, at the end {length(run.final_drift)}"
                 f"  energy {length(run.energy)}  joints {length(run.separation)}"
                 f"  penetration {length(run.penetration)}"
                 f"  contacts {run.contacts[0]} to {run.contacts[1]}"
-                f"  memory +{run.memory // 1024} KiB  {run.microseconds:.0f} us a step",
-                flush=True,
+                f"  memory +{run.memory // 1024} KiB  {run.microseconds:.0f} us a step"
             )
-    return int(failed)
+            if run.stopped:
+                raise KeyboardInterrupt
+    return interruption.status(int(failed))
 
 
 def _check_names(names: list[str], known: Iterable[str]) -> None:

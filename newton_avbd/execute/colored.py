@@ -41,7 +41,7 @@ from .cables import make_cables, make_join, may_jerk
 from .closures import make_closures
 from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
-from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
+from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of, stiffen_rows
 from .ending import make_end, make_remember
 from .energy import make_energy
 from .finite import make_is_world_finite
@@ -55,7 +55,6 @@ from .scale import (
     COLD_STEPS,
     LONGER,
     STRUCK_FACTOR,
-    going_on,
     is_struck,
     is_unsettled,
     last_update,
@@ -104,6 +103,7 @@ class Colored(NamedTuple):
     sweep_loops: wp.Kernel | None
     solve_clusters: wp.Kernel | None
     begin_round: wp.Kernel
+    stiffen: wp.Kernel | None
     remember: wp.Kernel
     remember_loops: wp.Kernel | None
     find_jerked: wp.Kernel | None
@@ -499,7 +499,7 @@ def make_colored(effects: Effects) -> Colored:
         scale = colors.scale[world]
         if colors.is_finite[world] == 0 or colors.has_impacts[world] == 1:
             colors.jumps[world] = 1
-        elif body_jumps(worlds.rank[body], scale, joints, worlds, work, rows, tree, history):
+        elif body_jumps(world, worlds.rank[body], scale, joints, worlds, work, rows, tree, history):
             colors.jumps[world] = 1
         elif not goes_on_smoothly(body, body_q, body_qd, scale, model, work, rows, history):
             colors.breaks[world] = 1
@@ -518,8 +518,9 @@ def make_colored(effects: Effects) -> Colored:
     ):
         """Likewise by joints outside of the trees; one thread a joint."""
         i = wp.tid()
-        if loop_jumps(i, joints, loops, history):
-            colors.jumps[loop_world(i, joints, worlds, work, loops)] = 1
+        world = loop_world(i, joints, worlds, work, loops)
+        if loop_jumps(world, i, joints, loops, history):
+            colors.jumps[world] = 1
 
     @kernel(effects.second_order and effects.cables)
     def find_jerks(
@@ -916,17 +917,36 @@ def make_colored(effects: Effects) -> Colored:
     def begin_round(
         # In:
         iterations: int,
+        begin: int,
         # Work out:
         colors: ColorWork,
     ):
-        """Another round of sweeps where impacts go on after the first; one thread a world."""
+        """Another round of sweeps where impacts go on after the last; one thread a world."""
         world = wp.tid()
-        if colors.most[world] == iterations:
-            update, share = colors.moved[iterations, world], wp.static(going_on(effects))
-            if is_struck(iterations, update, share, colors.scale[world]):
-                colors.most[world] = STRUCK_FACTOR * iterations
-                colors.begin[world] = iterations
+        if colors.most[world] == begin:
+            if is_struck(begin, colors.moved[begin, world], colors.scale[world]):
+                colors.most[world] = begin + iterations
+                colors.begin[world] = begin
                 colors.has_more[0] = 1
+
+    @kernel(effects.contact and not effects.compliance)
+    def stiffen(
+        # In:
+        begin: int,
+        # Work:
+        worlds: WorldWork,
+        colors: ColorWork,
+        # Work out:
+        rows: RowWork,
+    ):
+        """Contacts as stiff as the forces that sweeps have found ask for; one thread a body.
+
+        Those of worlds whose round of sweeps begins with the sweep ``begin``.
+        """
+        body = wp.tid()
+        world = worlds.of_body[body]
+        if colors.begin[world] == begin:
+            stiffen_rows(body, colors.scale[world], rows)
 
     @kernel()
     def remember(
@@ -1513,6 +1533,7 @@ def make_colored(effects: Effects) -> Colored:
         sweep_loops,
         solve_clusters,
         begin_round,
+        stiffen,
         remember,
         remember_loops,
         find_jerked,

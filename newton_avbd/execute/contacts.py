@@ -602,3 +602,20 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             recall_multipliers(world, body, rows, history)
 
     return find_rows, penalise_rows
+
+
+@wp.func
+def stiffen_rows(body: int, scale: WorldScale, rows: wp.ref[RowWork]):
+    """Makes the rows that a body owns as stiff as an impact needs them.
+
+    A force f that stops a speed v within the step says that a mass f h/v is behind the row: what
+    joints, and contacts that hold a body which others pull apart, make it stop. Nothing tells that
+    before the sweeps. v is the fastest of the world.
+    """
+    unit = contact_rows.PENALTY / wp.max(0.5 * scale.reach, 1.0e-30)
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        k_n = unit * wp.dot(row.normal, row.force)
+        if k_n > row.k_n and row.k_n > 0.0:
+            rows.rows[i].k_t = row.k_t * (k_n / row.k_n)
+            rows.rows[i].k_n = k_n

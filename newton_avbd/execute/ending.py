@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat
-from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, spin_of, turned
+from ..algebra.so3 import exp_quat, turned_inertia
+from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
 from ..data import (
     BodyModel,
     BodyWork,
@@ -223,7 +223,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
                     spin += carried_roll(turn, work.inv_inertia[body]) / step
                 else:
                     end = turned(body_q[body], increment)
-                    spin = spin_of(model.inv_inertia[body], end, work.momentum[body])
+                    spin = turned_inertia(end, model.inv_inertia[body], work.momentum[body])
             if wp.static(effects.tilting):
                 if wp.length_sq(work.spin_momentum[body]) > 0.0:
                     free = wp.spatial_bottom(work.target[body])

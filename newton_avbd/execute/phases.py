@@ -28,7 +28,7 @@ from .bodies import body_at
 from .breaking import make_break_joints
 from .cables import make_cables, make_join
 from .closures import make_closures
-from .contacts import make_rows
+from .contacts import make_rows, stiffen_rows
 from .ending import make_end, make_remember
 from .energy import make_energy
 from .gathering import make_assemble, make_gather
@@ -62,7 +62,7 @@ class Phases(NamedTuple):
     begin_second_order: wp.Function
     begin_joints: wp.Function
     begin_sweeps: wp.Function
-    stiffen_piles: wp.Function
+    stiffen_impacts: wp.Function
     sweep_to_rest: wp.Function
     keep_forces: wp.Function
     break_joints: wp.Function
@@ -92,7 +92,7 @@ def make_phases(effects: Effects) -> Phases:
     assemble_body = make_assemble(effects, loop_functions.loop_curvature)
     piles = make_piles(effects, gather, make_coasting(effects)) if effects.piles else ABSENT
     link_piles, factor_piles = piles.link_piles, piles.factor_piles
-    stiffen_piles, spend_impacts = piles.stiffen_piles, piles.spend_impacts
+    spend_impacts = piles.spend_impacts
     closures = make_closures(effects) if effects.closures else ABSENT
     trees = ABSENT
     if effects.joints:
@@ -343,6 +343,14 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(not effects.ramp):
             sweeps = sweeps_at_age(history.age[world], sweeps, scale)
         return sweeps
+
+    @wp.func
+    def stiffen_impacts(
+        world: int, scale: WorldScale, worlds: wp.ref[WorldWork], rows: wp.ref[RowWork]
+    ):
+        """Makes contacts as stiff as the forces that sweeps have found ask for."""
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            stiffen_rows(body_at(i, worlds), scale, rows)
 
     @wp.func
     def sweep_to_rest(
@@ -767,7 +775,7 @@ def make_phases(effects: Effects) -> Phases:
         second_order.begin_step,
         begin_joints,
         begin_sweeps,
-        stiffen_piles,
+        stiffen_impacts,
         sweep_to_rest,
         keep_forces,
         break_joints,

@@ -91,22 +91,6 @@ def mass_to_hold(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork])
 
 
 @wp.func
-def stiffen_rows(body: int, scale: WorldScale, rows: wp.ref[RowWork]):
-    """Makes the rows that a body owns as stiff as an impact needs them.
-
-    A force f that stops a speed v within the step says that a mass f h/v is behind the row. Levels
-    do not know it of a body that others pull apart; v is the fastest of the world.
-    """
-    unit = contact_rows.PENALTY / wp.max(0.5 * scale.reach, 1.0e-30)
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        k_n = unit * wp.dot(row.normal, row.force)
-        if k_n > row.k_n and row.k_n > 0.0:
-            rows.rows[i].k_t = row.k_t * (k_n / row.k_n)
-            rows.rows[i].k_n = k_n
-
-
-@wp.func
 def lasting_share(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> float:
     """Share of the force of a row that holds a pile which the next step can expect again."""
     if not in_pile(rows, row.a):
@@ -205,8 +189,6 @@ class PileFunctions:
 
     Returns the square of how far that moved a body [m^2], a turn by its radius of gyration.
     """
-    stiffen_piles: wp.Function
-    """Makes the rows of all bodies of piles as stiff as an impact needs them."""
     spend_impacts: wp.Function
     """Finds which share of what holds each body has stopped something and ends with the step."""
 
@@ -422,13 +404,6 @@ def make_piles(
         return farthest
 
     @wp.func
-    def stiffen_piles(
-        world: int, scale: WorldScale, worlds: wp.ref[WorldWork], rows: wp.ref[RowWork]
-    ):
-        for i in range(worlds.body_start[world], rows.piles.end[world]):
-            stiffen_rows(rows.piles.order[i], scale, rows)
-
-    @wp.func
     def spend_impacts(
         world: int,
         scale: WorldScale,
@@ -471,4 +446,4 @@ def make_piles(
                         rows.piles.update[other] = rows.piles.update[other] + share
                     before = other
 
-    return PileFunctions(link_piles, factor_piles, sweep_piles, stiffen_piles, spend_impacts)
+    return PileFunctions(link_piles, factor_piles, sweep_piles, spend_impacts)

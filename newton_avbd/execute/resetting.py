@@ -6,6 +6,7 @@ import newton
 import warp as wp
 
 from ..data import (
+    AxisMotion,
     BodyWork,
     History,
     JointModel,
@@ -74,6 +75,8 @@ def forget_axes(
                 forget_dahl(joint, history)
         for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
             history.held_at[dof] = wp.float64(0.0)
+            if history.coordinate.shape[0] > 0:
+                history.coordinate[dof] = AxisMotion()
             history.joint_angle[dof] = rest_angle[dof]
 
 
@@ -132,6 +135,8 @@ def reset_bodies(
     if history.flying.shape[0] > 0:
         history.flying[body] = 0
         history.smooth[worlds.of_body[body]] = JUMPED
+        # velocities that are given are not those of a step of second order
+        worlds.step[worlds.of_body[body]] = history.step[worlds.of_body[body]]
     history.age[worlds.of_body[body]] = 0
     history.filling[worlds.of_body[body], 0] = 0
     worlds.held[worlds.of_body[body]] = 0

@@ -368,6 +368,7 @@ def reset_cables(
         state.left[seg] = initial.left[seg]
         state.right[seg] = initial.right[seg]
         cables.rest[seg] = initial.rest[seg]
+        cables.lost[seg] = 0.0
         cables.tension[seg] = 0.0
         cables.left_over[seg] = 0.0
         cables.slack[seg] = False

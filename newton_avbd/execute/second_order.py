@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, world_inertia
+from ..algebra.so3 import exp_quat, turned_inertia
 from ..blocks.body import target_translation
 from ..data import (
     BodyModel,
@@ -43,7 +43,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
-from ..rows.joint import BALL, DISTANCE
+from ..rows.joint import BALL, DISTANCE, make_joint
 from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
@@ -59,6 +59,7 @@ from .slopes import (
     SMOOTH,
     constants,
     end_axis,
+    follows_second_order,
     is_going_on,
     lead,
     next_slope,
@@ -71,6 +72,9 @@ JOLT = wp.constant(0.5)
 """Closing of a contact by the velocity of the start of a step that is an impact, as a share of
 g h^2: what a smooth force changes in a step is about that. Likewise the share of itself or of the
 weight by which an external force jumps."""
+TOUCH = wp.constant(0.02)
+"""Share of that which is an impact of a contact that did not push in the last step: a box that lost
+99 % of its weight and comes back slowly would bounce otherwise."""
 LIMIT_JOLT = wp.constant(1.0e-5)
 """How far beyond a limit a coordinate that goes on is about to meet it [m or rad]."""
 ROUNDING = wp.constant(1.0e-6)
@@ -95,7 +99,7 @@ def spin_momentum(
     model: wp.ref[BodyModel], body: int, rotation: wp.quat, velocity: wp.spatial_vector
 ) -> wp.vec3:
     """Angular momentum of a body about its COM [N m s], world axes."""
-    return world_inertia(rotation, model.inertia[body]) * wp.spatial_bottom(velocity)
+    return turned_inertia(rotation, model.inertia[body], wp.spatial_bottom(velocity))
 
 
 @wp.func
@@ -230,21 +234,23 @@ def is_continued(
 
 
 @wp.func
+def is_pushing(row: ContactRow) -> bool:
+    """Whether the multiplier of a row pushes."""
+    return wp.dot(row.normal, row.force) > 0.0
+
+
+@wp.func
 def has_impact(body: int, jolt: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> bool:
-    """Whether a contact that a body owns closes by more than ``jolt`` [m] while bodies coast."""
+    """Whether a contact that a body owns closes by more than ``jolt`` [m] while bodies coast, or by
+    a share of it where it did not push."""
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
         span = work.com[row.a] - work.com[row.b]
         u = contact_rows.slip(row, work.coasting[row.a], work.coasting[row.b], span)
-        if wp.dot(row.normal, u) + wp.max(row.gap, 0.0) < -jolt:
+        least = wp.where(is_pushing(row), jolt, TOUCH * jolt)
+        if wp.dot(row.normal, u) + wp.max(row.gap, 0.0) < -least:
             return True
     return False
-
-
-@wp.func
-def is_pushing(row: ContactRow) -> bool:
-    """Whether the multiplier of a row pushes."""
-    return wp.dot(row.normal, row.force) > 0.0
 
 
 @wp.func
@@ -258,9 +264,14 @@ def lets_go(body: int, rows: wp.ref[RowWork], history: wp.ref[History]) -> bool:
 
 @wp.func
 def is_beyond(
-    joints: wp.ref[JointModel], dof: int, at: wp.float64, history: wp.ref[History]
+    world: int, joints: wp.ref[JointModel], dof: int, at: wp.float64, history: wp.ref[History]
 ) -> bool:
-    """Whether a coordinate that goes on as in the last step would be beyond a limit."""
+    """Whether a coordinate that goes on as in the last step would be beyond a limit.
+
+    Before the first step of a world nobody knows.
+    """
+    if history.age[world] == 0:
+        return False
     goes_to = wp.float32(at + (at - history.coordinate[dof].start))
     lower = joints.limit_lower[dof] - LIMIT_JOLT
     return goes_to < lower or goes_to > joints.limit_upper[dof] + LIMIT_JOLT
@@ -335,9 +346,13 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     """Generates the functions for a scene's effects."""
     a, b = constants(0.0 if effects.cables else RHO)
     a_0, b_0 = constants(0.0)
+    joint_functions = make_joint(effects.kinds)
+    is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
+    known_angles = joint_functions.known_angles
 
     @wp.func
     def body_jumps(
+        world: int,
         i: int,
         scale: WorldScale,
         joints: wp.ref[JointModel],
@@ -362,20 +377,32 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         if wp.static(effects.tendons and not effects.compliance):
             if meets_range(i, scale.h, tree):
                 return True
+        if wp.static(effects.kinds.gimbals and effects.axis_rates):
+            # the rates of rotors change fast where angles lead the pose
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                if is_gimbal(joints, joint):
+                    angles = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
+                    if is_led(joints, joint, angles):
+                        return True
         if wp.static(effects.joints and effects.hard_limits):
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 k = tree.axis_start[body]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                     if joints.type[joint] != BALL:
-                        if is_beyond(joints, dof, tree.coordinate[k], history):
+                        if is_beyond(world, joints, dof, tree.coordinate[k], history):
                             return True
                     k += 1
         return False
 
     @wp.func
     def loop_jumps(
-        i: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork], history: wp.ref[History]
+        world: int,
+        i: int,
+        joints: wp.ref[JointModel],
+        loops: wp.ref[LoopWork],
+        history: wp.ref[History],
     ) -> bool:
         """Whether a joint outside of the trees is about to meet a limit, or may pull at once."""
         joint = loops.joints[i]
@@ -384,7 +411,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         if wp.static(effects.hard_limits):
             for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                 if joints.type[joint] != BALL:
-                    if is_beyond(joints, dof, loops.coordinate[dof], history):
+                    if is_beyond(world, joints, dof, loops.coordinate[dof], history):
                         return True
         return False
 
@@ -402,11 +429,11 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     ) -> bool:
         """Whether no velocity of a world is about to jump."""
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            if body_jumps(i, scale, joints, worlds, work, rows, tree, history):
+            if body_jumps(world, i, scale, joints, worlds, work, rows, tree, history):
                 return False
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if loop_jumps(i, joints, loops, history):
+                if loop_jumps(world, i, joints, loops, history):
                     return False
         if wp.static(effects.cables):
             for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
@@ -574,15 +601,24 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         turn = wp.spatial_bottom(ahead)
         dtheta = wp.vec3(0.0)
         end = rotation
+        # what pushed it at the end of the last step goes on to
+        pushed = last.acceleration
         if wp.static(effects.gyroscopic):
-            momentum = spin_momentum(model, body, rotation, velocity)
-            momentum += step * wp.spatial_bottom(wrench)
+            # of the start, and all that the external torque gives
+            momentum = work.momentum[body]
+            if wp.static(effects.fluid):
+                momentum = spin_momentum(model, body, rotation, velocity)
+                momentum += step * wp.spatial_bottom(wrench)
             momentum += lead(scale, last.torque, last.spun)
             # the inertia of the end of the step, where the body goes if all stays smooth
             spin = wp.spatial_bottom(velocity + scale.h * last.gain)
             end = exp_quat(turn + step * spin) * rotation
-            work.inertia[body] = world_inertia(end, model.inertia[body])
-            dtheta = step * (world_inertia(end, model.inv_inertia[body]) * momentum)
+            axes = wp.quat_to_matrix(end)
+            back = wp.transpose(axes)
+            work.inertia[body] = axes * model.inertia[body] * back
+            spun = axes * (model.inv_inertia[body] * (back * last.torque))
+            dtheta = step * (axes * (model.inv_inertia[body] * (back * momentum)))
+            pushed = wp.spatial_vector(wp.spatial_top(pushed), spun)
             work.momentum[body] = momentum
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
@@ -597,11 +633,6 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             # as the last steps have it, acceleration goes on to change
             change = (scale.h / scale.age) * (last.acceleration - last.gain)
             history.acceleration[body] = history.acceleration[body] + change
-        # what pushed it at the end of the last step goes on to
-        pushed = last.acceleration
-        if wp.static(effects.gyroscopic):
-            spun = world_inertia(rotation, model.inv_inertia[body]) * last.torque
-            pushed = wp.spatial_vector(wp.spatial_top(pushed), spun)
         pushed_shift = beyond_rounding((step * step) * wp.spatial_top(pushed), dx)
         pushed_turn = beyond_rounding((step * step) * wp.spatial_bottom(pushed), dtheta)
         work.increment[body] = target + wp.spatial_vector(pushed_shift, pushed_turn)
@@ -621,6 +652,10 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             fly_body(body, scale, body_q, body_qd, model, work)
         elif scale.step < scale.h:
             lead_body(body, scale, body_q, body_qd, model, work, history)
+        elif follows_second_order(scale):
+            if wp.static(effects.joints):
+                # that of the end of a step of second order says too little of the next
+                history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
 
     @wp.func
     def lead_rows(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
@@ -633,6 +668,10 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             if wp.static(effects.angular_friction):
                 rows.spin[i].k_twist = stiffer * rows.spin[i].k_twist
                 rows.spin[i].k_roll = stiffer * rows.spin[i].k_roll
+            if wp.static(effects.put_bodies):
+                # where a body is put only its move is known: what lies on it goes with that
+                if wp.length_sq(work.put[row.b]) > 0.0:
+                    continue
             if wp.static(effects.drift):
                 span = work.com[row.a] - work.com[row.b]
                 slid = contact_rows.slip(row, work.lead[row.a], work.lead[row.b], span)
@@ -690,10 +729,11 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             if is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    slip = history.piece[dof][2]
-                    if history.coordinate[dof].slip != slip:
+                    slip = history.piece[dof][2] + 2
+                    last = history.coordinate[dof].slip
+                    if slip != last:
                         history.coordinate[dof].slip = slip
-                        result = True
+                        result = result or last != 0
         return result
 
     @wp.func
@@ -763,7 +803,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     ):
         """Where a step has left a body, how fast, and what its constraints did to that."""
         before = wp.transform_get_rotation(body_q[body])
-        began = history.last[body].velocity
+        last = history.last[body]
+        began = last.velocity
         wrench = external_wrench(model, body, work)
         given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
         if wp.static(effects.gyroscopic):
@@ -771,28 +812,28 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             change = spin_momentum(model, body, after, velocity)
             change -= spin_momentum(model, body, before, began)
             change -= scale.h * wp.spatial_bottom(wrench)
-            torque, spun = history.last[body].torque, history.last[body].spun
-            history.last[body].torque = (change - lead(scale, torque, spun)) / scale.step
-            history.last[body].spun = next_slope(scale, change, spun)
+            last.torque = (change - lead(scale, last.torque, last.spun)) / scale.step
+            last.spun = next_slope(scale, change, last.spun)
         else:
-            spin = world_inertia(before, model.inv_inertia[body]) * wp.spatial_bottom(wrench)
+            spin = turned_inertia(before, model.inv_inertia[body], wp.spatial_bottom(wrench))
             given = wp.spatial_vector(wp.spatial_top(given), spin)
         change_v = velocity - began - scale.h * given
-        acceleration, gain = history.last[body].acceleration, history.last[body].gain
-        pushed = (change_v - lead(scale, acceleration, gain)) / scale.step
-        if scale.step < scale.h:
-            if not is_resolved(body, velocity, pushed - acceleration, scale, model, work):
+        pushed = (change_v - lead(scale, last.acceleration, last.gain)) / scale.step
+        # a step after one of second order may be as little resolved as that one
+        if scale.step < scale.h or follows_second_order(scale):
+            if not is_resolved(body, velocity, pushed - last.acceleration, scale, model, work):
                 history.smooth[world] = JUMPED
-        history.last[body].acceleration = pushed
-        history.last[body].gain = next_slope(scale, change_v, gain)
+        last.acceleration = pushed
+        last.gain = next_slope(scale, change_v, last.gain)
         if wp.static(not effects.cables):
             # a chord would carry on, half as much again, what backward Euler misses of a fall;
             # tensions of cables swing less after it
             if scale.step == scale.h:
-                history.last[body].slope = 0.5 * (began + velocity)
-        history.last[body].velocity = velocity
-        history.last[body].wrench = wrench
-        history.last[body].pose = pose
+                last.slope = 0.5 * (began + velocity)
+        last.velocity = velocity
+        last.wrench = wrench
+        last.pose = pose
+        history.last[body] = last
 
     @wp.func
     def remember_motions(

@@ -32,6 +32,7 @@ from .bodies import make_wrench, unit_pose
 from .contacts import FAR, anchor_distance, body_arm, body_slot, point_on
 from .islands import begin_island, disturb, island_of, unite
 from .launch import KERNEL, uncollected
+from .slopes import QUIET_WORLD
 
 REST = wp.constant(1.0e-3)
 """Speed up to which a body is at rest, as a share of what gravity gives it in a step: of
@@ -517,9 +518,9 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
         if wp.static(effects.second_order):
             seen.step[island] = worlds.step[world]
             seen_history.slope_age[island] = history.slope_age[world]
-            # what slept has no last step to go on from
+            # what slept was at rest
             seen_history.smooth[island] = wp.where(
-                sleep.quiet[root] < 0.0, 0, history.smooth[world]
+                sleep.quiet[root] < 0.0, QUIET_WORLD, history.smooth[world]
             )
         if wp.static(effects.loops):
             holder = sleep.loop_body[world]
@@ -722,8 +723,10 @@ def make_end_islands(effects: Effects) -> wp.Kernel:
             for i in range(2):
                 history.filling[world, i] = seen_history.filling[island, i]
             if wp.static(effects.second_order):
-                worlds.step[world] = seen.step[island]
-                history.slope_age[world] = seen_history.slope_age[island]
+                # what kind of step the last one was, of the island that goes on least
+                if island == first or seen_history.smooth[island] < history.smooth[world]:
+                    worlds.step[world] = seen.step[island]
+                    history.slope_age[world] = seen_history.slope_age[island]
                 history.smooth[world] = wp.where(
                     island == first,
                     seen_history.smooth[first],

@@ -52,6 +52,12 @@ def is_going_on(smooth: int) -> bool:
 
 
 @wp.func
+def follows_second_order(scale: WorldScale) -> bool:
+    """Whether the last step was of second order: velocities then do not lag behind positions."""
+    return scale.lag == 0.0
+
+
+@wp.func
 def second_order(scale: WorldScale, a: float, b: float) -> WorldScale:
     """Weights of a step after one whose slopes are older than its end by ``scale.age`` [s]."""
     out = scale

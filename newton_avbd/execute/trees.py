@@ -1004,9 +1004,10 @@ def make_trees(
             if wp.static(effects.second_order):
                 q = begin_axis(index, q, scale, history.coordinate)
             if wp.static(effects.joint_friction):
-                # what rounding moves, friction brings back
+                # what rounding moves, friction brings back; a ball's coordinates start anew
                 drift = wp.float32(wp.abs(q - history.held_at[index]))
                 is_off = drift > rounding + 2.0 * ROUNDING * wp.length(work.com[body])
+                is_off = is_off or joints.type[joint] == BALL
                 if is_off or history.piece[index][2] != 0:
                     history.held_at[index] = q
             tree.start_coordinate[tree.axis_start[body] + dof] = q

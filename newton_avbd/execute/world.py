@@ -31,7 +31,13 @@ from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .links import gather_body, gather_joint, place_fixed_links, scatter_body
 from .phases import make_phases
-from .scale import COLD_STEPS, STRUCK_FACTOR, going_on, is_struck, is_unsettled
+from .scale import (
+    COLD_STEPS,
+    STRUCK_FACTOR,
+    is_struck,
+    is_unsettled,
+    most_rounds,
+)
 
 
 @functools.cache
@@ -44,7 +50,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         begin_second_order,
         begin_joints,
         begin_sweeps,
-        stiffen_piles,
+        stiffen_impacts,
         sweep_to_rest,
         keep_forces,
         break_joints,
@@ -153,15 +159,15 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 history,
             )
 
-        # Rounds of sweeps by one call, which is most of the code: the motion, once more where
-        # impacts go on, and the recovery.
+        # Rounds of sweeps by one call, which is most of the code: the motion, again and with
+        # stiffer contacts where impacts go on, and the recovery.
         most = int(0)
         sweeps = int(0)
         update = float(0.0)
         recovery = float(0.0)
         has_islands = bool(False)
         has_not_settled = bool(False)
-        rounds = int(wp.static(1 if effects.ramp else 3 if effects.switching else 2))
+        rounds = int(wp.static(most_rounds(effects)))
         for _round in range(rounds):
             if recovery == 0.0:
                 most = begin_sweeps(
@@ -180,7 +186,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                     history,
                 )
                 if sweeps > 0:
-                    most = (STRUCK_FACTOR - 1) * iterations
+                    most = iterations
             taken, update = sweep_to_rest(
                 world,
                 most,
@@ -201,10 +207,10 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 break
             sweeps += taken
             if wp.static(effects.switching and not effects.ramp):
-                share = wp.static(going_on(effects))
-                if sweeps == iterations and is_struck(sweeps, update, share, scale):
-                    if wp.static(effects.piles):
-                        stiffen_piles(world, scale, worlds, rows)
+                is_cut_off = taken == iterations and sweeps < STRUCK_FACTOR * iterations
+                if is_cut_off and is_struck(sweeps, update, scale):
+                    if wp.static(effects.contact and not effects.compliance):
+                        stiffen_impacts(world, scale, worlds, rows)
                     continue
 
             # After the motion: forces and velocities.

@@ -3,6 +3,7 @@
 
 """What a scene with a known answer is, and how far a simulated path is from it."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +19,9 @@ from newton_avbd.study.measure import (
     transform,
 )
 from newton_avbd.study.scene import FRAMES_PER_SECOND, Scene
+
+G = 9.81
+"""Gravity of the scenes [m/s^2], along -z."""
 
 FRAME = 1.0 / FRAMES_PER_SECOND
 """Time between two samples of a path, the largest step [s]."""
@@ -151,3 +155,24 @@ def rms(values: Array) -> float:
     """Root of the mean square over time of values or vectors, shape [k] or [k, ...]."""
     squares = np.square(values).reshape(len(values), -1).sum(axis=1)
     return float(np.sqrt(np.mean(squares)))
+
+
+def rebounds(times: Array, e: float, height: float) -> tuple[Array, Array]:
+    """Height above the ground [m] and bounces so far of a ball let go from a height.
+
+    Args:
+        times: Times since then [s].
+        e: Restitution, less than 1 or 1.
+        height: Where it starts [m].
+    """
+    speed = math.sqrt(2.0 * G * height)
+    # Counted as if it had been thrown up from the ground.
+    start, count = -speed / G, 0
+    heights, counts = np.zeros(len(times)), np.zeros(len(times), dtype=int)
+    for index, t in enumerate(times):
+        while t >= start + 2.0 * speed / G and speed > 1e-6:
+            start, speed, count = start + 2.0 * speed / G, e * speed, count + 1
+        since = t - start
+        heights[index] = max(0.0, speed * since - 0.5 * G * since**2)
+        counts[index] = count
+    return heights, counts

@@ -12,7 +12,15 @@ import numpy as np
 import warp as wp
 
 from newton_avbd.study import pendulums
-from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, OffPath, Path, farthest
+from newton_avbd.study.accuracy_scene import (
+    FRAME,
+    AccuracyScene,
+    G,
+    OffPath,
+    Path,
+    farthest,
+    rebounds,
+)
 from newton_avbd.study.accuracy_simbench import SIMBENCH
 from newton_avbd.study.accuracy_solvers import CONTACT, RESTITUTION, SMOOTH
 from newton_avbd.study.chains import add_chain
@@ -20,9 +28,6 @@ from newton_avbd.study.measure import Array
 from newton_avbd.study.properties_body import MOMENTS, SPIN, add_mass, free_top
 from newton_avbd.study.properties_contact import add_body, bouncing, material
 from newton_avbd.study.scenes import SCENES, set_velocity
-
-G = 9.81
-"""Gravity [m/s^2], along -z."""
 
 CLOSED = "closed form"
 INTEGRATED = "DOP853, tolerance 1e-11"
@@ -157,27 +162,6 @@ def skidding_sphere(path: Path) -> Array:
 
 RESTITUTION_OF_BALL, DROP = 0.7, 0.5
 """Restitution of the ball that bounces, and the height from which it falls [m]."""
-
-
-def rebounds(times: Array, e: float, height: float) -> tuple[Array, Array]:
-    """Height above the ground [m] and bounces so far of a ball let go from a height.
-
-    Args:
-        times: Times since then [s].
-        e: Restitution, less than 1 or 1.
-        height: Where it starts [m].
-    """
-    speed = math.sqrt(2.0 * G * height)
-    # Counted as if it had been thrown up from the ground.
-    start, count = -speed / G, 0
-    heights, counts = np.zeros(len(times)), np.zeros(len(times), dtype=int)
-    for index, t in enumerate(times):
-        while t >= start + 2.0 * speed / G and speed > 1e-6:
-            start, speed, count = start + 2.0 * speed / G, e * speed, count + 1
-        since = t - start
-        heights[index] = max(0.0, speed * since - 0.5 * G * since**2)
-        counts[index] = count
-    return heights, counts
 
 
 def bounce(path: Path) -> Array:

@@ -19,14 +19,11 @@ import numpy as np
 import warp as wp
 
 from newton_avbd.study import robots
-from newton_avbd.study.accuracy_scene import AccuracyScene, Path, rms
+from newton_avbd.study.accuracy_scene import AccuracyScene, G, Path, rebounds, rms
 from newton_avbd.study.accuracy_solvers import CONTACT, RESTITUTION, SMOOTH
 from newton_avbd.study.measure import Array, Bodies
 from newton_avbd.study.properties_contact import add_body, material
 from newton_avbd.study.scenes import set_velocity
-
-G = 9.81
-"""Gravity [m/s^2], along -z."""
 
 CLOSED = "SimBenchmark's closed form"
 CONSERVED = "conserved, as in SimBenchmark"
@@ -112,8 +109,6 @@ def add_bouncing(builder: newton.ModelBuilder, e: float) -> None:
 
 def _bouncing(e: float) -> AccuracyScene:
     def error(path: Path) -> float:
-        from newton_avbd.study.accuracy_scenes import rebounds
-
         _, bounces = rebounds(path.times, e, HEIGHT - 0.1)
         weight = float(np.sum(path.bodies.mass)) * G
         # What the ground keeps is what the balls would need to rise above lying on it.

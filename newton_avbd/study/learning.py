@@ -176,8 +176,8 @@ def _flat(observation: Any) -> Array:
 class Engine:
     """SolverAVBD, which moves the ``mjData`` of a task."""
 
-    def __init__(self, task: Task) -> None:
-        """Read the task's file, and compile a step.
+    def __init__(self, task: Task, **settings: Any) -> None:
+        """Read the task's file, and compile a step; ``settings`` go to the solver.
 
         Raises:
             UserError: The coordinates of the file are not those of the task.
@@ -191,7 +191,7 @@ class Engine:
         self.model = builder.finalize(device="cpu")
         self.model.set_gravity(tuple(map(float, task.model.opt.gravity)))
         self._match(task)
-        self._solver = SolverAVBD(self.model, update_joint_state=True)
+        self._solver = SolverAVBD(self.model, update_joint_state=True, **settings)
         self._pipeline = newton.CollisionPipeline(self.model)
         self._contacts = self._pipeline.contacts()
         self._state, self._control = self.model.state(), self.model.control()

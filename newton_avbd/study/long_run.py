@@ -10,7 +10,7 @@ minutes.
 import math
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import newton
@@ -128,6 +128,7 @@ class LongRun:
         memory: Growth of the largest resident set of the process [bytes].
         held: Steps in which the world was held still.
         microseconds: Mean time of a step, collision detection included [us].
+        stopped: Whether Ctrl-C ended it before all its steps.
     """
 
     steps: int
@@ -141,6 +142,7 @@ class LongRun:
     memory: int
     held: int
     microseconds: float
+    stopped: bool = False
 
     def failures(self) -> list[str]:
         """What is not as it must be; empty for a pass."""
@@ -150,13 +152,20 @@ class LongRun:
         return failures + (["contacts"] if self.contacts[0] != self.contacts[1] else [])
 
 
-def run_long(name: str, steps: int, iterations: int | None = None) -> LongRun:
-    """Run one of :data:`LONG_RUNS`.
+def run_long(
+    name: str,
+    steps: int,
+    iterations: int | None = None,
+    watch: Callable[[range], Iterable[int]] = iter,
+) -> LongRun:
+    """Run one of :data:`LONG_RUNS`. After Ctrl-C it returns what was found until then.
 
     Args:
         name: Its name.
         steps: How many steps, rounded up to a multiple of :data:`IN_GRAPH`.
         iterations: Sweeps a step; None for the solver's own.
+        watch: Yields the numbers of the replays as they are worked through, as a bar of progress
+            does.
     """
     builder = newton.ModelBuilder()
     LONG_RUNS[name](builder)
@@ -207,19 +216,25 @@ def run_long(name: str, steps: int, iterations: int | None = None) -> LongRun:
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     drifts, energies, opened, counts = [0.0], [0.0], [0.0], []
     begin = time.perf_counter()
-    replays = math.ceil(steps / IN_GRAPH)
-    for i in range(replays):
-        replay()
-        (center, energy, open_by, count), start = look(), starts[i % 2]
-        drifts.append(float(np.linalg.norm(center - start[0], axis=1).max()))
-        energies.append(abs(energy - start[1]) / weight)
-        opened.append(open_by)
-        counts.append(count)
+    done, stopped = 0, False
+    try:
+        for i in watch(range(math.ceil(steps / IN_GRAPH))):
+            replay()
+            (center, energy, open_by, count), start = look(), starts[i % 2]
+            drifts.append(float(np.linalg.norm(center - start[0], axis=1).max()))
+            energies.append(abs(energy - start[1]) / weight)
+            opened.append(open_by)
+            counts.append(count)
+            done = i + 1
+    except KeyboardInterrupt:
+        if not done:
+            raise
+        stopped = True
     seconds = time.perf_counter() - begin
     grown = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
     gaps = measure.Probe(model).separations(state)
     return LongRun(
-        steps=replays * IN_GRAPH,
+        steps=done * IN_GRAPH,
         drift=max(drifts) if np.isfinite(drifts).all() else math.nan,
         final_drift=drifts[-1],
         speed=measure.largest_speed(bodies, state),
@@ -229,5 +244,6 @@ def run_long(name: str, steps: int, iterations: int | None = None) -> LongRun:
         contacts=(min(counts), max(counts)),
         memory=grown,
         held=int(solver.status.held_steps.sum()),
-        microseconds=1e6 * seconds / (replays * IN_GRAPH),
+        microseconds=1e6 * seconds / (done * IN_GRAPH),
+        stopped=stopped,
     )

@@ -5,7 +5,7 @@
 
 Run as ``python -m newton_avbd.study.mujoco_files [NAME ...]``. A NAME is part of the name of a file
 of dm_control's suite or of gymnasium, or the path of a file, or of a folder whose files are tried.
-``--page docs/from_mujoco.md`` writes the orders of convergence into that page.
+``--page docs/mujoco_files.md`` writes the orders of convergence into that page.
 
 Joint limits are soft in MuJoCo and, but for ``compliant_contacts=True``, rigid in SolverAVBD. So
 there are two comparisons, each of like with like:
@@ -65,7 +65,7 @@ ORDERS = (
 )
 """Files whose order of convergence the page shows."""
 STEPS = (1.0 / 500.0, 1.0 / 1000.0, 1.0 / 2000.0, 1.0 / 4000.0)
-BEGIN = "<!-- orders: python -m newton_avbd.study.mujoco_files --page docs/from_mujoco.md -->"
+BEGIN = "<!-- orders: python -m newton_avbd.study.mujoco_files --page docs/mujoco_files.md -->"
 END = "<!-- end of orders -->"
 
 
