@@ -119,6 +119,22 @@ def test_first_step_is_timed_in_a_process_of_its_own() -> None:
     assert coldstart.first_step(coldstart.NO_SOLVER, "incline") < 1e-3
 
 
+def test_ctrl_c_in_a_cold_start_leaves_what_was_measured(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*details: object) -> None:
+        raise KeyboardInterrupt
+
+    measured = [Result("stack", "avbd", eager=1.0e-3)]
+    monkeypatch.setattr(bench, "compete", lambda *details: measured)
+    monkeypatch.setattr(coldstart, "_in_new_process", interrupt)
+    out = tmp_path / "bench.json"
+    assert _bench("stack", "--json", str(out)) == 130
+    (result,) = json.loads(out.read_text())["results"]
+    assert (result["solver"], result["eager"]) == ("avbd", 1.0e-3)
+    assert "must reach" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", ["ant", "quadruped", "rope"])
 def test_joints_move_in_bare_mujoco_as_in_newton_s_solver(name: str) -> None:
     """The same library with the same model; Newton's rounds its state to float32 in between."""

@@ -98,7 +98,15 @@ def test_run_says_what_to_install_where_there_is_no_opengl(monkeypatch, capsys, 
 def test_run_writes_usd(monkeypatch, tmp_path):
     usd = pytest.importorskip("pxr.Usd")
     monkeypatch.chdir(tmp_path)
+    totals = []
+
+    def count(items, total, label):
+        totals.append(total)
+        return items
+
+    monkeypatch.setattr("newton_avbd.commands.run.progress", count)
     assert main(["run", "fall", "--solver", "xpbd", "--frames", "3", "--viewer", "usd"]) == 0
+    assert totals == [3]  # nobody sees a file grow
     stage = usd.Stage.Open(str(tmp_path / "fall.usd"))
     assert stage.GetEndTimeCode() - stage.GetStartTimeCode() >= 2
 

@@ -12,7 +12,7 @@ from newton_avbd.study.hard_cases import CASES
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "newton_avbd"
-FRONT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")
+FRONT_PAGES = ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 """Outside of the site, whose build checks the links of its own pages."""
 STEP = (ROOT / "docs" / "algorithm.md").read_text().split("| what | function | file |")[1]
 STAGES = [line for line in STEP.split("\n\n")[0].splitlines() if ".py" in line]
@@ -56,7 +56,15 @@ def test_the_constants_that_a_page_gives_a_value_have_it(page: str) -> None:
         assert float(value) in map(float, defined), name
 
 
+def anchors(page: Path) -> set[str]:
+    """What a link may name behind # in a page: its titles, as GitHub and the site spell them."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
+
+
 @pytest.mark.parametrize("page", FRONT_PAGES)
 def test_the_links_of_a_front_page_lead_somewhere(page: str) -> None:
-    for link in re.findall(r"\]\((?!http)([^)#]+)", (ROOT / page).read_text()):
-        assert (ROOT / link).exists(), link
+    for link in re.findall(r"\]\((?!http)([^)]+)", (ROOT / page).read_text()):
+        file, _, anchor = link.partition("#")
+        assert (ROOT / file).exists(), link
+        assert not anchor or anchor in anchors(ROOT / file), link

@@ -22,6 +22,8 @@ from newton_avbd.__main__ import main
 
 DOCS = Path(__file__).parent.parent / "docs"
 PAGES = [DOCS / "tutorial.md", *sorted((DOCS / "howto").glob("*.md")), DOCS / "external_solver.md"]
+_ANY_FENCE = re.compile(r"^```(\S*)\n.*?^```$", re.MULTILINE | re.DOTALL)
+_INDENTED = re.compile(r"^ {4,}(\S.*)$", re.MULTILINE)
 _FENCE = re.compile(r"^```(python|sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NUMBER = re.compile(r"[-+]?\d+(\.\d+)?(e[-+]?\d+)?")
 _INSTALLS = ("pip ", "python3 -m venv ", "source ")
@@ -80,3 +82,22 @@ def test_the_code_of_a_page_runs_and_prints_what_it_says(
             else:
                 run_python(page, line, content, namespace)
         printed = output.getvalue()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_no_block_of_a_page_is_left_out(page: Path) -> None:
+    """All run above, but for scripts that take minutes and need what no extra brings.
+
+    Of these the file exists, and it has the options.
+    """
+    text = page.read_text()
+    languages = {language for language in _ANY_FENCE.findall(text) if not language.startswith("{")}
+    assert languages <= {"python", "sh", "text"}
+    for line in _INDENTED.findall(_ANY_FENCE.sub("", text)):
+        if line.startswith(_INSTALLS):
+            continue
+        python, script, *arguments = shlex.split(line)
+        assert python == "python", line
+        source = (DOCS.parent / script).read_text()
+        for option in (argument for argument in arguments if argument.startswith("-")):
+            assert f'"{option}"' in source, line

@@ -36,6 +36,27 @@ def test_mujoco_is_pinned_as_newton_pins_it() -> None:
         assert pin.specifier.contains(importlib.metadata.version(name))
 
 
+def of_the_forge(path: str) -> str:
+    """A file below .github, which a source distribution leaves out."""
+    file = ROOT / ".github" / path
+    if not file.exists():
+        pytest.skip("a source distribution has no configuration of the forge")
+    return file.read_text()
+
+
+def test_ci_tests_the_lowest_versions_that_an_install_may_bring() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    pins = dict(re.findall(r"([\w-]+)==([\d.]+)", of_the_forge("workflows/ci.yml")))
+    for requirement in map(Requirement, project["dependencies"]):
+        (lowest,) = [bound.version for bound in requirement.specifier if bound.operator == ">="]
+        assert Version(pins[requirement.name]) == Version(lowest)
+
+
+def test_the_form_for_a_fault_asks_for_what_mending_it_needs() -> None:
+    form = of_the_forge("ISSUE_TEMPLATE/fault.yml")
+    assert {"what", "scene", "versions", "device", "report"} <= set(re.findall(r"id: (\w+)", form))
+
+
 def release_notes(root: Path, tag: str) -> subprocess.CompletedProcess[str]:
     """What CI asks about a tag before it releases."""
     command = [sys.executable, root / ".ci" / "release_notes.py", tag]

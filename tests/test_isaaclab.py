@@ -11,6 +11,7 @@ contract), and of the development branch after it (newton_manager.py of commit 9
 import dataclasses
 import importlib
 import inspect
+import re
 import runpy
 import sys
 from pathlib import Path
@@ -28,6 +29,7 @@ from newton.solvers import SolverBase
 from newton_avbd import SolverAVBD
 
 EXAMPLES = Path(__file__).parent.parent / "examples" / "isaaclab"
+PAGE = Path(__file__).parent.parent / "docs" / "isaaclab.md"
 DT = 1.0 / 120.0
 
 
@@ -205,6 +207,15 @@ def test_an_example_gives_its_task_the_solver(
     names = runpy.run_path(str(script))
     config = names[registered["kwargs"]["env_cfg_entry_point"].rpartition(":")[2]]()
     assert config.sim.physics.class_type.__name__ == "NewtonAVBDManager"
+
+
+def test_the_code_of_the_page_selects_the_solver(lab: Any) -> None:
+    """Blocks of docs/isaaclab.md, in their order."""
+    names: dict[str, Any] = {"__name__": "__main__"}
+    for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL):
+        exec(block, names)
+    for physics in (names["physics"], names["AVBDCartpoleEnvCfg"]().sim.physics):
+        assert physics.class_type.__name__ == "NewtonAVBDManager"
 
 
 def quadruped(solver_class: type) -> newton.Model:

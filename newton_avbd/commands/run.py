@@ -64,10 +64,12 @@ def main(args: argparse.Namespace) -> int:
     # A window that is watched stays open until it is closed.
     endless = args.viewer in view.WINDOWS and args.frames is None
     frames = args.frames or simulation.frames
-    count: Iterable[int] = itertools.count() if endless else range(frames)
+    count: Iterable[int] = itertools.count()
+    if not endless:
+        count = progress(range(frames), frames, simulation.name)
     with interruptible() as interruption:
         if args.viewer == "null":
-            for _ in progress(count, frames, simulation.name):
+            for _ in count:
                 simulation.advance()
         else:
             _watch(simulation, viewer, count)

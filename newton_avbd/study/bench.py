@@ -168,10 +168,11 @@ def main(args: argparse.Namespace) -> int:
                 found = compete(benchmark, [s for s in benchmark.solvers if s in solvers], effort)
                 say(f"{report.scene_table(scene, found)}\n")
                 results += found
-        if effort.cold_starts and not interruption.happened:
-            found = start_cold([s for s in COLD_START_SOLVERS if s in solvers], effort.cold_starts)
-            print(report.cold_start_table(found), end="\n\n")
-            results += found
+            if effort.cold_starts:
+                cold = [solver for solver in COLD_START_SOLVERS if solver in solvers]
+                found = start_cold(cold, effort.cold_starts)
+                print(report.cold_start_table(found), end="\n\n")
+                results += found
     print(report.target_table(results))
     if args.json is not None:
         args.json.write_text(json.dumps(report.as_json(machine, results), indent=1) + "\n")

@@ -21,6 +21,7 @@ from pathlib import Path
 import newton
 import warp as wp
 
+from newton_avbd.commands.terminal import progress
 from newton_avbd.study.peers import PEERS
 from newton_avbd.study.scenes import SCENES
 
@@ -43,11 +44,11 @@ def cold_start(solvers: list[str], scene: str, repeats: int) -> dict[str, list[f
     with tempfile.TemporaryDirectory() as folder:
         collision = Path(folder, "collision")
         _in_new_process(NO_SOLVER, scene, collision)
-        for repeat in range(repeats):
-            for solver in solvers:
-                cache = Path(folder, f"{solver}{repeat}")
-                shutil.copytree(collision, cache)
-                times[solver].append(_in_new_process(solver, scene, cache))
+        turns = [(solver, repeat) for repeat in range(repeats) for solver in solvers]
+        for solver, repeat in progress(turns, len(turns), "cold starts", lambda turn: turn[0]):
+            cache = Path(folder, f"{solver}{repeat}")
+            shutil.copytree(collision, cache)
+            times[solver].append(_in_new_process(solver, scene, cache))
     return times
 
 
