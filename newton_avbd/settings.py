@@ -50,7 +50,9 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
         wp.bool, "newton:avbd:angularFriction", False, name="angular_friction", unsaid=True
     ),
     "formulation": SceneSetting(str, "newton:avbd:formulation", "augmented", name="formulation"),
-    "scheme": SceneSetting(str, "newton:avbd:scheme", "euler", name="scheme"),
+    "scheme": SceneSetting(
+        str, "newton:avbd:scheme", "generalized_alpha", name="scheme", unsaid=True
+    ),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
     "sleeping": SceneSetting(wp.bool, "newton:avbd:sleeping", False, name="sleeping"),
 }
@@ -161,6 +163,8 @@ class Settings:
             raise ValueError(
                 "formulation='ramp' is backward Euler; leave scheme='generalized_alpha' out."
             )
+        if values["scheme"] is None:
+            values["scheme"] = "euler" if values["formulation"] == "ramp" else "generalized_alpha"
         return cls(**values)
 
 

@@ -73,7 +73,8 @@ from .solved import BodyState, SolvedModel
 class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
     """Rigid bodies, joints and contacts by Augmented Vertex Block Descent.
 
-    Backward Euler on pose increments, minimised block by block. A free body is a 6x6 block; the
+    An implicit step in pose increments, of second order in time where the motion is smooth,
+    minimised block by block. A free body is a 6x6 block; the
     bodies that joints link into a tree, an articulation, are one block, solved exactly in time
     proportional to their number, so that accuracy does not depend on the length of a chain or on
     mass ratios along it. Contacts with Coulomb friction, and joints that close loops, are enforced
@@ -184,9 +185,10 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 shape has other values than Newton's default.
             formulation: ``"augmented"`` (multipliers), the default, or ``"ramp"``: the seed
                 document's growing penalty up to the shapes' ``ke``, for comparison.
-            scheme: ``"euler"``, backward Euler, the default, or ``"generalized_alpha"``, of second
-                order in time where the motion is smooth, with far less numerical damping. Steps in
-                which a velocity of a world jumps stay backward Euler.
+            scheme: ``"generalized_alpha"``, the default, of second order in time where the motion
+                is smooth; steps in which a velocity of a world jumps are backward Euler. Or
+                ``"euler"``, backward Euler in all steps, to compare with ``SolverVBD`` or the seed
+                document. ``formulation="ramp"`` is backward Euler, too.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or

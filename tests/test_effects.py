@@ -163,7 +163,7 @@ def test_the_full_scene_calls_for_everything() -> None:
     effects = SolverAVBD(builder.finalize(device="cpu"), **SETTINGS).effects
     off = {name for name, effect in effects.items() if not effect.on}
     assert off == {
-        *("compliance", "ramp", "second_order", "matching", "moving_surfaces", "contact_materials"),
+        *("compliance", "ramp", "matching", "moving_surfaces", "contact_materials"),
         *("light_roots", "light_links", "sleeping", "limit_impedance"),
     }
 

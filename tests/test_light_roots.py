@@ -17,7 +17,11 @@ STEPS = 48
 
 
 def carrying(
-    kind: str, held: Any = (0.0, 0.0, 0.0), box_mass: float = 1500.0, **axis: float
+    kind: str,
+    held: Any = (0.0, 0.0, 0.0),
+    box_mass: float = 1500.0,
+    scheme: str | None = None,
+    **axis: float,
 ) -> Simulation:
     """The joint is in the center of the ball and at ``held`` [m] in the box; no gravity."""
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
@@ -26,7 +30,7 @@ def carrying(
     free = builder.add_joint_free(ball)
     add = getattr(builder, f"add_joint_{kind}")
     builder.add_articulation([free, add(ball, box, child_xform=transform(held), **axis)])
-    return simulate(builder)
+    return simulate(builder, scheme=scheme)
 
 
 def spin(sim: Simulation, held: Any = (0.0, 0.0, 0.0)) -> None:
@@ -38,13 +42,30 @@ def spin(sim: Simulation, held: Any = (0.0, 0.0, 0.0)) -> None:
 @pytest.mark.parametrize("held", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
 def test_a_ball_joint_in_its_center_does_not_turn_the_ball(held: Any) -> None:
     """It turns on as it did, while the box tumbles and keeps its momentum within 1e-3."""
-    sim = carrying("ball", held)
+    sim = carrying("ball", held, scheme="euler")
     spin(sim, held)
     momentum = sim.spin_momentum[BOX]
     sim.step(STEPS)
     np.testing.assert_allclose(sim.velocity[BALL, 3:], SPIN, rtol=1.0e-5)
     lost = np.linalg.norm(sim.spin_momentum[BOX] - momentum)
     assert lost < 1.0e-3 * np.linalg.norm(momentum)
+
+
+@pytest.mark.parametrize("held", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
+def test_a_box_that_tumbles_on_a_light_ball_keeps_momentum_and_energy(held: Any) -> None:
+    """About its intermediate axis, for 2 s: within 3e-3, of second order in a step of 0.065 rad.
+
+    Backward Euler is off by 3e-2 of the momentum and 9e-2 of the energy.
+    """
+    sim = carrying("ball", held)
+    spin(sim, held)
+    momentum, size = sim.spin_momentum[BOX], np.linalg.norm(sim.spin_momentum[BOX])
+    energy = 0.5 * sim.velocity[BOX, 3:] @ momentum
+    for _ in range(480):
+        sim.step()
+        assert np.linalg.norm(sim.spin_momentum[BOX] - momentum) < 3.0e-3 * size
+        now = 0.5 * sim.velocity[BOX, 3:] @ sim.spin_momentum[BOX]
+        assert now == pytest.approx(energy, rel=3.0e-3)
 
 
 def test_a_torque_of_the_joint_reacts_on_the_ball() -> None:

@@ -43,8 +43,8 @@ from .trees import is_linked
 
 LEAST_LENGTH = wp.constant(1.0e-6)
 """Length of a segment below which its geometric stiffness does not grow any more [m]."""
-ROUNDING = wp.constant(wp.float64(2.0e-8))
-"""Change of a segment that counts as none, of its length."""
+ROUNDING = wp.constant(wp.float64(1.0e-7))
+"""Change of a segment that counts as none, of how far its ends move in the step."""
 HIDDEN = wp.constant(wp.float64(1.0e-9))
 """What the equations are off by, of its length, that counts as none."""
 OPEN = wp.constant(wp.float64(1.0e-6))
@@ -59,6 +59,8 @@ how cables share a load where nothing else does. Rounding is 1e-7 of a mobility.
 JOLT = wp.constant(0.25)
 """Change of a tension in a step that is a jump, as a share of itself and, by what it moves, of
 g h^2."""
+ROUNDED = wp.constant(wp.float64(1.0e-6))
+"""Share of its material by which the rounding of poses may make a taut segment longer or shorter."""
 NONE = wp.constant(wp.float64(0.0))
 
 
@@ -261,15 +263,19 @@ def pull_cluster(cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]
 
 
 @wp.func
+def reach_of(move: wp.spatial_vector, arm: wp.vec3) -> float:
+    """How far a point of a body goes at most, by how the body moves [m]."""
+    return wp.length(wp.spatial_top(move)) + wp.length(wp.spatial_bottom(move)) * wp.length(arm)
+
+
+@wp.func
 def may_jerk(cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]) -> bool:
     """Whether a cable of a cluster that did not pull in the last step may do so in this one."""
     for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
         cable = cables.cables[i]
         reach = float(0.0)
         for guide in range(cables.guide_start[cable], cables.guide_start[cable + 1]):
-            target = work.target[cables.guides[guide].slot]
-            reach += wp.length(wp.spatial_top(target))
-            reach += wp.length(wp.spatial_bottom(target)) * wp.length(cables.guides[guide].arm)
+            reach += reach_of(work.target[cables.guides[guide].slot], cables.guides[guide].arm)
         sum = wp.float64(0.0)
         pull = float(0.0)
         for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
@@ -321,6 +327,10 @@ def make_cables(effects: Effects) -> CableFunctions:
                             is_left = is_left and tree.is_left[slot]
                     if is_left:
                         misfit = wp.min(misfit, wp.float64(wp.max(cables.left_over[seg], 0.0)))
+                        rounded = ROUNDED * wp.float64(cables.rest[seg])
+                        if cables.tension[seg] > 0.0 and wp.abs(cables.start[seg]) < rounded:
+                            # it is taut: a slack of 1e-7 m would be a jolt of its tension
+                            misfit = cables.start[seg]
                     cables.misfit[seg] = misfit
                     if misfit > OPEN * wp.float64(cables.rest[seg]):
                         is_open = True
@@ -711,7 +721,12 @@ def make_cables(effects: Effects) -> CableFunctions:
                 moved += mobility_of(cluster, seg, other, cables) * change
             moved = wp.abs(moved)
             largest = wp.max(largest, moved)
-            if moved > ROUNDING * wp.float64(cables.rest[seg]):
+            reach = float(0.0)
+            for side in range(2):
+                slot = slot_at(seg, side, cables)
+                if work.inv_mass[slot] > 0.0:
+                    reach += reach_of(work.increment[slot], cables.arm[2 * seg + side])
+            if moved > ROUNDING * wp.float64(reach):
                 is_new = True
         for k in range(count):
             seg = cables.chain[first + k]
