@@ -132,6 +132,7 @@ def history(model: newton.Model, second_order: bool) -> Any:
         history.flying = wp.zeros(slots, dtype=wp.int32)
         history.coordinate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
         history.rate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
+        history.joint_push = wp.zeros(model.joint_dof_count, dtype=wp.vec2)
     return history
 
 

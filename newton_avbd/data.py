@@ -1433,6 +1433,9 @@ class History:
     """Second order: how long before the end of the last step its slopes held [s], by world."""
     coordinate: wp.array[AxisMotion]
     """Second order: each degree of freedom [m or rad]."""
+    joint_push: wp.array[wp.vec2]
+    """Second order: what pushes along each degree of freedom all step long, as the step counts it
+    [N or N m], and its slope."""
     rate: wp.array[AxisMotion]
     """Second order: its velocity [m/s or rad/s], with the lag."""
     dahl_sigma: wp.array[wp.vec3]

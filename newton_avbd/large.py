@@ -242,7 +242,7 @@ class LargeWorlds:
             self._order_step(launch, kernels, effects, arguments)
 
         # Joints, and the blocks of bodies.
-        start = [model, joints, body_q, body_qd, worlds, work]
+        start = [model, joints, body_q, body_qd, control, worlds, work]
         if effects.joints:
             launch(kernels.measure_joints, bodies, [*start, rows, loops, tree, colors, history])
         if effects.loops:

@@ -28,6 +28,7 @@ _OWNERS: dict[str, str] = {
     "history.flying": "second_order",
     "history.coordinate": "second_order",
     "history.rate": "second_order",
+    "history.joint_push": "second_order",
     "history.smooth": "second_order",
     "history.slope_age": "second_order",
     "sleep": "sleeping",

@@ -28,7 +28,7 @@ from .bodies import body_at, has_rows
 from .islands import begin_island
 from .loops import LoopFunctions, has_loops, has_outer_loops
 from .piles import in_pile
-from .slopes import begin_axis
+from .slopes import begin_axis, make_push
 from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked, parent_slot
 
 UNKNOWN = wp.constant(math.inf)
@@ -98,6 +98,7 @@ def make_begin(
     measure_start, measure_guess = trees.measure_start, trees.measure_guess
     measure_velocity = trees.measure_velocity
     begin_loop = loop_functions.begin_loop
+    begin_push, _push_along = make_push(effects)
 
     @wp.func
     def begin_armature(
@@ -166,6 +167,7 @@ def make_begin(
         body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
         rows: wp.ref[RowWork],
@@ -230,11 +232,15 @@ def make_begin(
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
             tree.rounding[body] = ROUNDING * radius
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                begin_push(
+                    joints.dof_start[joint], joints.dof_start[joint + 1], scale, control, history
+                )
                 if measure_start(body, scale, body_q, model, joints, work, tree, history):
                     is_open = True
                 if wp.static(effects.axis_rates):
                     begin_armature(
-                        tree.joint[body],
+                        joint,
                         scale,
                         body_qd,
                         model,
@@ -253,15 +259,18 @@ def make_begin(
         body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         work: wp.ref[BodyWork],
         tree: wp.ref[TreeWork],
         loops: wp.ref[LoopWork],
         history: wp.ref[History],
     ) -> bool:
         """Measures a joint outside of the trees, once the blocks are; whether it is open."""
+        joint = loops.joints[i]
+        begin_push(joints.dof_start[joint], joints.dof_start[joint + 1], scale, control, history)
         if wp.static(effects.axis_rates):
             begin_armature(
-                loops.joints[i],
+                joint,
                 scale,
                 body_qd,
                 model,

@@ -60,7 +60,7 @@ JOLT = wp.constant(0.25)
 """Change of a tension in a step that is a jump, as a share of itself and, by what it moves, of
 g h^2."""
 ROUNDED = wp.constant(wp.float64(1.0e-6))
-"""Share of its material by which the rounding of poses may make a taut segment longer or shorter."""
+"""Share of its material by which the rounding of poses may change the length of a taut segment."""
 NONE = wp.constant(wp.float64(0.0))
 
 

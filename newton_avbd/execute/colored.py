@@ -595,6 +595,7 @@ def make_colored(effects: Effects) -> Colored:
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
+        control: ControlInput,
         # Work:
         worlds: WorldWork,
         work: BodyWork,
@@ -618,6 +619,7 @@ def make_colored(effects: Effects) -> Colored:
                 body_qd,
                 model,
                 joints,
+                control,
                 worlds,
                 work,
                 rows,
@@ -635,6 +637,7 @@ def make_colored(effects: Effects) -> Colored:
         # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
+        control: ControlInput,
         # Work:
         worlds: WorldWork,
         work: BodyWork,
@@ -649,7 +652,9 @@ def make_colored(effects: Effects) -> Colored:
         world = loop_world(i, joints, worlds, work, loops)
         if colors.is_finite[world] == 1:
             scale = colors.scale[world]
-            if measure_loop(i, scale, body_q, body_qd, model, joints, work, tree, loops, history):
+            if measure_loop(
+                i, scale, body_q, body_qd, model, joints, control, work, tree, loops, history
+            ):
                 colors.is_open[world] = 1
             wp.atomic_max(colors.closing, world, loops.closing[i])
 

@@ -33,7 +33,7 @@ from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.dahl import dahl_response, keep_dahl
 from ..rows.joint import BALL, DISTANCE, ROD, is_string
-from .slopes import begin_axis
+from .slopes import begin_axis, make_push
 from .trees import (
     ROUNDING,
     anchor_arm,
@@ -241,6 +241,7 @@ class LoopFunctions:
 
 def make_loops(effects: Effects) -> LoopFunctions:
     """Device functions: how a joint stands, its wrench on its child, its share of a block."""
+    _begin_push, ahead_push = make_push(effects)
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
@@ -451,6 +452,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
             )
             force += pull
             stiffness += k
+        if stiffness == 0.0:
+            force += ahead_push(index, control, history)
         if wp.static(effects.effort_limits):
             pull, k, least, most = limited_drive(
                 joints, control, joint, dof, q, moved, turn_away, h

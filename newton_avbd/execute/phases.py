@@ -236,6 +236,7 @@ def make_phases(effects: Effects) -> Phases:
         scale: WorldScale,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         worlds: wp.ref[WorldWork],
@@ -256,6 +257,7 @@ def make_phases(effects: Effects) -> Phases:
             body_qd,
             model,
             joints,
+            control,
             worlds,
             work,
             rows,
@@ -266,7 +268,7 @@ def make_phases(effects: Effects) -> Phases:
         if wp.static(effects.loops):
             for i in range(loops.world_start[world], loops.world_start[world + 1]):
                 if measure_loop(
-                    i, scale, body_q, body_qd, model, joints, work, tree, loops, history
+                    i, scale, body_q, body_qd, model, joints, control, work, tree, loops, history
                 ):
                     is_open = True
         if place_blocks(

@@ -57,6 +57,7 @@ from .slopes import (
     QUIET_WORLD,
     RHO,
     SMOOTH,
+    UNRESOLVED,
     constants,
     end_axis,
     follows_second_order,
@@ -537,6 +538,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             out = second_order(out, age, b_now)
         else:
             history.smooth[world] = wp.where(is_smooth, SMOOTH, JUMPED)
+            if last < JUMPED:
+                history.smooth[world] = last + 1
         worlds.step[world] = out.step
         history.slope_age[world] = age * out.h
         return out
@@ -822,7 +825,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         # a step after one of second order may be as little resolved as that one
         if scale.step < scale.h or follows_second_order(scale):
             if not is_resolved(body, velocity, pushed - last.acceleration, scale, model, work):
-                history.smooth[world] = JUMPED
+                history.smooth[world] = UNRESOLVED
         last.acceleration = pushed
         last.gain = next_slope(scale, change_v, last.gain)
         if wp.static(not effects.cables):

@@ -46,7 +46,7 @@ from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, NEAR_POLE, ROD, counted, wrapped
 from .bodies import body_at, has_rows, nonnegative
 from .scale import STOPPING
-from .slopes import begin_axis
+from .slopes import begin_axis, make_push
 
 ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
@@ -498,6 +498,7 @@ def make_trees(
         missed_by_lines: Device function that measures what equality constraints are off by.
         settle_tendons: Device function that measures what tendons are off by.
     """
+    _begin_push, ahead_push = make_push(effects)
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
@@ -1382,7 +1383,9 @@ def make_trees(
             if is_free:
                 first = joints.dof_start[joint]
                 reaction = wp.vec3(
-                    control.joint_f[first], control.joint_f[first + 1], control.joint_f[first + 2]
+                    control.joint_f[first] + ahead_push(first, control, history),
+                    control.joint_f[first + 1] + ahead_push(first + 1, control, history),
+                    control.joint_f[first + 2] + ahead_push(first + 2, control, history),
                 )
                 reaction = sign * wp.quat_rotate(q_p, reaction)
                 own = inv_h2 / wp.trace(model.inv_inertia[body])
@@ -1437,6 +1440,8 @@ def make_trees(
             if joints.type[joint] != ROD:
                 pushed = control.joint_f[index]
             axis.push += pushed
+            if wp.static(not effects.coordinates):
+                axis.push += ahead_push(index, control, history)
             if wp.static(effects.coordinates):
                 q = tree.coordinate[k]
                 moved = wp.float32(q - tree.start_coordinate[k])
@@ -1457,6 +1462,13 @@ def make_trees(
                         h,
                     )
                     axis.push += pull
+                    if wp.static(effects.second_order):
+                        inertia = inert
+                        if wp.static(effects.armature):
+                            inertia += inv_h2 * joints.armature[index]
+                        # what is stiff follows at once: more would be an overshoot
+                        free = inertia / (inert + stiffness)
+                        axis.push += free * ahead_push(index, control, history)
                     pivot += stiffness
                 if wp.static(effects.rods):
                     if joints.type[joint] == ROD:

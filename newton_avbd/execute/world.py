@@ -149,6 +149,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 scale,
                 model,
                 joints,
+                control,
                 body_q,
                 body_qd,
                 worlds,

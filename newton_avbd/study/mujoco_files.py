@@ -162,7 +162,7 @@ def main() -> None:
     """Print a line for each file and way of driving it."""
     parser = argparse.ArgumentParser(description="MJCF files beside MuJoCo")
     parser.add_argument("names", nargs="*", metavar="NAME", help="part of a file's name, or a path")
-    parser.add_argument("--scheme", default="euler", help="of SolverAVBD (default: %(default)s)")
+    parser.add_argument("--scheme", help="of SolverAVBD (default: its own)")
     parser.add_argument("--page", metavar="FILE", help="write the orders of convergence into it")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
