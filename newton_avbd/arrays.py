@@ -165,7 +165,7 @@ class SolverArrays:
             self._work = buffers.body_work(slots, self.settings.second_order)
             self._islands = buffers.island_work(slots)
             self._rows = buffers.row_work(slots)
-            self._history = buffers.history(model, self.settings.second_order)
+            self._history = buffers.history(model, self.settings.second_order, is_linked)
             self._rest_angle = wp.array(self._initial_angles(), dtype=wp.float64)
 
     def _initial_angles(self) -> np.ndarray:
@@ -612,6 +612,8 @@ class SolverArrays:
             check_array(f"control.{name}", getattr(source, name), count, self.device)
         self._control_arrays = arrays
         self._control = data.ControlInput()
+        if self.settings.second_order:
+            self._control.drive_ahead = self._history.drive_ahead
         if self._actuation is not None:
             self._control.pushes = self._actuation.pushes
             self._control.ranged = self._actuation.ranged

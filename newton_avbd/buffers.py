@@ -38,6 +38,7 @@ def body_work(slots: int, second_order: bool) -> Any:
         work.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
         work.lead = wp.zeros(slots, dtype=wp.spatial_vector)
         work.coasting = wp.zeros(slots, dtype=wp.spatial_vector)
+        work.input_energy = wp.zeros(slots, dtype=float)
     return work
 
 
@@ -119,8 +120,11 @@ def row_work(slots: int) -> Any:
     return rows
 
 
-def history(model: newton.Model, second_order: bool) -> Any:
-    """What is remembered of the last step, by body slot, and of joints with ``second_order``."""
+def history(model: newton.Model, second_order: bool, is_linked: bool) -> Any:
+    """What is remembered of the last step, by body slot, and of joints with ``second_order``.
+
+    Of what drives axes only where joints link bodies.
+    """
     slots = model.body_count + 1
     history = data.History()
     history.start = wp.zeros((SIDES, slots), dtype=wp.int32)
@@ -132,7 +136,9 @@ def history(model: newton.Model, second_order: bool) -> Any:
         history.flying = wp.zeros(slots, dtype=wp.int32)
         history.coordinate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
         history.rate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
-        history.joint_push = wp.zeros(model.joint_dof_count, dtype=wp.vec2)
+        driven = model.joint_dof_count if is_linked else 0
+        history.input = wp.zeros(driven, dtype=data.AxisInput)
+        history.drive_ahead = wp.zeros(driven, dtype=float)
     return history
 
 

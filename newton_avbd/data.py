@@ -423,6 +423,8 @@ class ControlInput:
     """Drive target, in the layout of the joint coordinates [m or rad]."""
     target_qd: wp.array[float]
     """Drive target velocity [m/s or rad/s]."""
+    drive_ahead: wp.array[float]
+    """That of :class:`History`."""
 
 
 @wp.struct
@@ -524,6 +526,9 @@ class BodyWork:
     """Second order: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
     coasting: wp.array[wp.spatial_vector]
     """Second order: increment of a body that nothing accelerates."""
+    input_energy: wp.array[float]
+    """Second order: twice the energy that changes of what a controller pushes the body's tree with
+    give in a step [J]."""
     drag: wp.array[Drag]
     """In a fluid: its drag on the body."""
 
@@ -967,6 +972,26 @@ class AxisMotion:
     slope: float
     slip: int
     """Which way friction pushed at the end, as in :attr:`AxisLaw.piece` but 2 more; 0 before."""
+
+
+@wp.struct
+class AxisInput:
+    """What a controller pushed a degree of freedom with in the last step; second order."""
+
+    push: float
+    """What did not depend on the motion [N or N m]."""
+    target: float
+    """Of the drive [m or rad]."""
+    speed: float
+    """Target velocity of the drive [m/s or rad/s]."""
+    ahead: wp.vec2
+    """How much more than ``push`` the step counted, and its slope [N or N m]."""
+    drive_ahead: wp.vec2
+    """Likewise of the drive."""
+    share: float
+    """Share of the inertia in what resisted along the axis."""
+    mobility: float
+    """One over that inertia [1/kg or 1/(kg m^2)]."""
 
 
 @wp.struct
@@ -1433,9 +1458,11 @@ class History:
     """Second order: how long before the end of the last step its slopes held [s], by world."""
     coordinate: wp.array[AxisMotion]
     """Second order: each degree of freedom [m or rad]."""
-    joint_push: wp.array[wp.vec2]
-    """Second order: what pushes along each degree of freedom all step long, as the step counts it
-    [N or N m], and its slope."""
+    input: wp.array[AxisInput]
+    """Second order: what a controller pushed each degree of freedom with."""
+    drive_ahead: wp.array[float]
+    """Second order: how much more than that of its target the step counts of the force of each
+    drive [N or N m]."""
     rate: wp.array[AxisMotion]
     """Second order: its velocity [m/s or rad/s], with the lag."""
     dahl_sigma: wp.array[wp.vec3]

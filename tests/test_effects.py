@@ -298,9 +298,10 @@ LINK, AXIS = 683, 184
 """Of each body and each axis in a scene with joints, beside those."""
 SLEEPER, SLEEPING_CONTACT = 176, 100
 """Of each body and each contact with sleeping, beside those."""
-HISTORY, DOF_HISTORY, SLEEPER_HISTORY, TOUCH = 252, 48, 4, 12
-"""Of each body, degree of freedom, body with sleeping, and contact of rigid shapes that do not
-bounce, with the scheme of second order, beside those."""
+HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH = 256, 48, 40, 4, 12
+"""Of each body, degree of freedom, degree of freedom beside joints that link bodies, body with
+sleeping, and contact of rigid shapes that do not bounce, with the scheme of second order, beside
+those."""
 BY_CONTACT = {"restitution": 84, "angular_friction": 52, "compliance": 4, "ramp": 8}
 """Of each contact, where the effect is on."""
 
@@ -356,7 +357,7 @@ def test_memory_is_as_documented() -> None:
     text = DOCS.read_text()
     for size in (ALONE, 224, DOF, PILE, CONTACT, LINK, AXIS, SLEEPER, SLEEPING_CONTACT):
         assert f" {size} |" in text
-    for size in (HISTORY, DOF_HISTORY, SLEEPER_HISTORY, TOUCH):
+    for size in (HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH):
         assert f" {size} |" in text
     for size in BY_CONTACT.values():
         assert f" {size} |" in text
@@ -376,7 +377,7 @@ def test_memory_of_second_order_is_as_documented() -> None:
     assert added(free_bodies(100), free_bodies(200)) == 100 * free
     assert added(boxes(100), boxes(200)) == 100 * free
     assert added(boxes(100), boxes(200), sleeping=True) == 100 * (free + SLEEPER_HISTORY)
-    assert added(chain(100), chain(200)) == 100 * (HISTORY + DOF_HISTORY)
+    assert added(chain(100), chain(200)) == 100 * (HISTORY + DOF_HISTORY + INPUT)
     assert added(boxes(1, 100), boxes(1, 200)) == 100 * TOUCH
     bouncing = [boxes(1, count, restitution=0.5) for count in (100, 200)]
     assert added(*bouncing) == 0

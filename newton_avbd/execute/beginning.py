@@ -28,7 +28,7 @@ from .bodies import body_at, has_rows
 from .islands import begin_island
 from .loops import LoopFunctions, has_loops, has_outer_loops
 from .piles import in_pile
-from .slopes import begin_axis, make_push
+from .slopes import begin_axis, make_inputs
 from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked, parent_slot
 
 UNKNOWN = wp.constant(math.inf)
@@ -98,7 +98,7 @@ def make_begin(
     measure_start, measure_guess = trees.measure_start, trees.measure_guess
     measure_velocity = trees.measure_velocity
     begin_loop = loop_functions.begin_loop
-    begin_push, _push_along = make_push(effects)
+    begin_inputs, _ahead_along, _keep_share = make_inputs(effects)
 
     @wp.func
     def begin_armature(
@@ -186,6 +186,7 @@ def make_begin(
         is_free = bool(False)
         is_closed = bool(False)
         is_fast = bool(False)
+        has_no_loops = bool(False)
         for i in range(first, end):
             body = body_at(i, worlds)
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
@@ -203,6 +204,8 @@ def make_begin(
                 is_free = is_tree(i, block_end, body, tree)
                 if wp.static(effects.closures):
                     is_closed = tree.closures.block_of[i] >= 0
+                if wp.static(not effects.cables and not effects.tendons):
+                    has_no_loops = is_free and not is_closed
                 is_fast = bool(False)
                 for k in range(i, block_end):
                     if wp.static(effects.tilting):
@@ -211,7 +214,11 @@ def make_begin(
                     if wp.static(effects.contact):
                         is_free = is_free and not has_rows(rows, body_at(k, worlds))
                     if wp.static(effects.loops):
-                        is_free = is_free and not has_outer_loops(body_at(k, worlds), loops)
+                        is_alone = not has_outer_loops(body_at(k, worlds), loops)
+                        is_free = is_free and is_alone
+                        has_no_loops = has_no_loops and is_alone
+            if wp.static(effects.second_order):
+                work.input_energy[body] = wp.where(has_no_loops, wp.inf, 0.0)
             if work.inv_mass[body] > 0.0:
                 coasting = coasting_increment(work, body_qd, body, h)
                 if is_free:
@@ -227,15 +234,14 @@ def make_begin(
                         shift = wp.spatial_top(tree.update[body])
                         turn = wp.spatial_bottom(work.target[body])
                         tree.update[body] = wp.spatial_vector(shift, turn)
+        given = float(0.0)
         for i in range(first, end):
             body = body_at(i, worlds)
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
             tree.rounding[body] = ROUNDING * radius
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
-                begin_push(
-                    joints.dof_start[joint], joints.dof_start[joint + 1], scale, control, history
-                )
+                given += begin_inputs(joint, scale, joints, control, history)
                 if measure_start(body, scale, body_q, model, joints, work, tree, history):
                     is_open = True
                 if wp.static(effects.axis_rates):
@@ -249,6 +255,14 @@ def make_begin(
                         tree,
                         history,
                     )
+            if wp.static(effects.second_order):
+                if i + 1 == worlds.block_end[i]:
+                    k = int(i)
+                    while k >= first and worlds.block_end[k] == i + 1:
+                        other = body_at(k, worlds)
+                        work.input_energy[other] = work.input_energy[other] + given
+                        k -= 1
+                    given = 0.0
         return is_open
 
     @wp.func
@@ -267,7 +281,7 @@ def make_begin(
     ) -> bool:
         """Measures a joint outside of the trees, once the blocks are; whether it is open."""
         joint = loops.joints[i]
-        begin_push(joints.dof_start[joint], joints.dof_start[joint + 1], scale, control, history)
+        begin_inputs(joint, scale, joints, control, history)
         if wp.static(effects.axis_rates):
             begin_armature(
                 joint,

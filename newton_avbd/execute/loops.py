@@ -33,7 +33,7 @@ from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.dahl import dahl_response, keep_dahl
 from ..rows.joint import BALL, DISTANCE, ROD, is_string
-from .slopes import begin_axis, make_push
+from .slopes import begin_axis, make_inputs
 from .trees import (
     ROUNDING,
     anchor_arm,
@@ -241,7 +241,7 @@ class LoopFunctions:
 
 def make_loops(effects: Effects) -> LoopFunctions:
     """Device functions: how a joint stands, its wrench on its child, its share of a block."""
-    _begin_push, ahead_push = make_push(effects)
+    _begin_inputs, ahead_along, keep_share = make_inputs(effects)
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
@@ -452,8 +452,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
             )
             force += pull
             stiffness += k
-        if stiffness == 0.0:
-            force += ahead_push(index, control, history)
+        force += ahead_along(index, history)
+        inertia = wp.where(dof < linear_count(joints, joint), loops.k_l[i], loops.k_a[i])
+        inertia /= wp.static(PENALTY)
+        keep_share(index, inertia, inertia + stiffness, 1.0 / (h * h), history)
         if wp.static(effects.effort_limits):
             pull, k, least, most = limited_drive(
                 joints, control, joint, dof, q, moved, turn_away, h

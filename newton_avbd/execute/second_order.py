@@ -90,6 +90,8 @@ RESOLVED = wp.constant(0.3)
 """Share of its velocity, or of that of a free fall, that a body may gain in a step by how much its
 acceleration has changed since the last one: w^2 h^2 of an oscillation. With 0.5 taut grids stay
 quiet, too; without it they gain energy without end."""
+INPUTS = wp.constant(4.0)
+"""How much more than what the forces of a controller change by the acceleration may: twice."""
 MOST_TURN = wp.constant(0.3)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing: with 1, a light body on a
 stiff two-way tendon spins up without end."""
@@ -195,12 +197,14 @@ def is_resolved(
 ) -> bool:
     """Whether steps are short beside the time in which what holds a body changes.
 
-    What its acceleration changes in a step counts by the kinetic energy that it gives in one.
+    What its acceleration changes in a step counts by the kinetic energy that it gives in one,
+    beyond what changes of a controller's forces give. A tree without loops moves as its joints
+    allow, whatever their tensions are: there steps are always short enough.
     """
     mass, inertia = model.mass[body], work.inertia[body]
     fall = RESOLVED * scale.gravity * scale.h
     allowed = RESOLVED * RESOLVED * energy_of(mass, inertia, velocity) + mass * fall * fall
-    return energy_of(mass, inertia, scale.h * change) <= allowed
+    return energy_of(mass, inertia, scale.h * change) <= allowed + INPUTS * work.input_energy[body]
 
 
 @wp.func

@@ -16,8 +16,10 @@ from typing import Any
 
 import warp as wp
 
-from ..data import AxisMotion, ControlInput, History, WorldScale
+from ..data import AxisMotion, ControlInput, History, JointModel, WorldScale
 from ..effects import Effects
+from ..rows.axis import drive_change
+from ..rows.joint import BALL
 
 UNRESOLVED = wp.constant(-8)
 """Of a world: a body swings faster than steps can follow; one more for each step since. If the next
@@ -111,51 +113,84 @@ def end_axis(
 
 
 @wp.func
-def step_push(force: float, last: wp.vec2, scale: WorldScale) -> wp.vec2:
-    """Rate and slope by which a force that is constant over the step gives all of its impulse.
+def step_ahead(change: float, ahead: wp.vec2, share: float, scale: WorldScale) -> wp.vec2:
+    """How much more than a force that has just changed a step counts, and the slope of that.
 
-    With the force as the rate a step would take part of its impulse from the forces of the last
-    steps: those of a controller that writes one force a step would act half a step late.
+    The force of a controller is constant over the step, or changes at its start, and is to give all
+    of its impulse in it. With the force as the rate at the end, a step takes part of the impulse
+    from the last steps, before the change: the controller would act half a step late.
+
+    Args:
+        change: By how much the force has changed since the last step [N or N m].
+        ahead: What the last step counted more, and its slope.
+        share: Share of the inertia in what resists along the axis. What is stiff follows at once,
+            and more would be an overshoot.
+        scale: Of the step.
     """
     if scale.step == scale.h:
-        return wp.vec2(force, force)
-    impulse = scale.h * force
-    rate = (impulse - lead(scale, last[0], last[1])) / scale.step
-    return wp.vec2(rate, next_slope(scale, impulse, last[1]))
+        return wp.vec2(0.0, 0.0)
+    # of what the last step counted, beyond the force as it is now
+    rate = ahead[0] - change
+    slope = ahead[1] - change
+    led = lead(scale, rate, slope)
+    now = -share * led / scale.step
+    return wp.vec2(now, next_slope(scale, led + scale.step * now, slope))
 
 
-def make_push(effects: Effects) -> tuple[wp.Function, wp.Function]:
-    """Device functions: forces along a joint's axes that are constant over the step.
+def make_inputs(effects: Effects) -> tuple[wp.Function, wp.Function, wp.Function]:
+    """Device functions: what a controller pushes along the axes of a joint, in second order.
 
-    They are ``joint_f`` and what actuators push with whatever the motion is.
+    That is ``joint_f``, what actuators push with whatever the motion is, and the targets of drives.
     """
 
     @wp.func
-    def constant_push(dof: int, control: wp.ref[ControlInput]) -> float:
-        force = control.joint_f[dof]
-        if wp.static(effects.pushed_axes):
-            force += control.pushes[dof].force
-        return force
-
-    @wp.func
-    def begin_push(
-        first: int,
-        end: int,
+    def begin_inputs(
+        joint: int,
         scale: WorldScale,
+        joints: wp.ref[JointModel],
         control: wp.ref[ControlInput],
         history: wp.ref[History],
-    ):
-        """At the start of a step, of the degrees of freedom of a joint."""
+    ) -> float:
+        """At the start of a step; returns twice the energy that its changes give in one [J]."""
+        given = float(0.0)
         if wp.static(effects.second_order):
-            for dof in range(first, end):
-                force = constant_push(dof, control)
-                history.joint_push[dof] = step_push(force, history.joint_push[dof], scale)
+            first = joints.dof_start[joint]
+            for dof in range(first, joints.dof_start[joint + 1]):
+                last = history.input[dof]
+                push = control.joint_f[dof]
+                if wp.static(effects.pushed_axes):
+                    push += control.pushes[dof].force
+                jump = push - last.push
+                ahead = step_ahead(jump, last.ahead, last.share, scale)
+                history.input[dof].push = push
+                history.input[dof].ahead = ahead
+                if wp.static(effects.drives):
+                    target = float(0.0)
+                    if joints.type[joint] != BALL:
+                        target = control.target_q[joints.coord_start[joint] + dof - first]
+                    speed = control.target_qd[dof]
+                    change = drive_change(joints, dof, target - last.target, speed - last.speed)
+                    jump += change
+                    ahead = step_ahead(change, last.drive_ahead, last.share, scale)
+                    history.input[dof].target = target
+                    history.input[dof].speed = speed
+                    history.input[dof].drive_ahead = ahead
+                    history.drive_ahead[dof] = ahead[0]
+                given += last.mobility * jump * jump
+        return scale.h * scale.h * given
 
     @wp.func
-    def ahead_push(dof: int, control: wp.ref[ControlInput], history: wp.ref[History]) -> float:
-        """How much more than these a step of second order counts [N or N m]."""
+    def ahead_along(dof: int, history: wp.ref[History]) -> float:
+        """How much more than ``joint_f`` and actuators the step counts [N or N m]."""
         if wp.static(effects.second_order):
-            return history.joint_push[dof][0] - constant_push(dof, control)
+            return history.input[dof].ahead[0]
         return 0.0
 
-    return begin_push, ahead_push
+    @wp.func
+    def keep_share(dof: int, inertia: float, pivot: float, inv_h2: float, history: wp.ref[History]):
+        """What resists along the axis, for the next step: the inertia and all, both by h^2."""
+        if wp.static(effects.second_order):
+            history.input[dof].share = wp.clamp(inertia / pivot, 0.0, 1.0)
+            history.input[dof].mobility = inv_h2 / inertia
+
+    return begin_inputs, ahead_along, keep_share

@@ -46,7 +46,7 @@ from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, NEAR_POLE, ROD, counted, wrapped
 from .bodies import body_at, has_rows, nonnegative
 from .scale import STOPPING
-from .slopes import begin_axis, make_push
+from .slopes import begin_axis, make_inputs
 
 ROUNDING = wp.constant(5.0e-7)
 """Misfit of a joint that the poses' own rounding explains, as a share of the lengths involved."""
@@ -498,7 +498,7 @@ def make_trees(
         missed_by_lines: Device function that measures what equality constraints are off by.
         settle_tendons: Device function that measures what tendons are off by.
     """
-    _begin_push, ahead_push = make_push(effects)
+    _begin_inputs, ahead_along, keep_share = make_inputs(effects)
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
@@ -1383,9 +1383,9 @@ def make_trees(
             if is_free:
                 first = joints.dof_start[joint]
                 reaction = wp.vec3(
-                    control.joint_f[first] + ahead_push(first, control, history),
-                    control.joint_f[first + 1] + ahead_push(first + 1, control, history),
-                    control.joint_f[first + 2] + ahead_push(first + 2, control, history),
+                    control.joint_f[first] + ahead_along(first, history),
+                    control.joint_f[first + 1] + ahead_along(first + 1, history),
+                    control.joint_f[first + 2] + ahead_along(first + 2, history),
                 )
                 reaction = sign * wp.quat_rotate(q_p, reaction)
                 own = inv_h2 / wp.trace(model.inv_inertia[body])
@@ -1439,9 +1439,7 @@ def make_trees(
             pushed = float(0.0)
             if joints.type[joint] != ROD:
                 pushed = control.joint_f[index]
-            axis.push += pushed
-            if wp.static(not effects.coordinates):
-                axis.push += ahead_push(index, control, history)
+            axis.push += pushed + ahead_along(index, history)
             if wp.static(effects.coordinates):
                 q = tree.coordinate[k]
                 moved = wp.float32(q - tree.start_coordinate[k])
@@ -1462,13 +1460,6 @@ def make_trees(
                         h,
                     )
                     axis.push += pull
-                    if wp.static(effects.second_order):
-                        inertia = inert
-                        if wp.static(effects.armature):
-                            inertia += inv_h2 * joints.armature[index]
-                        # what is stiff follows at once: more would be an overshoot
-                        free = inertia / (inert + stiffness)
-                        axis.push += free * ahead_push(index, control, history)
                     pivot += stiffness
                 if wp.static(effects.rods):
                     if joints.type[joint] == ROD:
@@ -1501,6 +1492,11 @@ def make_trees(
                         axis.pivot = pivot
                         axis.step = axis_rows.held_step(law)
                     tree.laws[k] = law
+            if wp.static(effects.second_order):
+                inertia = inert
+                if wp.static(effects.armature):
+                    inertia += inv_h2 * joints.armature[index]
+                keep_share(index, inertia, pivot, inv_h2, history)
             if wp.static(effects.light_roots):
                 if pivot == inert and axis.pivot == 0.0:
                     if wp.static(effects.laws):

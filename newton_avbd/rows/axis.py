@@ -55,6 +55,18 @@ PASSED = wp.constant(1.0e-5)
 
 
 @wp.func
+def drive_change(joints: wp.ref[JointModel], dof: int, target: float, speed: float) -> float:
+    """Force that changes of the target [m or rad] and its velocity add to a drive [N or N m]."""
+    mode = joints.target_mode[dof]
+    force = 0.0
+    if mode == POSITION_MODE or mode == POSITION_VELOCITY_MODE:
+        force += joints.target_ke[dof] * target
+    if mode == VELOCITY_MODE or mode == POSITION_VELOCITY_MODE:
+        force += joints.target_kd[dof] * speed
+    return force
+
+
+@wp.func
 def drive(
     joints: wp.ref[JointModel],
     control: wp.ref[ControlInput],
@@ -490,6 +502,8 @@ def make_axis(effects: Effects) -> AxisFunctions:
         if wp.static(effects.drives and not effects.effort_limits):
             away = away_from(control.target_q, joints, joint, dof, q, turn_away)
             pull, k = drive(joints, control, index, away, moved, h)
+            if wp.static(effects.second_order):
+                pull += control.drive_ahead[index]
             force += pull
             stiffness += k
         if wp.static(effects.pushed_axes):
@@ -529,6 +543,8 @@ def make_axis(effects: Effects) -> AxisFunctions:
         if wp.static(effects.drives):
             away = away_from(control.target_q, joints, joint, dof, q, turn_away)
             pull, stiffness = drive(joints, control, index, away, moved, h)
+            if wp.static(effects.second_order):
+                pull += control.drive_ahead[index]
         most = most_effort(joints, index)
         least = -most
         if wp.static(effects.pushed_axes):
