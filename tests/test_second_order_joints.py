@@ -22,6 +22,7 @@ from joint_scenes import (
 )
 from newton.solvers import SolverBase
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from test_second_order import ALPHA, STEPS, assert_second_order
 
 from newton_avbd.study.hard_case import Trial
@@ -239,3 +240,42 @@ def test_forces_that_change_each_step_act_in_full_in_their_step(settings: dict[s
         off[scheme] = np.abs(np.array(places) - x).max()
     if "blocks" not in settings:
         assert off[ALPHA] < 0.02 * off["euler"]
+
+
+@pytest.mark.parametrize("limit", [None, 1.0e4])
+@pytest.mark.parametrize(("ke", "kd", "share"), [(10.0, 1.0, 0.04), (1.0e3, 40.0, 0.25)])
+def test_targets_that_jump_act_in_full_in_their_step(
+    limit: float | None, ke: float, kd: float, share: float
+) -> None:
+    """A slider whose drive gets a random target each step, against the matrix exponential.
+
+    Soft drives are 35 times closer than by backward Euler, those of an eighth of a step's inertia
+    still 5 times.
+    """
+    random, h, mass = np.random.default_rng(0), 1.0 / 240.0, 2.0
+    targets = random.uniform(-1.0, 1.0, 240)
+    turn = expm(h * np.array([[0.0, 1.0], [-ke / mass, -kd / mass]]))
+    path, state = [], np.zeros(2)
+    for target in targets:
+        rest = np.array([target, 0.0])
+        state = rest + turn @ (state - rest)
+        path.append(state[0])
+    off = {}
+    for scheme in (ALPHA, "euler"):
+        builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+        law = {"target_ke": ke, "target_kd": kd, "effort_limit": limit}
+        joint = builder.add_joint_prismatic(
+            WORLD,
+            add_link(builder, mass=mass),
+            axis=(1, 0, 0),
+            actuator_mode=newton.JointTargetMode.POSITION,
+            **{name: value for name, value in law.items() if value is not None},
+        )
+        builder.add_articulation([joint])
+        sim, places = simulate(builder, dt=h, scheme=scheme), []
+        for target in targets:
+            set_control(sim, joint_target_q=[target])
+            sim.step()
+            places.append(sim.pose[0, 0])
+        off[scheme] = np.abs(np.array(places) - path).max()
+    assert off[ALPHA] < share * off["euler"]

@@ -186,7 +186,6 @@ def make_begin(
         is_free = bool(False)
         is_closed = bool(False)
         is_fast = bool(False)
-        has_no_loops = bool(False)
         for i in range(first, end):
             body = body_at(i, worlds)
             tree.rotation[body] = wp.transform_get_rotation(body_q[body])
@@ -204,8 +203,6 @@ def make_begin(
                 is_free = is_tree(i, block_end, body, tree)
                 if wp.static(effects.closures):
                     is_closed = tree.closures.block_of[i] >= 0
-                if wp.static(not effects.cables and not effects.tendons):
-                    has_no_loops = is_free and not is_closed
                 is_fast = bool(False)
                 for k in range(i, block_end):
                     if wp.static(effects.tilting):
@@ -214,11 +211,12 @@ def make_begin(
                     if wp.static(effects.contact):
                         is_free = is_free and not has_rows(rows, body_at(k, worlds))
                     if wp.static(effects.loops):
-                        is_alone = not has_outer_loops(body_at(k, worlds), loops)
-                        is_free = is_free and is_alone
-                        has_no_loops = has_no_loops and is_alone
+                        is_free = is_free and not has_outer_loops(body_at(k, worlds), loops)
             if wp.static(effects.second_order):
-                work.input_energy[body] = wp.where(has_no_loops, wp.inf, 0.0)
+                is_exact = is_free and not is_closed
+                if wp.static(effects.cables or effects.tendons):
+                    is_exact = False
+                work.input_energy[body] = wp.where(is_exact, wp.inf, 0.0)
             if work.inv_mass[body] > 0.0:
                 coasting = coasting_increment(work, body_qd, body, h)
                 if is_free:

@@ -198,8 +198,8 @@ def is_resolved(
     """Whether steps are short beside the time in which what holds a body changes.
 
     What its acceleration changes in a step counts by the kinetic energy that it gives in one,
-    beyond what changes of a controller's forces give. A tree without loops moves as its joints
-    allow, whatever their tensions are: there steps are always short enough.
+    beyond what changes of a controller's forces give. A tree that nothing else holds moves as its
+    joints allow, whatever their tensions are: there steps are always short enough.
     """
     mass, inertia = model.mass[body], work.inertia[body]
     fall = RESOLVED * scale.gravity * scale.h
@@ -351,6 +351,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     """Generates the functions for a scene's effects."""
     a, b = constants(0.0 if effects.cables else RHO)
     a_0, b_0 = constants(0.0)
+    may_be_taut = effects.loops or effects.closures or effects.cables or effects.tendons
     joint_functions = make_joint(effects.kinds)
     is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
     known_angles = joint_functions.known_angles
@@ -829,7 +830,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         # a step after one of second order may be as little resolved as that one
         if scale.step < scale.h or follows_second_order(scale):
             if not is_resolved(body, velocity, pushed - last.acceleration, scale, model, work):
-                history.smooth[world] = UNRESOLVED
+                history.smooth[world] = wp.static(UNRESOLVED if may_be_taut else JUMPED)
         last.acceleration = pushed
         last.gain = next_slope(scale, change_v, last.gain)
         if wp.static(not effects.cables):
