@@ -231,7 +231,7 @@ MEASURED: dict[str, MeasuredSolver] = {
 """Solvers by name, ours first."""
 
 PRESETS: dict[str, Setting] = {
-    "resting": Setting(1, 40, scheme="generalized_alpha"),
+    "resting": Setting(1, 40, scheme="euler"),
     "default": Setting(4, 10, scheme="generalized_alpha"),
     "euler": Setting(4, 10, scheme="euler"),
 }
