@@ -401,7 +401,7 @@ def test_time_spent_before_counts(tmp_path: File, monkeypatch: pytest.MonkeyPatc
     for _ in range(2):
         results = accuracy.Results({"processor": "x"}, accuracy.QUICK, tmp_path)
         points = list(accuracy.run(scenes, ("avbd",), results))
-        presets = [PRESETS["default"], PRESETS["euler"]]
+        presets = [PRESETS["euler"], PRESETS["default"]]
         assert [point.setting for point in points[2:]] == presets
 
 

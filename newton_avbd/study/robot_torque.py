@@ -6,7 +6,9 @@
 Two simulators of one robot need not make the same motion of it: it falls over earlier in one of
 them, or a foot sticks that slips in the other. The force along an axis is known all the same: it is
 what the links beyond the axis gain in momentum, less gravity and contact forces. It has to be the
-force of the drive's law at the coordinate and speed that the robot has.
+force of the drive's law at the coordinate and speed that the robot has at the end of the step, as
+by backward Euler, or between that and the force at its start, whose mean a scheme of second order
+gives.
 """
 
 import newton
@@ -55,6 +57,7 @@ class Torques:
         self.pushed = np.zeros(model.joint_dof_count)
         self.wrong = np.zeros(model.joint_dof_count)
         self._speed = np.zeros(model.joint_dof_count)
+        self._last: Array | None = None
         self._coordinate, self._mimics = _coordinates(model), _mimics(model)
         # Solvers need not keep the joint coordinates of their states, which Jacobians read.
         self._at = model.state()
@@ -93,14 +96,16 @@ class Torques:
         newton.eval_ik(model, state, self._at.joint_q, self._at.joint_qd)
         at = self._at.joint_q.numpy().astype(float)[self._coordinate]
         speed = self._at.joint_qd.numpy().astype(float)
-        law = self._law
-        drive = law["target_ke"] * (targets[self._coordinate] - at) - law["target_kd"] * speed
-        force = np.clip(drive, -law["effort_limit"], law["effort_limit"])
-        force -= law["damping"] * speed + law["stiffness"] * (at - self._rest)
-        force -= law["armature"] * (speed - self._speed) / self._dt
-        self._speed = speed
+        law, target = self._law, targets[self._coordinate]
         told = self._along_axes(wrench)
-        error = self._through_mimics(told - force)
+        rotors = law["armature"] * (speed - self._speed) / self._dt
+        last = at if self._last is None else self._last
+        end, start = (
+            self._through_mimics(told + rotors - self._force(target, *motion))
+            for motion in ((at, speed), (last, self._speed))
+        )
+        self._last, self._speed = at, speed
+        error = np.where(start * end < 0.0, 0.0, np.where(np.abs(start) < np.abs(end), start, end))
         error = np.sign(error) * np.maximum(np.abs(error) - law["friction"], 0.0)
         # A limit pushes away from itself only, that of an axis that mimics through its leader.
         low, high = at < law["limit_lower"] + AT_LIMIT, at > law["limit_upper"] - AT_LIMIT
@@ -113,6 +118,13 @@ class Torques:
         braked = np.abs(speed) >= BRAKED * law["velocity_limit"]
         self.wrong += np.where(braked, 0.0, np.abs(error))
         self.pushed += np.abs(self._through_mimics(told))
+
+    def _force(self, target: Array, at: Array, speed: Array) -> Array:
+        """Force of the law along each axis [N or N m], but for rotors and friction."""
+        law = self._law
+        drive = law["target_ke"] * (target - at) - law["target_kd"] * speed
+        force = np.clip(drive, -law["effort_limit"], law["effort_limit"])
+        return force - law["damping"] * speed - law["stiffness"] * (at - self._rest)
 
     def shares(self, builder: newton.ModelBuilder, driven: list[int]) -> dict[str, float]:
         """Share of the force along each driven axis that is not its law's, by joint and axis."""
