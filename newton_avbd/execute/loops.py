@@ -455,7 +455,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
         force += ahead_along(index, history)
         inertia = wp.where(dof < linear_count(joints, joint), loops.k_l[i], loops.k_a[i])
         inertia /= wp.static(PENALTY)
-        keep_share(index, inertia, inertia + stiffness, 1.0 / (h * h), history)
+        keep_share(index, inertia, inertia / (inertia + stiffness), 1.0 / (h * h), history)
         if wp.static(effects.effort_limits):
             pull, k, least, most = limited_drive(
                 joints, control, joint, dof, q, moved, turn_away, h

@@ -124,10 +124,11 @@ def step_ahead(change: float, ahead: wp.vec2, share: float, scale: WorldScale) -
         change: By how much the force has changed since the last step [N or N m].
         ahead: What the last step counted more, and its slope.
         share: Share of the inertia in what resists along the axis. What is stiff follows at once,
-            and more would be an overshoot.
+            and more would be an overshoot; what is held, by a stop or friction, has no impulse of
+            the last steps to make up for.
         scale: Of the step.
     """
-    if scale.step == scale.h:
+    if scale.step == scale.h or share == 0.0:
         return wp.vec2(0.0, 0.0)
     # of what the last step counted, beyond the force as it is now
     rate = ahead[0] - change
@@ -187,10 +188,10 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, wp.Function, wp.Function
         return 0.0
 
     @wp.func
-    def keep_share(dof: int, inertia: float, pivot: float, inv_h2: float, history: wp.ref[History]):
-        """What resists along the axis, for the next step: the inertia and all, both by h^2."""
+    def keep_share(dof: int, inertia: float, share: float, inv_h2: float, history: wp.ref[History]):
+        """For the next step: the inertia along the axis by h^2, and its share in what resists."""
         if wp.static(effects.second_order):
-            history.input[dof].share = wp.clamp(inertia / pivot, 0.0, 1.0)
+            history.input[dof].share = wp.clamp(share, 0.0, 1.0)
             history.input[dof].mobility = inv_h2 / inertia
 
     return begin_inputs, ahead_along, keep_share
