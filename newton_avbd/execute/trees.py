@@ -1496,8 +1496,13 @@ def make_trees(
                 inertia = inert
                 if wp.static(effects.armature):
                     inertia += inv_h2 * joints.armature[index]
-                held = wp.where(axis.pivot > 0.0, 0.0, 1.0)
-                keep_share(index, inertia, held * inertia / pivot, inv_h2, history)
+                keep_share(
+                    index,
+                    inertia,
+                    wp.where(axis.pivot > 0.0, 0.0, inertia / pivot),
+                    inv_h2,
+                    history,
+                )
             if wp.static(effects.light_roots):
                 if pivot == inert and axis.pivot == 0.0:
                     if wp.static(effects.laws):
