@@ -99,6 +99,8 @@ def make_begin(
     measure_velocity = trees.measure_velocity
     begin_loop = loop_functions.begin_loop
     begin_inputs, _ahead_along, _keep_share = make_inputs(effects)
+    is_driven = effects.drives or effects.pushed_axes
+    may_be_exact = is_driven and not effects.cables and not effects.tendons
 
     @wp.func
     def begin_armature(
@@ -213,8 +215,9 @@ def make_begin(
                     if wp.static(effects.loops):
                         is_free = is_free and not has_outer_loops(body_at(k, worlds), loops)
             if wp.static(effects.second_order):
+                # a taut rope, which nothing drives, is no such tree
                 is_exact = is_free and not is_closed
-                if wp.static(effects.cables or effects.tendons):
+                if wp.static(not may_be_exact):
                     is_exact = False
                 work.input_energy[body] = wp.where(is_exact, wp.inf, 0.0)
             if work.inv_mass[body] > 0.0:
