@@ -17,8 +17,9 @@ from .actuators import (
     reflected_armature,
 )
 from .execute import actuation as kernels
+from .execute import body_actuators as pushes
 from .execute.launch import Launcher
-from .inertia import reference_inertia
+from .inertia import mobility_along, reference_mobility, reference_moments
 from .rows import actuator as rules
 from .rows.motor import MOTOR
 from .rows.path import JOINT
@@ -91,7 +92,9 @@ class Actuation:
             self._make_axes(axes, carried)
             count = self._rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
-            self._make_bodies(bodies)
+            self._make_bodies(bodies, found.servos(model) if "servos" in wanted else {}, solved)
+            if self.rows:
+                self._weigh(found, list(bodies))
             self._compensation = wp.empty(0, dtype=float)
             if "gravity_compensation" in wanted:
                 self._compensation = model.mujoco.gravcomp
@@ -128,11 +131,13 @@ class Actuation:
                     *(self._compensated, self.ranged, self.pushes, self.beside),
                 ],
             )
-        bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia]
         if self.bodies.row is not None:
-            poses = [state.body_q, state.body_qd]
-            given = [self.law, *bodies, *poses, ctrl, dt, self.bodies]
-            launch(kernels.push_bodies, self.bodies.row.size, given)
+            count, motion = self.bodies.row.size, [state.body_q, state.body_qd]
+            given = [self.law, model.body_com, *motion, ctrl, dt, self.bodies]
+            launch(pushes.find_pushes, count, given)
+            bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia, state.body_q]
+            items = [self.link_start, self.items]
+            launch(pushes.push_bodies, count, [*bodies, dt, *items, self.bodies])
         if not self.pushes_links:
             return state.body_f
         launch(
@@ -155,8 +160,9 @@ class Actuation:
         if self.tendons.row is not None:
             launch(kernels.forget_tendons, self.tendons.row.size, [mask, self.tendons])
 
-    def bind(self, joints: Any) -> None:
-        """Adds the armature of actuators to that of their axes."""
+    def bind(self, joints: Any, bodies: Any) -> None:
+        """Adds the armature of actuators to that of their axes, and servos to their bodies."""
+        bodies.servos = self.servos
         if self._armature is not None:
             joints.armature = self._armature
 
@@ -190,14 +196,12 @@ class Actuation:
             limits += int(bit) * is_limited(mujoco, name)
         law.limits = wp.array(limits, dtype=wp.int32)
         law.activation = wp.zeros(limits.size, dtype=float)
+        law.is_reported = wp.zeros(limits.size, dtype=wp.bool)
         is_motor = mujoco.actuator_gaintype.numpy() == int(MOTOR)
         law.motor = wp.zeros(limits.size if np.any(is_motor) else 0, dtype=data.MotorState)
         for name, attribute in (("inputs", "ctrlspec"), ("crank", "cranklength")):
             setattr(law, name, getattr(mujoco, f"actuator_{attribute}", None))
         law.lengthrange = wp.array(self._length_ranges(found), dtype=wp.vec2)
-        velocity_bias, acc0 = self._by_inertia(found)
-        law.velocity_bias = wp.array(velocity_bias, dtype=float)
-        law.acc0 = wp.array(acc0, dtype=float)
 
     def _make_axes(
         self,
@@ -237,9 +241,15 @@ class Actuation:
         if self._is_measured:
             self._all_joints = AllJoints(model)
 
-    def _make_bodies(self, bodies: dict[int, tuple[int, int, Any, int, Any]]) -> None:
-        """Lists actuators that push bodies, and by link those that push it."""
+    def _make_bodies(
+        self,
+        bodies: dict[int, tuple[int, int, Any, int, Any]],
+        held: dict[int, int],
+        solved: Any,
+    ) -> None:
+        """Lists actuators that push bodies, and by link those that push it; servos by body."""
         work = self.bodies = data.BodyActuation()
+        self.servos = data.Servos()
         self.link_start = self.items = wp.empty(0, dtype=wp.int32)
         if not bodies:
             return
@@ -249,14 +259,30 @@ class Actuation:
         work.link, work.against = (wp.array(ends, dtype=wp.int32) for ends in (link, against))
         work.frame = wp.array(np.array(frame, dtype=np.float32), dtype=wp.transform)
         work.reference = wp.array(np.array(reference, dtype=np.float32), dtype=wp.transform)
-        for name in ("force", "torque", "point"):
-            setattr(work, name, wp.zeros(len(bodies), dtype=wp.vec3))
+        work.pushes = wp.zeros(len(bodies), dtype=data.BodyPush)
+        work.is_servo = wp.array([row in held for row in bodies], dtype=wp.bool)
         items: list[list[int]] = [[] for _ in range(self._model.body_count)]
         for i in range(len(bodies)):
             items[link[i]].append(2 * i)
             if against[i] >= 0:
                 items[against[i]].append(2 * i + 1)
         self.link_start, self.items = lists(items)
+        if held:
+            self._make_servos([i for i, row in enumerate(bodies) if row in held], link, solved)
+
+    def _make_servos(self, chosen: list[int], link: tuple[int, ...], solved: Any) -> None:
+        """Lists servos by the body that the solver makes of their link."""
+        servos, body = self.servos, np.arange(self._model.body_count)
+        servos.arms = wp.zeros(body.size, dtype=wp.vec3)
+        if hasattr(solved, "body_of_link"):
+            servos.arms, body = solved.links.arm, solved.body_of_link
+        of: list[list[int]] = [[] for _ in range(solved.body_count)]
+        for i in chosen:
+            if body[link[i]] >= 0:
+                of[body[link[i]]].append(i)
+        servos.start, servos.items = lists(of)
+        servos.links = wp.array([link[i] for items in of for i in items], dtype=wp.int32)
+        servos.pushes = self.bodies.pushes
 
     def _needs_motion(self, axes: dict[int, int], rows: list[list[int]]) -> bool:
         """Whether a force takes length and velocity at the start of the step."""
@@ -293,7 +319,8 @@ class Actuation:
             dof = found.axes.get(row, -1)
             limits = [getattr(self._model, f"joint_limit_{end}").numpy() for end in _LIMITS]
             if dof < 0 or limits[0][dof] <= -newton.MAXVAL or limits[1][dof] >= newton.MAXVAL:
-                what = "tendon" if row in found.tendons else "joint without limits"
+                what = "joint without limits" if dof >= 0 else "tendon"
+                what = "body" if row in found.bodies else what
                 raise ValueError(
                     f"The muscle actuator {row} ('{found.labels[row]}') pulls a {what} and has no "
                     "length range. Set mujoco:actuator_lengthrange (lengthrange in MJCF), as "
@@ -305,11 +332,16 @@ class Actuation:
             ranges[row] = sorted(ends)
         return ranges
 
-    def _by_inertia(self, found: Actuators) -> tuple[np.ndarray, np.ndarray]:
+    def _weigh(self, found: Actuators, pushing: list[int]) -> None:
         """What damping ratios and the peak forces of muscles come to in the reference pose.
 
-        MuJoCo takes a ``biasprm[2]`` above zero of a position actuator for a damping ratio, and
-        a muscle's ``force`` below zero for ``scale`` over the acceleration by a unit force.
+        MuJoCo takes a ``biasprm[2]`` above zero of a position actuator for a damping ratio, of the
+        mass 1/(J M^-1 J^T) along the transmission, and a muscle's ``force`` below zero for
+        ``scale`` over the acceleration by a unit force.
+
+        Args:
+            found: What actuators push.
+            pushing: Rows of those that push bodies.
         """
         mujoco: Any = self._model.mujoco
         gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy() for n in ("gain", "bias"))
@@ -317,24 +349,40 @@ class Actuation:
         is_servo = (bias[:, 2] > 0.0) & (gain[:, 0] == -bias[:, 1])
         muscle = (gain[:, 2] < 0.0) & (mujoco.actuator_gaintype.numpy() == int(rules.MUSCLE_GAIN))
         needed = is_servo | muscle
-        gear = mujoco.actuator_gear.numpy()[:, 0].astype(float)
+        gear = np.abs(mujoco.actuator_gear.numpy()[:, 0].astype(float))
+        # how a unit force moves the transmission, and how it accelerates all, by row
         moved: dict[int, tuple[float, float]] = {}
         if np.any(needed[list(found.axes)]):
-            inertia = reference_inertia(self._model)
+            known = reference_mobility(self._model)
             for row, dof in found.axes.items():
-                own, _, norm = inertia.get(dof, (0.0, 0.0, 0.0))
-                moved[row] = (own, norm)
+                along, norm = known.get(dof, (0.0, 0.0))
+                moved[row] = (gear[row] ** 2 * along, gear[row] * norm)
         if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
             number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
-            inertias, norms = self._cords.inertia(), self._cords.mobility()[1]
+            mobility, norms = mobility_along(self._model, self._cords.moments())
             for row, cord in found.tendons.items():
-                moved[row] = (inertias[number[cord]], norms[number[cord]])
-        for row, (own, norm) in moved.items():
-            if is_servo[row] and gear[row] != 0.0:
-                mass = own / gear[row] ** 2
+                i = number[cord]
+                moved[row] = (gear[row] ** 2 * mobility[i], gear[row] * norms[i])
+        if np.any(needed[pushing]):
+            moments = reference_moments(self._model, self._push_rates)
+            mobility, norms = mobility_along(self._model, moments)
+            for i, row in enumerate(pushing):
+                moved[row] = (mobility[i], norms[i])
+        for row, (along, norm) in moved.items():
+            if is_servo[row]:
+                mass = 1.0 / along if along > 0.0 else 0.0
                 velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
-            acc0[row] = abs(gear[row]) * norm
-        return velocity_bias, acc0
+            acc0[row] = norm
+        self.law.velocity_bias = wp.array(velocity_bias, dtype=float)
+        self.law.acc0 = wp.array(acc0, dtype=float)
+
+    def _push_rates(self, state: newton.State) -> np.ndarray:
+        """Rates of the transmissions that push bodies, in a state."""
+        motion = [self._model.body_com, state.body_q, state.body_qd]
+        none = wp.empty(0, dtype=float)
+        given = [self.law, *motion, none, 0.0, self.bodies]
+        wp.launch(pushes.find_pushes, dim=self.bodies.row.size, inputs=given)
+        return self.bodies.pushes.numpy()["velocity"].copy()
 
 
 def compensate_axes(

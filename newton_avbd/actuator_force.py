@@ -14,6 +14,7 @@ from .actuators import compensating_axes
 from .effects import Effects
 from .execute import actuation as kernels
 from .execute import actuator_force as exports
+from .execute.body_actuators import end_servos
 from .execute.launch import Launcher
 from .execute.observables import count_turns
 
@@ -147,6 +148,9 @@ class ActuatorForce:
                 moved = [model.body_com, state.body_q, state.body_qd, *coordinates]
                 count = actuation.tendons.row.size
                 launch(kernels.measure_tendons, count, [*moved, actuation.tendons])
+            if actuation.servos.start is not None:
+                ended = [model.body_com, state.body_q, state.body_qd, actuation.bodies]
+                launch(end_servos, actuation.bodies.row.size, ended)
             launch(
                 exports.export_transmitted_force,
                 self._world_count,

@@ -20,10 +20,15 @@ from .rows.joint import KINDS, NO_LIMIT
 from .tendons import tendon_count, tendons
 
 _TRANSMISSION = SolverMuJoCo.TrnType
+_PUSHING = (
+    *(_TRANSMISSION.JOINT, _TRANSMISSION.JOINT_IN_PARENT, _TRANSMISSION.SLIDERCRANK),
+    *(_TRANSMISSION.TENDON, _TRANSMISSION.SITE),
+)
+"""Transmissions that push something here."""
 _CTRL_DIRECT = int(SolverMuJoCo.CtrlSource.CTRL_DIRECT)
 """An actuator with an input of its own, not the target of a joint."""
 _BALL, _FREE = int(newton.JointType.BALL), int(newton.JointType.FREE)
-ACTING = ("actuators", "tendons", "body_actuators", "gravity_compensation")
+ACTING = ("actuators", "tendons", "body_actuators", "servos", "gravity_compensation")
 """Effects of what acts before a step."""
 _AUTO = 2
 """A limit that holds where a range is given."""
@@ -32,6 +37,8 @@ _DYNAMICS = (0, 1, 2, 3, 4, 5)
 """Dynamics of activation that :mod:`.rows.actuator` knows."""
 _LAWS = (0, 1, 2, 3)
 """Gains and biases that it knows."""
+_AFFINE = int(rules.AFFINE_GAIN)
+"""Of the length and the velocity; gains and biases with greater numbers are curves of these."""
 
 
 def authored(model: newton.Model, name: str) -> np.ndarray | None:
@@ -80,7 +87,7 @@ class Actuators:
                 found.left[row] = why
                 continue
             if kinds[row] not in set(_TRANSMISSION):
-                names = ", ".join(f"{kind.value} ({kind.name})" for kind in _TRANSMISSION)
+                names = ", ".join(f"{kind.value} ({kind.name})" for kind in _PUSHING)
                 raise ValueError(
                     f"model.mujoco.actuator_trntype[{row}] ('{found.labels[row]}') is "
                     f"{kinds[row]}, no transmission of MuJoCo's. Set one of {names}."
@@ -102,6 +109,17 @@ class Actuators:
             else:
                 found.left[row] = f"its transmission is {_TRANSMISSION(kind).name}"
         return found
+
+    def servos(self, model: newton.Model) -> dict[int, int]:
+        """Link of each actuator that pushes a body against the world, by how the body moves."""
+        if not self.bodies:
+            return {}
+        by_motion = depends_on_motion(model.mujoco)
+        return {
+            row: link
+            for row, (_, link, _, against, _) in self.bodies.items()
+            if against < 0 and by_motion[row]
+        }
 
     def is_shared(self, model: newton.Model) -> np.ndarray:
         """Degrees of freedom with several actuators, at least one of which has a force range, or
@@ -175,11 +193,10 @@ class Actuators:
 def _unknown_law(model: newton.Model, row: int) -> str:
     """Why the solver does not know what an actuator does; empty where it does."""
     mujoco: Any = model.mujoco
-    if mujoco.actuator_dyntype.numpy()[row] not in _DYNAMICS:
-        return "its dynamics (dyntype) are a PID's or the user's"
-    kinds = [getattr(mujoco, f"actuator_{name}type").numpy()[row] for name in ("gain", "bias")]
-    if not set(kinds) <= set(_LAWS):
-        return "its gain or bias is SO3, a PID's or the user's"
+    for name, known in (("dyn", _DYNAMICS), ("gain", _LAWS), ("bias", _LAWS)):
+        kind = int(getattr(mujoco, f"actuator_{name}type").numpy()[row])
+        if kind not in known:
+            return f"its {name}type {kind} is a PID's, SO3's, the user's, or unknown"
     return ""
 
 
@@ -223,6 +240,17 @@ def is_limited(mujoco: Any, name: str) -> np.ndarray:
         ends[:, 0] < ends[:, 1]
     )
     return (limited == 1) | ((limited == _AUTO) & has_range & bool(mujoco.autolimits.numpy()[0]))
+
+
+def depends_on_motion(mujoco: Any) -> np.ndarray:
+    """Which actuators push by the length or the velocity of their transmission."""
+    needs = np.zeros(len(mujoco.actuator_gaintype.numpy()), dtype=bool)
+    for name in ("gain", "bias"):
+        kinds = getattr(mujoco, f"actuator_{name}type").numpy()
+        prm = getattr(mujoco, f"actuator_{name}prm").numpy()
+        needs |= np.any(prm[:, 1:3] != 0.0, axis=1) & (kinds == _AFFINE)
+        needs |= kinds > _AFFINE
+    return needs
 
 
 def reflected_armature(model: newton.Model, along: dict[int, int], count: int) -> np.ndarray:

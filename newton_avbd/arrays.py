@@ -200,7 +200,7 @@ class SolverArrays:
             for name, values in self._limit_law.items():
                 setattr(self._joints, name, values)
         if self._actuation is not None:
-            self._actuation.bind(self._joints)
+            self._actuation.bind(self._joints, self._bodies)
 
     def _bind_fluid(self) -> None:
         """The fluid that bodies are in, and their boxes; again after masses have changed."""
@@ -350,10 +350,10 @@ class SolverArrays:
             self._forget_launches()
             with wp.ScopedDevice(self.device):
                 buffers.add_dahl_history(self._history, self._solved)
-        if self._flags.fluid and self._work.drag is None:
+        if self._flags.drag and self._work.drag is None:
             self._forget_launches()
             with wp.ScopedDevice(self.device):
-                buffers.add_fluid_work(self._work)
+                buffers.add_drag_work(self._work)
         if self._flags.balanced and self._islands.balance is None:
             self._forget_launches()
             with wp.ScopedDevice(self.device):
@@ -683,7 +683,7 @@ class SolverArrays:
             self._actuation = Actuation(
                 self.model, self._solved, topology, self._joints, wanted, before
             )
-            self._actuation.bind(self._joints)
+            self._actuation.bind(self._joints, self._bodies)
         # the next step makes its view of the control anew
         self._control_arrays = (None, None, None)
 

@@ -88,8 +88,8 @@ def add_put_work(work: Any) -> None:
     work.put_from = wp.zeros(slots, dtype=wp.transform)
 
 
-def add_fluid_work(work: Any) -> None:
-    """What a fluid does to bodies in a step, by body slot."""
+def add_drag_work(work: Any) -> None:
+    """What slows bodies down in a step, by body slot."""
     work.drag = wp.zeros(work.com.shape[0], dtype=data.Drag)
 
 

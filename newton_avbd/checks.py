@@ -83,6 +83,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             labels = getattr(model.mujoco, "actuator_label", ())
             labels = model.body_label if name == "gravcomp" else labels
             _check_numbers(model, f"mujoco.{name}", labels)
+    _check_ranges(model)
     for name in _OF_TENDONS if tendon_count(model) else ():
         _check_numbers(model, f"mujoco.tendon_{name}", model.mujoco.tendon_label, minimum=0.0)
     for name in ("springlength", "range", "margin") if tendon_count(model) else ():
@@ -249,6 +250,22 @@ def _actuators(model: newton.Model) -> list[str]:
         f"MuJoCo actuator {row} ('{found.labels[row]}'): {why}"
         for row, why in list(found.left.items())[:_MOST_NAMES]
     ] + (["..."] if len(found.left) > _MOST_NAMES else [])
+
+
+def _check_ranges(model: newton.Model) -> None:
+    """Refuses ranges of actuators that are not numbers, or hold and end before they begin."""
+    mujoco: Any = getattr(model, "mujoco", None)
+    for name in ("ctrl", "force", "act") if hasattr(mujoco, "actuator_ctrlrange") else ():
+        ends = getattr(mujoco, f"actuator_{name}range").numpy()
+        holds = getattr(mujoco, f"actuator_{name}limited").numpy() == 1
+        wrong = np.isnan(ends).any(axis=1) | (holds & (ends[:, 0] > ends[:, 1]))
+        if wrong.any():
+            item = int(np.flatnonzero(wrong)[0])
+            raise ValueError(
+                f"model.mujoco.actuator_{name}range[{item}] "
+                f"('{_label(mujoco.actuator_label, item)}') must be two numbers, the smaller one "
+                f"first: {ends[item]}."
+            )
 
 
 def _check_condims(model: newton.Model) -> None:

@@ -143,7 +143,8 @@ class FluidModel:
 
 @wp.struct
 class Drag:
-    """Drag on a body in one step, linear in the velocity at its end: push - D v, world axes."""
+    """Drag of a fluid and of servos on a body in one step, linear in the velocity at its end:
+    push - D v, world axes."""
 
     ll: wp.mat33
     """D, of forces by velocities [N s/m]."""
@@ -153,6 +154,59 @@ class Drag:
     """Of torques by angular velocities [N m s]."""
     push: wp.spatial_vectorf
     """[N, N m]."""
+
+
+@wp.struct
+class ActuatorLaw:
+    """Force of an actuator: force - stiffness l - damping v, clamped, and what is not clamped,
+    ``own_force`` - ``own_damping`` v; see :mod:`.rows.actuator`."""
+
+    force: float
+    stiffness: float
+    damping: float
+    least: float
+    most: float
+    own_force: float
+    own_damping: float
+
+
+@wp.struct
+class BodyPush:
+    """What a MuJoCo actuator pushes bodies with in one step, by how its transmission moves."""
+
+    law: ActuatorLaw
+    length: float
+    """Of the transmission at the start of the step [m or rad]."""
+    velocity: float
+    """Its rate there [m/s or rad/s]."""
+    along: wp.vec3
+    """Force on the link by a unit of the actuator's, world frame."""
+    about: wp.vec3
+    """Torque on it [N m], at ``point``."""
+    point: wp.vec3
+    """Where it pushes [m]."""
+    arm: wp.vec3
+    """From the COM of the link to there [m]."""
+    force: float
+    """What it pushes with in the step [N or N m]; a servo with that less ``slope`` times the
+    velocity of its transmission at the end."""
+    slope: float
+    """[N s/m or N m s/rad]"""
+
+
+@wp.struct
+class Servos:
+    """Actuators that push bodies against the world, and by how these move, by body."""
+
+    start: wp.array[wp.int32]
+    """First of the servos of each body."""
+    items: wp.array[wp.int32]
+    """Actuator, an entry of ``pushes``."""
+    links: wp.array[wp.int32]
+    """Its link."""
+    arms: wp.array[wp.vec3]
+    """By link: from the COM of the body to that of the link [m], body frame."""
+    pushes: wp.array[BodyPush]
 
 
 @wp.struct
@@ -173,6 +227,7 @@ class BodyModel:
     """First degree of freedom of that joint, -1 without one."""
     joint_enabled: wp.array[wp.bool]
     fluid: FluidModel
+    servos: Servos
 
 
 @wp.struct
@@ -351,20 +406,8 @@ class ActuatorModel:
     """State of DC motors, the solver's own; empty where there are none."""
     crank: wp.array[float]
     """Length of the rod of slider-cranks [m]."""
-
-
-@wp.struct
-class ActuatorLaw:
-    """Force of an actuator: force - stiffness l - damping v, clamped, and what is not clamped,
-    ``own_force`` - ``own_damping`` v; see :mod:`.rows.actuator`."""
-
-    force: float
-    stiffness: float
-    damping: float
-    least: float
-    most: float
-    own_force: float
-    own_damping: float
+    is_reported: wp.array[wp.bool]
+    """Whether it has been said that the control is not finite."""
 
 
 @wp.struct
@@ -402,10 +445,9 @@ class BodyActuation:
     """Link that gets the reaction, -1 for the world."""
     axes: wp.array[wp.int32]
     """Whose axes the gear is in; see :mod:`.execute.actuation`."""
-    force: wp.array[wp.vec3]
-    """Force [N] and torque [N m] in the step, world frame, and where [m]."""
-    torque: wp.array[wp.vec3]
-    point: wp.array[wp.vec3]
+    is_servo: wp.array[wp.bool]
+    """Whether it is one of the :class:`Servos`."""
+    pushes: wp.array[BodyPush]
 
 
 @wp.struct
@@ -530,7 +572,7 @@ class BodyWork:
     """Second order: twice the energy that changes of what a controller pushes the body's tree with
     give in a step [J]."""
     drag: wp.array[Drag]
-    """In a fluid: its drag on the body."""
+    """In a fluid or held by servos: what slows the body down."""
 
 
 @wp.struct

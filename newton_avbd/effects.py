@@ -84,7 +84,7 @@ CAUSES: dict[str, Cause] = {
         "", "compliant_contacts=True", "rows/contact.py", "Pass compliant_contacts."
     ),
     "second_order": Cause(
-        "", "scheme='generalized_alpha'", "execute/second_order.py", "Pass scheme."
+        "", "scheme='generalized_alpha', the default", "execute/second_order.py", "Pass scheme."
     ),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
     "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
@@ -178,7 +178,12 @@ CAUSES: dict[str, Cause] = {
     "body_actuators": Cause(
         "body",
         "that a MuJoCo actuator pushes at a site, or along a BALL or FREE joint",
-        "execute/actuation.py",
+        "execute/body_actuators.py",
+    ),
+    "servos": Cause(
+        "body",
+        "that such an actuator pushes against the world, and by how the body moves",
+        "execute/body_actuators.py",
     ),
     "breaking": Cause(
         "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
@@ -204,6 +209,7 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
     "actuators": ("force_ranges",),
     "effort_limits": ("force_ranges",),
     "tendons": ("spatial_tendons",),
+    "body_actuators": ("servos",),
 }
 """What goes with an effect that is left out."""
 
@@ -261,6 +267,8 @@ class Effects:
     """A body whose weight is compensated."""
     body_actuators: bool = False
     """An actuator of MuJoCo's that pushes bodies."""
+    servos: bool = False
+    """One that pushes against the world, by how its body moves."""
     limits: bool = False
     """A joint axis with a limit."""
     limit_impedance: bool = False
@@ -407,6 +415,7 @@ class Effects:
             "body_actuators": _bodies_of(
                 model, np.array([link for _, link, *_ in actuators.bodies.values()], dtype=int)
             ),
+            "servos": _bodies_of(model, np.array(list(actuators.servos(user_model).values()))),
             "effort_limits": axes.joints(
                 ((driven | actuated) & axes.limited("joint_effort_limit", -1.0)) | ranged
             ),
@@ -445,6 +454,11 @@ class Effects:
     def joints(self) -> bool:
         """Whether a joint, tendon or cable holds anything."""
         return bool(self.kinds.angular) or self.reaction or self.tendons or self.cables
+
+    @property
+    def drag(self) -> bool:
+        """Whether something slows a body down by how it moves itself."""
+        return self.fluid or self.servos
 
     @property
     def inline(self) -> bool | None:
@@ -710,6 +724,7 @@ def _all(names: Iterable[str], value: bool) -> dict[str, Any]:
 
 def _bodies_of(model: newton.Model, links: np.ndarray) -> np.ndarray:
     """The bodies that some links of the user's model belong to."""
+    links = links.astype(int)
     bodies = getattr(model, "body_of_link", None)
     return np.unique(links if bodies is None else bodies[links][bodies[links] >= 0])
 

@@ -2,10 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inertia along joint axes in the reference pose, by which MuJoCo scales what is soft."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import newton
 import numpy as np
+import warp as wp
 
 from .actuators import Actuators, reflected_armature
 from .rows.joint import KINDS
@@ -39,17 +40,54 @@ def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.nda
         yield dofs, matrices[k, : dofs.size, : dofs.size] + np.diag(armature[dofs])
 
 
-def reference_inertia(model: newton.Model) -> dict[int, tuple[float, float, float]]:
-    """Inertia of each degree of freedom of an articulation at q = 0, armature included.
+def reference_mobility(model: newton.Model) -> dict[int, tuple[float, float]]:
+    """How a unit force accelerates each degree of freedom of an articulation at q = 0.
 
     Returns:
-        Diagonal entry of the mass matrix, that of its inverse, and the norm of the inverse's
-        column, which is how a unit force accelerates all; by degree of freedom.
+        Diagonal entry of the mass matrix's inverse, armature included, and the norm of its column,
+        which is how the force accelerates all; by degree of freedom.
     """
-    found: dict[int, tuple[float, float, float]] = {}
+    found: dict[int, tuple[float, float]] = {}
     for dofs, matrix in reference_matrices(model):
         inverse = np.linalg.pinv(matrix)
         for i, dof in enumerate(dofs.tolist()):
             norm = float(np.linalg.norm(inverse[:, i]))
-            found[dof] = (float(matrix[i, i]), float(inverse[i, i]), norm)
+            found[dof] = (float(inverse[i, i]), norm)
     return found
+
+
+def reference_moments(
+    model: newton.Model, rates_of: Callable[[newton.State], np.ndarray]
+) -> np.ndarray:
+    """How lengths change with each degree of freedom in the reference pose.
+
+    Args:
+        model: The model.
+        rates_of: Finds the rates of the lengths in a state, shape (lengths,).
+
+    Returns:
+        Derivatives, shape (lengths, joint_dof_count) [m/m, m/rad, ...].
+    """
+    state, found = reference_state(model), []
+    for dof in range(model.joint_dof_count):
+        rates = np.zeros(model.joint_dof_count, dtype=np.float32)
+        rates[dof] = 1.0
+        newton.eval_fk(
+            model, state.joint_q, wp.array(rates, dtype=float, device=model.device), state
+        )
+        found.append(rates_of(state).astype(float))
+    return np.array(found).T
+
+
+def mobility_along(model: newton.Model, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How a unit of force along a length moves it in the reference pose, and all coordinates.
+
+    Returns:
+        J M^-1 J^T and the norm of M^-1 J^T of each of some lengths.
+    """
+    along, norms = np.zeros(len(moments)), np.zeros(len(moments))
+    for dofs, matrix in reference_matrices(model):
+        moved = np.linalg.pinv(matrix) @ moments[:, dofs].T
+        along += np.einsum("ij,ji->i", moments[:, dofs], moved)
+        norms += np.sum(moved**2, axis=0)
+    return along, np.sqrt(norms)

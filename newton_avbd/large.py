@@ -386,7 +386,7 @@ class LargeWorlds:
             bodies,
             [model, joints, body_q, *end, worlds, history, body_q_out],
         )
-        if effects.gyroscopic and effects.pairs and not effects.fluid:
+        if effects.gyroscopic and effects.pairs and not effects.drag:
             launch(
                 joining.keep_island_spin,
                 bodies,

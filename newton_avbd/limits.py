@@ -9,7 +9,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from .inertia import reference_inertia
+from .inertia import reference_mobility
 
 _DEFAULT_REFERENCE = (0.02, 1.0)
 """MuJoCo's ``solreflimit`` where a file does not say one: time constant [s] and damping ratio."""
@@ -70,7 +70,7 @@ def limit_law(model: newton.Model) -> dict[str, wp.array]:
     mujoco = model.mujoco
     is_authored = has_authored_limit(model)
     mobility = np.zeros(model.joint_dof_count)
-    for dof, (_, inverse, _) in reference_inertia(model).items():
+    for dof, (inverse, _) in reference_mobility(model).items():
         mobility[dof] = inverse
     reference = mujoco.solreflimit.numpy().astype(float)
     reference[mujoco.solreflimit_mode.numpy() != _RAW] = _DEFAULT_REFERENCE

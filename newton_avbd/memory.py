@@ -115,6 +115,8 @@ def bytes_by_effect(solver: object) -> Counter[str]:
         if group == "tree.tendons" and own in _AUTHORED:
             continue
         sizes[_OWNERS.get(name, _OWNERS.get(group, ""))] += array.capacity
+    if not solver._flags.fluid:  # type: ignore[attr-defined]
+        sizes["servos"] += sizes.pop("fluid", 0)
     for name in ("restitution", "put_bodies", "second_order"):  # moving surfaces share their drift
         if sizes[name]:
             sizes[name] += sizes.pop("moving_surfaces", 0)

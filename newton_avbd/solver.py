@@ -338,7 +338,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
-        needs_solve = flags.joints or flags.sleeping or flags.fluid
+        needs_solve = flags.joints or flags.sleeping or flags.drag
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)

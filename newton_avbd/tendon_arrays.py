@@ -11,7 +11,7 @@ import warp as wp
 from . import data
 from .actuators import reflected_armature
 from .execute import actuation as kernels
-from .inertia import reference_matrices, reference_state
+from .inertia import mobility_along, reference_moments, reference_state
 from .limits import impedance_rates
 from .rows.path import JOINT
 from .tendons import force_ranges, is_limited, tendon_count
@@ -101,46 +101,20 @@ class TendonArrays:
         Returns:
             Derivatives, shape (tendons, joint_dof_count) [m/m, m/rad, ...].
         """
-        model, found = self._model, np.zeros((len(self._cords), self._model.joint_dof_count))
-        starts = model.joint_qd_start.numpy()
-        state = reference_state(model)
+        found = np.zeros((len(self._cords), self._model.joint_dof_count))
+        starts = self._model.joint_qd_start.numpy()
         spatial = [i for i, cord in enumerate(self._cords) if not cord.is_fixed]
         for i, cord in enumerate(self._cords):
             for element in cord.path if cord.is_fixed else ():
                 found[i, starts[element.index]] += element.value
-        for dof in range(model.joint_dof_count if spatial else 0):
-            rates = np.zeros(model.joint_dof_count, dtype=np.float32)
-            rates[dof] = 1.0
-            rates = wp.array(rates, dtype=float, device=model.device)
-            newton.eval_fk(model, state.joint_q, rates, state)
-            self._measure(state)
-            found[spatial, dof] = self.arrays.velocity.numpy()[spatial]
-        self.arrays.velocity.zero_()
+        if spatial:
+            found[spatial] = reference_moments(self._model, self._rates)[spatial]
+            self.arrays.velocity.zero_()
         return found
 
-    def mobility(self) -> tuple[np.ndarray, np.ndarray]:
-        """How a unit of tension moves its tendon in the reference pose, and all coordinates.
-
-        Returns:
-            J M^-1 J^T and the norm of M^-1 J^T of each tendon.
-        """
-        moments = self.moments()
-        along, norms = np.zeros(len(moments)), np.zeros(len(moments))
-        for dofs, matrix in reference_matrices(self._model):
-            moved = np.linalg.pinv(matrix) @ moments[:, dofs].T
-            along += np.einsum("ij,ji->i", moments[:, dofs], moved)
-            norms += np.sum(moved**2, axis=0)
-        return along, np.sqrt(norms)
-
-    def inertia(self) -> np.ndarray:
-        """Sum of the inertias of coordinates, each over the square of its moment, as MuJoCo takes
-        them for a damping ratio."""
-        moments, total = self.moments(), np.zeros(len(self._cords))
-        for dofs, matrix in reference_matrices(self._model):
-            square = moments[:, dofs] ** 2
-            with np.errstate(divide="ignore"):
-                total += np.sum(np.where(square > 1e-15, np.diag(matrix) / square, 0.0), axis=1)
-        return total
+    def _rates(self, state: newton.State) -> np.ndarray:
+        self._measure(state)
+        return self.arrays.velocity.numpy().copy()
 
     def _make_paths(self, solved: Any, topology: Topology) -> None:
         """Lists the elements of paths, and what holds each."""
@@ -215,5 +189,5 @@ class TendonArrays:
         reference[mujoco.tendon_solref_limit_mode.numpy()[rows] != _RAW] = _DEFAULT_REFERENCE
         rates = impedance_rates(reference, mujoco.tendon_solimp_limit.numpy()[rows])
         self.arrays.limit_rates = wp.array(rates, dtype=wp.vec2)
-        mobility = np.maximum(self.mobility()[0], 1.0e-15)
+        mobility = np.maximum(mobility_along(self._model, self.moments())[0], 1.0e-15)
         self.arrays.limit_mobility = wp.array(mobility, dtype=float)

@@ -14,7 +14,7 @@ from newton.solvers import SolverMuJoCo
 from numpy.typing import NDArray
 
 from newton_avbd import SolverAVBD
-from newton_avbd.inertia import reference_inertia
+from newton_avbd.inertia import reference_mobility
 
 DT = 1.0 / 1000.0
 ARM = """
@@ -549,7 +549,7 @@ def test_compensation_by_actuators_sees_the_axes_of_an_arm_on_a_welded_base(effo
     assert q == pytest.approx(expected, rel=2.0e-3, abs=1.0e-7)
 
 
-def test_bad_control_is_named() -> None:
+def test_bad_control_is_named(capfd: pytest.CaptureFixture[str]) -> None:
     model = scene('<motor joint="hinge"/>')
     solver = SolverAVBD(model)
     state, control = model.state(), model.control()
@@ -559,12 +559,25 @@ def test_bad_control_is_named() -> None:
             solver.step(state, state, control, None, DT)
     control = model.control()
     control.mujoco.ctrl.fill_(np.nan)
-    before = state.body_q.numpy()
+    before = state.body_q.numpy().copy()
     solver.step(state, state, control, None, DT)
+    solver.step(state, state, control, None, DT)
+    assert capfd.readouterr().out.count("control.mujoco.ctrl[0] is not finite") == 1
     np.testing.assert_array_equal(state.body_q.numpy(), before)
-    assert solver.status.held_steps.sum() == 1
+    assert solver.status.held_steps.sum() == 2
+    control.mujoco.ctrl.fill_(1.0)
+    solver.step(state, state, control, None, DT)
+    assert not np.array_equal(state.body_q.numpy(), before)
     model.mujoco.actuator_gear.assign(np.full((1, 6), np.inf, dtype=np.float32))
     with pytest.raises(ValueError, match=r"mujoco\.actuator_gear\[0\].*is not finite"):
+        SolverAVBD(model)
+
+
+@pytest.mark.parametrize("ends", [(np.nan, 1.0), (1.0, -1.0)])
+def test_a_range_that_makes_no_sense_is_named(ends: tuple[float, float]) -> None:
+    model = scene('<motor joint="hinge" name="elbow" forcerange="-1 1" forcelimited="true"/>')
+    model.mujoco.actuator_forcerange.assign(np.array([ends], dtype=np.float32))
+    with pytest.raises(ValueError, match=r"actuator_forcerange\[0\] .*elbow.*smaller one first"):
         SolverAVBD(model)
 
 
@@ -601,13 +614,14 @@ def test_a_damping_ratio_counts_the_inertia_beside_joints_that_close_loops() -> 
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
     builder.add_mjcf(text)
-    found = reference_inertia(builder.finalize(device="cpu"))
+    found = reference_mobility(builder.finalize(device="cpu"))
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     matrix = np.zeros((2, 2))
     mujoco.mj_fullM(model, data, matrix)
-    assert [found[dof][0] for dof in sorted(found)[-2:]] == pytest.approx(np.diag(matrix))
+    expected = np.diag(np.linalg.inv(matrix))
+    assert [found[dof][0] for dof in sorted(found)[-2:]] == pytest.approx(expected)
 
 
 BODY = """<body name="{0}" pos="{1} 0 0" euler="10 20 30"><joint name="{0}" axis="0 0 1" {2}/>

@@ -465,7 +465,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "on_gpu",
         ),  # settings
         # need buffers: named where a graph is captured
-        *("restitution", "put_bodies", "gravity_compensation", "fluid", "dahl"),
+        *("restitution", "put_bodies", "gravity_compensation", "fluid", "servos", "dahl"),
         *("force_ranges", "limit_impedance"),
         *("matching", "moving_surfaces", "contact_materials"),  # the contact buffer
     }

@@ -4,7 +4,6 @@
 
 import warp as wp
 
-from ..algebra.so3 import rotation_vector
 from ..data import (
     ActuatorLaw,
     ActuatorModel,
@@ -13,25 +12,12 @@ from ..data import (
     JointModel,
     MotorState,
     TendonModel,
-    vec6,
 )
-from ..rows.actuator import (
-    AGAINST_SITE,
-    AT_SITE,
-    BALL_JOINT,
-    BALL_JOINT_IN_PARENT,
-    CRANK_ON_WORLD,
-    FREE_JOINT,
-    FREE_JOINT_IN_PARENT,
-    LIMITS_FORCE,
-    SLIDER_CRANK,
-    at_limit,
-    law_in_step,
-    own_damping,
-)
+from ..rows.actuator import LIMITS_FORCE, at_limit, law_in_step, own_damping
 from ..rows.axis import POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
 from ..rows.joint import NO_LIMIT
 from ..rows.path import JOINT, PULLEY, double, find_path
+from .body_actuators import pushed_by, velocity_at
 from .launch import KERNEL
 from .resetting import is_selected
 
@@ -42,12 +28,6 @@ def is_driven(joints: wp.ref[JointModel], dof: int) -> bool:
     mode = joints.target_mode[dof]
     has_mode = mode == POSITION_MODE or mode == VELOCITY_MODE or mode == POSITION_VELOCITY_MODE
     return has_mode and (joints.target_ke[dof] != 0.0 or joints.target_kd[dof] != 0.0)
-
-
-@wp.func
-def velocity_at(qd: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
-    """Velocity of a point of a body [m/s], ``arm`` from its COM."""
-    return wp.spatial_top(qd) + wp.cross(wp.spatial_bottom(qd), arm)
 
 
 @wp.kernel(**KERNEL)
@@ -423,162 +403,6 @@ def push_axes(
         pushes,
         beside,
     )
-
-
-@wp.func
-def top_of(gear: vec6) -> wp.vec3:
-    return wp.vec3(gear[0], gear[1], gear[2])
-
-
-@wp.func
-def bottom_of(gear: vec6) -> wp.vec3:
-    return wp.vec3(gear[3], gear[4], gear[5])
-
-
-@wp.func
-def mobility_of(
-    force: wp.vec3, moment: wp.vec3, rotation: wp.quat, inv_mass: float, inv_inertia: wp.mat33
-) -> float:
-    """How fast a unit impulse of an actuator moves its own transmission, on a body [1/kg]."""
-    turned = wp.quat_rotate_inv(rotation, moment)
-    return inv_mass * wp.length_sq(force) + wp.dot(turned, inv_inertia * turned)
-
-
-@wp.kernel(**KERNEL)
-def push_bodies(
-    # Model:
-    actuators: ActuatorModel,
-    com: wp.array[wp.vec3],
-    inv_mass: wp.array[float],
-    inv_inertia: wp.array[wp.mat33],
-    # State in:
-    body_q: wp.array[wp.transform],
-    body_qd: wp.array[wp.spatial_vector],
-    ctrl: wp.array[float],
-    h: float,
-    # Out:
-    work: BodyActuation,
-):
-    """Wrench of each actuator that pushes bodies; one thread an actuator.
-
-    What depends on length and velocity is as large as at the end of a step in which the bodies
-    were free otherwise, so that it never overshoots.
-    """
-    i = wp.tid()
-    row = work.row[i]
-    link = work.link[i]
-    other = work.against[i]
-    kind = work.axes[i]
-    gear = actuators.gear[row]
-    along = top_of(gear)
-    about = bottom_of(gear)
-    pose = body_q[link]
-    rotation = wp.transform_get_rotation(pose)
-    frame = wp.transform_multiply(pose, work.frame[i])
-    point = wp.transform_get_translation(frame)
-    axes = wp.transform_get_rotation(frame)
-    arm = point - wp.transform_point(pose, com[link])
-    base = work.reference[i]
-    if other >= 0:
-        base = wp.transform_multiply(body_q[other], base)
-    base_axes = wp.transform_get_rotation(base)
-    apart = wp.quat_inverse(base_axes) * axes
-    force = wp.vec3(0.0)
-    torque = wp.vec3(0.0)
-    length = 0.0
-    period = 0.0
-    if kind == BALL_JOINT or kind == BALL_JOINT_IN_PARENT:
-        length = wp.dot(rotation_vector(apart), along)
-        period = wp.length(along)
-        torque = wp.quat_rotate(wp.where(kind == BALL_JOINT, axes, base_axes), along)
-    elif kind == FREE_JOINT or kind == FREE_JOINT_IN_PARENT:
-        force = along
-        torque = about
-        if kind == FREE_JOINT:
-            torque = wp.quat_rotate(rotation, about)
-    elif kind == AGAINST_SITE:
-        offset = wp.quat_rotate_inv(base_axes, point - wp.transform_get_translation(base))
-        length = wp.dot(along, offset) + wp.dot(about, rotation_vector(apart))
-        if wp.length_sq(along) == 0.0:
-            period = wp.length(about)
-        force = wp.quat_rotate(base_axes, along)
-        torque = wp.quat_rotate(base_axes, about)
-    elif kind == SLIDER_CRANK or kind == CRANK_ON_WORLD:
-        pin = point
-        slider = base
-        if kind == CRANK_ON_WORLD:
-            pin = wp.transform_get_translation(base)
-            slider = frame
-        rod = actuators.crank[row]
-        away = pin - wp.transform_get_translation(slider)
-        axis = wp.quat_rotate(wp.transform_get_rotation(slider), wp.vec3(0.0, 0.0, 1.0))
-        reach = wp.dot(axis, away)
-        square = reach * reach + rod * rod - wp.length_sq(away)
-        length = gear[0] * reach
-        force = gear[0] * axis
-        if square > 0.0:
-            root = wp.sqrt(square)
-            length = gear[0] * (reach - root)
-            force = gear[0] * (axis * (1.0 - reach / root) + away / root)
-        if kind == CRANK_ON_WORLD:
-            # the slider gets the reaction, at the pin, which is as good as the rod's end
-            force = -force
-            point = pin
-            arm = pin - wp.transform_point(pose, com[link])
-    else:
-        force = wp.quat_rotate(axes, along)
-        torque = wp.quat_rotate(axes, about)
-
-    moment = torque + wp.cross(arm, force)
-    velocity = wp.dot(force, velocity_at(body_qd[link], arm))
-    velocity += wp.dot(torque, wp.spatial_bottom(body_qd[link]))
-    mobility = mobility_of(force, moment, rotation, inv_mass[link], inv_inertia[link])
-    if other >= 0 and kind != AT_SITE:
-        other_pose = body_q[other]
-        other_arm = point - wp.transform_point(other_pose, com[other])
-        other_moment = torque + wp.cross(other_arm, force)
-        velocity -= wp.dot(force, velocity_at(body_qd[other], other_arm))
-        velocity -= wp.dot(torque, wp.spatial_bottom(body_qd[other]))
-        turned = wp.transform_get_rotation(other_pose)
-        mobility += mobility_of(force, other_moment, turned, inv_mass[other], inv_inertia[other])
-
-    law = law_in_step(actuators, row, ctrl, length, velocity, h)
-    if period > 0.0 and law.stiffness > 0.0:
-        # the nearest of the turns that are the same pose
-        turn = 2.0 * wp.pi * period
-        behind = law.force / law.stiffness - length
-        length += turn * wp.round(behind / turn)
-    coasting = length + h * velocity
-    push = law.force - law.stiffness * coasting - law.damping * velocity
-    push /= 1.0 + h * mobility * (law.damping + h * law.stiffness)
-    push = wp.clamp(push, law.least, law.most)
-    push += (law.own_force - law.own_damping * velocity) / (1.0 + h * mobility * law.own_damping)
-    work.force[i] = push * force
-    work.torque[i] = push * torque
-    work.point[i] = point
-
-
-@wp.func
-def pushed_by(
-    link: int,
-    center: wp.vec3,
-    # In:
-    work: BodyActuation,
-    start: wp.array[wp.int32],
-    items: wp.array[wp.int32],
-) -> wp.spatial_vector:
-    """Wrench of actuators on a link, whose COM is at ``center``.
-
-    An item is twice an actuator, plus 1 for its reaction.
-    """
-    wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-    for k in range(start[link], start[link + 1]):
-        i = items[k] / 2
-        sign = wp.where(items[k] % 2 == 0, 1.0, -1.0)
-        force = sign * work.force[i]
-        torque = sign * work.torque[i] + wp.cross(work.point[i] - center, force)
-        wrench += wp.spatial_vector(force, torque)
-    return wrench
 
 
 @wp.kernel(**KERNEL)

@@ -11,7 +11,8 @@ from ..data import AxisPush, BodyActuation, ControlInput, JointModel, TendonMode
 from ..rows.axis import away_from, drive, most_effort, pushed, pushed_within, ranged
 from ..rows.joint import BALL, ball_away, has_axes
 from ..rows.path import JOINT
-from .actuation import axis_of, base_rotation, pushed_by
+from .actuation import axis_of, base_rotation
+from .body_actuators import pushed_by
 from .launch import KERNEL
 
 

@@ -27,7 +27,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .denormals import flush_denormals, restore_denormals
-from .fluid import feel_fluid, resistance, response_in_fluid
+from .drag import make_feel_drag, resistance, response
 from .launch import KERNEL, uncollected
 
 BODIES_PER_THREAD = 64
@@ -295,6 +295,7 @@ def make_predict_body(effects: Effects) -> wp.Function:
     Two arrays are passed without the structs that they lie in: Warp compiles code for each struct.
     """
     external_wrench = make_wrench(effects)
+    feel_drag = make_feel_drag(effects)
 
     @wp.func
     def predict_body(
@@ -356,8 +357,8 @@ def make_predict_body(effects: Effects) -> wp.Function:
             work.inertia[body] = model.inertia[body]
             work.inv_inertia[body] = model.inv_inertia[body]
         work.target[body] = wp.spatial_vector(dx, dtheta)
-        if wp.static(effects.fluid):
-            feel_fluid(body, rotation, velocity, wp.spatial_vector(), h, model, work)
+        if wp.static(effects.drag):
+            feel_drag(body, rotation, velocity, wp.spatial_vector(), h, model, work)
         target = work.target[body]
         if wp.static(effects.ramp):
             work.increment[body] = target
@@ -551,7 +552,7 @@ def push(
     kick = torque
     if work.drag.shape[0] > 0:
         drag = work.drag[body]
-        moved = response_in_fluid(body, wrench, h, model, drag, work)
+        moved = response(body, wrench, h, model, drag, work)
         work.target[body] = work.target[body] + moved
         kick -= wp.spatial_bottom(resistance(drag, moved / h))
     else:

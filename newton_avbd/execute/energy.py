@@ -39,6 +39,7 @@ from ..rows import contact as contact_rows
 from ..rows import joint as joint_rows
 from ..rows.joint import BALL, ROD, make_joint
 from .cables import end_segment, first_segment, make_join, slot_at
+from .drag import resistance
 from .islands import begin_island, island_of, join_islands, point_inertia
 from .launch import absent
 from .tendons import make_join_tendons, tendon_work
@@ -439,6 +440,9 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         torque = wp.vec3(0.0)
         if wp.static(effects.second_order):
             wrench = work.wrench[body]
+            if wp.static(effects.servos):
+                drag = work.drag[body]
+                wrench += drag.push - resistance(drag, body_qd_out[body])
             force = wp.spatial_top(wrench) + mass * model.gravity[model.world[body]]
             torque = wp.spatial_bottom(wrench)
         else:

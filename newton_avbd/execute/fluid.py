@@ -1,17 +1,14 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Drag of a fluid on bodies: the sum over their links, linear in the velocity of the step's end.
+"""Drag of a fluid on bodies (:mod:`.drag`): the sum over their links.
 
-With the drag ``push - D v`` the inertial target is where inertia and drag take a body together, and
-the block of the body is M/h^2 + D/h: what follows sees a body that resists more, and no new force.
 Each link of a welded body has its own box, at its own place.
 """
 
 import warp as wp
 
-from ..algebra.block import factor_block, solve_block
 from ..algebra.so3 import world_inertia
-from ..data import BodyModel, BodyWork, Drag, FluidBox, LinkModel
+from ..data import BodyModel, Drag, FluidBox, LinkModel
 from ..rows import fluid as law
 from .launch import KERNEL
 
@@ -138,7 +135,7 @@ def body_axes(rotation: wp.quat, velocity: wp.spatial_vector) -> wp.spatial_vect
 
 
 @wp.func
-def drag_on(
+def fluid_drag(
     body: int,
     rotation: wp.quat,
     velocity: wp.spatial_vector,
@@ -199,60 +196,3 @@ def drag_on(
         wp.quat_rotate(rotation, wp.spatial_bottom(drag.push)),
     )
     return drag
-
-
-@wp.func
-def resistance(drag: Drag, motion: wp.spatial_vector) -> wp.spatial_vector:
-    """D times a motion: wrench by which the drag resists it, of a velocity [N, N m]."""
-    shift = wp.spatial_top(motion)
-    turn = wp.spatial_bottom(motion)
-    return wp.spatial_vector(
-        drag.ll * shift + wp.transpose(drag.al) * turn, drag.al * shift + drag.aa * turn
-    )
-
-
-@wp.func
-def response_in_fluid(
-    body: int,
-    wrench: wp.spatial_vector,
-    step: float,
-    model: wp.ref[BodyModel],
-    drag: Drag,
-    work: wp.ref[BodyWork],
-) -> wp.spatial_vector:
-    """Increment that a wrench gives a body against its inertia and the drag [m, rad]."""
-    inv_h2 = 1.0 / (step * step)
-    factor = factor_block(
-        wp.diag(wp.vec3(model.mass[body] * inv_h2)) + drag.ll / step,
-        drag.al / step,
-        work.inertia[body] * inv_h2 + drag.aa / step,
-    )
-    return solve_block(factor, wp.spatial_top(wrench), wp.spatial_bottom(wrench))
-
-
-@wp.func
-def feel_fluid(
-    body: int,
-    rotation: wp.quat,
-    velocity: wp.spatial_vector,
-    lead: wp.spatial_vector,
-    step: float,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-):
-    """Moves the target of a body to where the fluid lets it go, and keeps the drag for its block.
-
-    ``lead`` is the increment from which the velocity of the step counts.
-    """
-    free = (work.target[body] - lead) / step
-    drag = drag_on(body, rotation, velocity, free, step, model)
-    wrench = drag.push - resistance(drag, free)
-    slowed = response_in_fluid(body, wrench, step, model, drag, work)
-    work.target[body] = work.target[body] + slowed
-    work.momentum[body] = work.momentum[body] + step * (
-        wp.spatial_bottom(wrench) - wp.spatial_bottom(resistance(drag, slowed / step))
-    )
-    work.drag[body] = drag
-    size = wp.dot(slowed, slowed)
-    if not (size - size == 0.0):
-        work.finite[body] = 0

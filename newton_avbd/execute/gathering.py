@@ -19,7 +19,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
-from .fluid import resistance
+from .drag import resistance
 from .piles import in_pile, is_link
 from .trees import parent_slot
 
@@ -64,7 +64,7 @@ def make_gather(
         inv_h2 = 1.0 / (h * h)
         f = (model.mass[body] * inv_h2) * wp.spatial_top(away)
         tau = inv_h2 * (work.inertia[body] * wp.spatial_bottom(away))
-        if wp.static(effects.fluid):
+        if wp.static(effects.drag):
             slowed = resistance(work.drag[body], away / h)
             f += wp.spatial_top(slowed)
             tau += wp.spatial_bottom(slowed)
@@ -205,7 +205,7 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
         h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2))
         h_al = wp.mat33(0.0)
         h_aa = work.inertia[body] * inv_h2
-        if wp.static(effects.fluid):
+        if wp.static(effects.drag):
             h_ll += work.drag[body].ll / h
             h_al += work.drag[body].al / h
             h_aa += work.drag[body].aa / h

@@ -15,7 +15,7 @@ from ..algebra.so3 import exp_quat, turned_from, world_inertia
 from ..blocks.tree import combined_turn
 from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, TreeWork, WorldWork
 from .bodies import body_at
-from .fluid import resistance
+from .drag import resistance
 from .trees import turn_by
 
 

@@ -21,7 +21,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
 from .closures import make_closures
-from .fluid import resistance
+from .drag import resistance
 from .launch import KERNEL, absent, uncollected
 from .loops import make_loops
 from .trees import is_linked
@@ -124,7 +124,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
                 (model.mass[body] * inv_h2) * wp.spatial_top(lacking),
                 inv_h2 * (work.inertia[body] * wp.spatial_bottom(lacking)),
             )
-            if wp.static(effects.fluid):
+            if wp.static(effects.drag):
                 wrench += resistance(work.drag[body], lacking / step)
             if wp.static(effects.cables):
                 wrench -= tree.cables.wrench[body]

@@ -730,7 +730,7 @@ def make_phases(effects: Effects) -> Phases:
                     i, body_q, model, joints, worlds, work, rows, tree, loops, islands, history
                 )
             body_q_out[body] = pose
-        if wp.static(effects.gyroscopic and effects.pairs and not effects.fluid):
+        if wp.static(effects.gyroscopic and effects.pairs and not effects.drag):
             if has_islands:
                 is_led = bool(False)
                 if wp.static(effects.second_order):

@@ -15,7 +15,7 @@ from ..data import (
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
-from .fluid import resistance
+from .drag import resistance
 
 
 class RampedFunctions(NamedTuple):
@@ -41,7 +41,7 @@ def make_ramped(effects: Effects) -> RampedFunctions:
         h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2))
         h_al = wp.mat33(0.0)
         h_aa = work.inertia[body] * inv_h2
-        if wp.static(effects.fluid):
+        if wp.static(effects.drag):
             slowed = resistance(work.drag[body], away / h)
             f += wp.spatial_top(slowed)
             tau += wp.spatial_bottom(slowed)

@@ -47,7 +47,7 @@ from ..rows.joint import BALL, DISTANCE, make_joint
 from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
-from .fluid import feel_fluid
+from .drag import make_feel_drag
 from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
@@ -355,6 +355,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     joint_functions = make_joint(effects.kinds)
     is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
     known_angles = joint_functions.known_angles
+    feel_drag = make_feel_drag(effects)
 
     @wp.func
     def body_jumps(
@@ -477,7 +478,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         loops: wp.ref[LoopWork],
     ) -> bool:
         """Whether nothing holds a body in a step, not even a contact that its parabola nears."""
-        if wp.static(effects.fluid or effects.cables or effects.tendons):
+        if wp.static(effects.drag or effects.cables or effects.tendons):
             return False
         if wp.static(effects.joints):
             if is_in_tree(i, worlds, tree):
@@ -614,7 +615,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         if wp.static(effects.gyroscopic):
             # of the start, and all that the external torque gives
             momentum = work.momentum[body]
-            if wp.static(effects.fluid):
+            if wp.static(effects.drag):
                 momentum = spin_momentum(model, body, rotation, velocity)
                 momentum += step * wp.spatial_bottom(wrench)
             momentum += lead(scale, last.torque, last.spun)
@@ -631,8 +632,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
         work.target[body] = ahead + wp.spatial_vector(dx, dtheta)
-        if wp.static(effects.fluid):
-            feel_fluid(body, end, velocity, ahead, step, model, work)
+        if wp.static(effects.drag):
+            feel_drag(body, end, velocity, ahead, step, model, work)
         target = work.target[body]
         coasting = ahead + step * v
         work.lead[body] = ahead

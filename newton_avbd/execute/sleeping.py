@@ -29,6 +29,7 @@ from ..data import (
 )
 from ..effects import Effects
 from .bodies import make_wrench, unit_pose
+from .body_actuators import asked_of
 from .contacts import FAR, anchor_distance, body_arm, body_slot, point_on
 from .islands import begin_island, disturb, island_of, unite
 from .launch import KERNEL, uncollected
@@ -124,6 +125,8 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
     ):
         """Passes on a body that goes on sleeping, and looks at any other."""
         wrench = external_wrench(model, body, body_f, control)
+        if wp.static(effects.servos):
+            wrench[0] += asked_of(body, model)
         if worlds.island[body] >= 0:
             pose = body_q[body]
             velocity = body_qd[body]

@@ -1215,7 +1215,7 @@ def make_trees(
         h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2)) + tree.h_ll[body]
         h_al = tree.h_al[body]
         h_aa = work.inertia[body] * inv_h2 + tree.h_aa[body]
-        if wp.static(effects.fluid):
+        if wp.static(effects.drag):
             h_ll += work.drag[body].ll / h
             h_al += work.drag[body].al / h
             h_aa += work.drag[body].aa / h

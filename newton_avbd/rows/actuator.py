@@ -99,8 +99,17 @@ def next_activation(
 
 @wp.func
 def control_of(actuators: wp.ref[ActuatorModel], row: int, ctrl: wp.array[float]) -> float:
-    """Control of an actuator within its range."""
+    """Control of an actuator within its range; says once of one that is not finite which it is."""
     control = ctrl[row]
+    is_sound = wp.isfinite(control)
+    if not is_sound and not actuators.is_reported[row]:
+        wp.printf(
+            "SolverAVBD: control.mujoco.ctrl[%d] is not finite, and its world is held still while "
+            "that lasts; write a finite number\n",
+            row,
+        )
+    if is_sound == actuators.is_reported[row]:
+        actuators.is_reported[row] = not is_sound
     if (actuators.limits[row] & LIMITS_CONTROL) != 0:
         most = actuators.ctrlrange[row]
         # of numbers that are not finite clamping would make some that are

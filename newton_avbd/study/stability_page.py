@@ -4,9 +4,11 @@
 """The outcomes of hard cases as lines on a terminal and as an HTML page with pictures."""
 
 import html
+import json
 import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from newton_avbd.study.hard_case import Case, Outcome
 from newton_avbd.study.hard_cases import CASES, GROUPS
@@ -72,7 +74,8 @@ def quantity(number: float, unit: str) -> str:
 
 
 def write_page(outcomes: Sequence[Outcome], folder: Path) -> Path:
-    """Write ``index.html`` and a picture for each case into a folder; return the page's path.
+    """Write ``index.html``, a picture for each case and ``outcomes.json`` into a folder; return the
+    page's path.
 
     Raises:
         OSError: A file cannot be written.
@@ -93,7 +96,28 @@ def write_page(outcomes: Sequence[Outcome], folder: Path) -> Path:
             parts.append(_section(CASES[name], found))
     page = folder / "index.html"
     page.write_text("\n".join(parts) + "</html>\n", encoding="utf-8")
+    numbers = json.dumps([as_json(outcome) for outcome in outcomes], indent=1)
+    (folder / "outcomes.json").write_text(numbers + "\n", encoding="utf-8")
     return page
+
+
+def as_json(outcome: Outcome) -> dict[str, Any]:
+    """The numbers of an outcome in SI units, each with its bound; None for what is not finite."""
+    bounds = CASES[outcome.case].bounds
+    numbers: dict[str, Any] = {}
+    for name in QUANTITIES:
+        number, bound = getattr(outcome, name), getattr(bounds, name)
+        if number is not None:
+            is_finite = math.isfinite(number)
+            numbers[name] = {"value": float(f"{number:.3g}") if is_finite else None, "bound": bound}
+    time = outcome.milliseconds
+    return {
+        "case": outcome.case,
+        "solver": outcome.solver,
+        "failures": outcome.failures(bounds),
+        "milliseconds": float(f"{time:.3g}") if math.isfinite(time) else None,
+        **numbers,
+    }
 
 
 def draw(case: Case, outcomes: Sequence[Outcome], path: Path) -> None:
