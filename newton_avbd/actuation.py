@@ -17,6 +17,7 @@ from .actuators import (
     reflected_armature,
 )
 from .execute import actuation as kernels
+from .execute import adhesion
 from .execute import body_actuators as pushes
 from .execute.launch import Launcher
 from .inertia import mobility_along, reference_mobility, reference_moments
@@ -70,7 +71,8 @@ class Actuation:
         bodies = found.bodies if "body_actuators" in wanted else {}
         cords = topology.tendons
         pulling = found.tendons if cords else {}
-        self.rows = sorted({*axes, *bodies, *pulling})
+        adhesive = found.adhesive if "adhesion" in wanted else {}
+        self.rows = sorted({*axes, *bodies, *pulling, *adhesive})
         self.control_count = len(found.labels)
         with wp.ScopedDevice(model.device):
             self.law = data.ActuatorModel()
@@ -98,13 +100,33 @@ class Actuation:
             self._compensation = wp.empty(0, dtype=float)
             if "gravity_compensation" in wanted:
                 self._compensation = model.mujoco.gravcomp
-            self.pushes_links = bool(bodies) or "gravity_compensation" in wanted
+            self._adhesion = data.Adhesion()
+            if adhesive:
+                self._adhesion.row = indices(np.array(list(adhesive)))
+                self._adhesion.link = indices(np.array(list(adhesive.values())))
+                self._adhesion.force = wp.zeros(len(adhesive), dtype=float)
+            self.pushes_links = bool(bodies or adhesive) or "gravity_compensation" in wanted
             self._pushed = wp.zeros(
                 model.body_count if self.pushes_links else 0, dtype=wp.spatial_vector
             )
 
-    def launch(self, launch: Launcher, state: Any, ctrl: wp.array | None, dt: float) -> wp.array:
-        """What actuators push axes and links with in a step; returns the wrenches on links."""
+    def launch(
+        self,
+        launch: Launcher,
+        state: Any,
+        ctrl: wp.array | None,
+        contacts: Any,
+        dt: float,
+    ) -> wp.array:
+        """What actuators push axes and links with in a step; returns the wrenches on links.
+
+        Args:
+            launch: Launches kernels.
+            state: State at the start of the step.
+            ctrl: Controls of actuators; None without any.
+            contacts: The contacts that adhesion sees, a :class:`.data.ContactInput`; None for none.
+            dt: Time step [s].
+        """
         model = self._model
         if self._is_measured:
             self._all_joints.measure(launch, state, self._joint_q, self._joint_qd)
@@ -149,6 +171,12 @@ class Actuation:
                 *(self.bodies, self.link_start, self.items, self._pushed),
             ],
         )
+        if self._adhesion.row is not None and contacts is not None:
+            touching = [model.shape_body, state.body_q, contacts]
+            given = [self.law, *touching, ctrl, dt, self._adhesion]
+            launch(adhesion.share_adhesion, self._adhesion.row.size, given)
+            given = [model.shape_body, model.body_com, *touching[1:], self._adhesion, self._pushed]
+            launch(adhesion.adhere, model.body_count, given)
         return self._pushed
 
     def reset(self, launch: Launcher, mask: wp.array) -> None:

@@ -22,13 +22,15 @@ from .tendons import tendon_count, tendons
 _TRANSMISSION = SolverMuJoCo.TrnType
 _PUSHING = (
     *(_TRANSMISSION.JOINT, _TRANSMISSION.JOINT_IN_PARENT, _TRANSMISSION.SLIDERCRANK),
-    *(_TRANSMISSION.TENDON, _TRANSMISSION.SITE),
+    *(_TRANSMISSION.TENDON, _TRANSMISSION.SITE, _TRANSMISSION.BODY),
 )
 """Transmissions that push something here."""
 _CTRL_DIRECT = int(SolverMuJoCo.CtrlSource.CTRL_DIRECT)
 """An actuator with an input of its own, not the target of a joint."""
 _BALL, _FREE = int(newton.JointType.BALL), int(newton.JointType.FREE)
-ACTING = ("actuators", "tendons", "body_actuators", "servos", "gravity_compensation")
+ACTING = (
+    *("actuators", "tendons", "body_actuators", "servos", "adhesion", "gravity_compensation"),
+)
 """Effects of what acts before a step."""
 _AUTO = 2
 """A limit that holds where a range is given."""
@@ -65,6 +67,8 @@ class Actuators:
     link that gets the reaction with a frame on it."""
     tendons: dict[int, int] = field(default_factory=dict)
     """Tendon of those that pull one."""
+    adhesive: dict[int, int] = field(default_factory=dict)
+    """Link of those that pull one towards what it touches."""
     left: dict[int, str] = field(default_factory=dict)
     """Why those do nothing that do nothing."""
 
@@ -104,6 +108,8 @@ class Actuators:
                     found.tendons[row] = target
                 else:
                     found.left[row] = "the tendon that it pulls does not act"
+            elif kind == _TRANSMISSION.BODY and target >= 0:
+                found.adhesive[row] = target
             elif target < 0:
                 found.left[row] = "its target does not exist"
             else:
@@ -193,10 +199,14 @@ class Actuators:
 def _unknown_law(model: newton.Model, row: int) -> str:
     """Why the solver does not know what an actuator does; empty where it does."""
     mujoco: Any = model.mujoco
-    for name, known in (("dyn", _DYNAMICS), ("gain", _LAWS), ("bias", _LAWS)):
+    for name, what, known in (
+        ("dyn", "dynamics", _DYNAMICS),
+        ("gain", "gain", _LAWS),
+        ("bias", "bias", _LAWS),
+    ):
         kind = int(getattr(mujoco, f"actuator_{name}type").numpy()[row])
         if kind not in known:
-            return f"its {name}type {kind} is a PID's, SO3's, the user's, or unknown"
+            return f"its {what} ({name}type {kind}) is a PID's, SO3's, the user's, or unknown"
     return ""
 
 
@@ -216,6 +226,7 @@ def _target(model: newton.Model, row: int, kind: int) -> tuple[int, int]:
         _TRANSMISSION.TENDON: tendon_count(model),
         _TRANSMISSION.SITE: model.shape_count,
         _TRANSMISSION.SLIDERCRANK: model.shape_count,
+        _TRANSMISSION.BODY: model.body_count,
     }
     if kind == _TRANSMISSION.SITE and label in model.shape_label:
         first = model.shape_label.index(label)

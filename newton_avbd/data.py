@@ -451,6 +451,17 @@ class BodyActuation:
 
 
 @wp.struct
+class Adhesion:
+    """Actuators that pull a body towards what it touches."""
+
+    row: wp.array[wp.int32]
+    link: wp.array[wp.int32]
+    """The body's link."""
+    force: wp.array[float]
+    """Of each of its contacts in the step [N]."""
+
+
+@wp.struct
 class ControlInput:
     """What drives the joints in the step."""
 

@@ -180,6 +180,11 @@ CAUSES: dict[str, Cause] = {
         "that a MuJoCo actuator pushes at a site, or along a BALL or FREE joint",
         "execute/body_actuators.py",
     ),
+    "adhesion": Cause(
+        "body",
+        "that a MuJoCo actuator pulls towards what it touches (adhesion)",
+        "execute/adhesion.py",
+    ),
     "servos": Cause(
         "body",
         "that such an actuator pushes against the world, and by how the body moves",
@@ -199,7 +204,7 @@ CAUSES: dict[str, Cause] = {
 _IMPLIED: dict[str, tuple[str, ...]] = {
     "contact": (
         *("pairs", "piles", "friction", "angular_friction", "put_bodies", "restitution", "ramp"),
-        *("light_links", "condim", "contact_pairs"),
+        *("light_links", "condim", "contact_pairs", "adhesion"),
     ),
     "friction": ("put_bodies",),
     "condim": ("contact_pairs",),
@@ -267,6 +272,8 @@ class Effects:
     """A body whose weight is compensated."""
     body_actuators: bool = False
     """An actuator of MuJoCo's that pushes bodies."""
+    adhesion: bool = False
+    """One that pulls a body towards what it touches."""
     servos: bool = False
     """One that pushes against the world, by how its body moves."""
     limits: bool = False
@@ -415,6 +422,7 @@ class Effects:
             "body_actuators": _bodies_of(
                 model, np.array([link for _, link, *_ in actuators.bodies.values()], dtype=int)
             ),
+            "adhesion": _bodies_of(model, np.array(list(actuators.adhesive.values()))),
             "servos": _bodies_of(model, np.array(list(actuators.servos(user_model).values()))),
             "effort_limits": axes.joints(
                 ((driven | actuated) & axes.limited("joint_effort_limit", -1.0)) | ranged

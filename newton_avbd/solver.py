@@ -334,7 +334,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
-        start = self._actuate(state_in, control, dt)
+        start = self._actuate(state_in, control, contacts, dt)
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
@@ -383,13 +383,18 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 wp.copy(copy, actuator_forces[0])
 
     def _actuate(
-        self, state_in: newton.State, control: newton.Control | None, dt: float
+        self,
+        state_in: newton.State,
+        control: newton.Control | None,
+        contacts: newton.Contacts | None,
+        dt: float,
     ) -> newton.State | BodyState:
         """State with what actuators and gravity compensation add to the wrenches on bodies."""
         if self._actuation is None:
             return state_in
         ctrl = self._actuator_control(control)
-        body_f = self._actuation.launch(self._launch, state_in, ctrl, dt)
+        source = None if contacts is None else self._contact_input(contacts)
+        body_f = self._actuation.launch(self._launch, state_in, ctrl, source, dt)
         return BodyState(state_in.body_q, state_in.body_qd, body_f)
 
     def _gather_bodies(

@@ -78,7 +78,8 @@ VARIANTS = {
         JOINTED,
         "flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
-        "gravity_compensation body_actuators servos spatial_tendons cables equalities force_ranges",
+        "gravity_compensation body_actuators servos adhesion spatial_tendons cables equalities "
+        "force_ranges",
     ),
     "compliant articulations": with_all(JOINTED, "compliance limit_impedance"),
 }

@@ -448,6 +448,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "tendons",
             "spatial_tendons",
             "body_actuators",
+            "adhesion",
             "cables",
             "condim",
             "contact_pairs",

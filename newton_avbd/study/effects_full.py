@@ -98,6 +98,9 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.add_tendon([guide(body=-1, offset=(0.0, 0.0, 3.0)), guide(body=links[0])])
     sites = [mujoco.TendonWrapSite(builder.add_site(link)) for link in (links[0], links[3])]
     mujoco.add_tendon_spatial(builder, sites, stiffness=1.0)
+    held = {"biastype": "affine", "biasprm": (0.0, 0.0, -1.0)}
+    mujoco.add_actuator_general(builder, target.site(sites[0].site), **held)
+    mujoco.add_actuator_general(builder, target.body(links[8]))
     # these close loops: within a tree, and from a body that so hangs from its child
     builder.add_joint_ball(**ends(-1, links[6]), child_xform=_at(-3.0, 0.0, 0.0))
     builder.add_joint_revolute(**ends(links[7], links[8]))

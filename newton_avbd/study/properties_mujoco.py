@@ -251,8 +251,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
         "",
     ),
     "actuator_trn*": (
-        "acts at joints, tendons, sites and slider-cranks; BODY (adhesion) is left out with a "
-        "warning",
+        "acts at joints, tendons, sites, slider-cranks and bodies (adhesion)",
         "tests",
     ),
     "actuator_gaintype": ("acts; SO3, PID and user are left out with a warning", "tests"),
