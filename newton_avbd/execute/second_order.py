@@ -208,6 +208,25 @@ def is_resolved(
 
 
 @wp.func
+def is_stopped(
+    body: int,
+    began: wp.spatial_vector,
+    velocity: wp.spatial_vector,
+    scale: WorldScale,
+    model: wp.ref[BodyModel],
+    work: wp.ref[BodyWork],
+) -> bool:
+    """Whether something has taken much of a body's velocity in a step, and does not go on so."""
+    mass, inertia = model.mass[body], work.inertia[body]
+    fall = RESOLVED * scale.gravity * scale.h
+    energy = energy_of(mass, inertia, began)
+    if energy_of(mass, inertia, velocity) >= energy:
+        return False
+    change = energy_of(mass, inertia, velocity - began)
+    return change > RESOLVED * RESOLVED * energy + mass * fall * fall
+
+
+@wp.func
 def is_continued(
     body: int,
     body_q: wp.array[wp.transform],
@@ -828,6 +847,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             given = wp.spatial_vector(wp.spatial_top(given), spin)
         change_v = velocity - began - scale.h * given
         pushed = (change_v - lead(scale, last.acceleration, last.gain)) / scale.step
+        if scale.step == scale.h and is_stopped(body, began, velocity, scale, model, work):
+            history.smooth[world] = JUMPED
         # a step after one of second order may be as little resolved as that one
         if scale.step < scale.h or follows_second_order(scale):
             if not is_resolved(body, velocity, pushed - last.acceleration, scale, model, work):

@@ -68,8 +68,8 @@ class Start:
 def bare(builder: newton.ModelBuilder) -> newton.ModelBuilder:
     """Take from an imported robot what does work, or hides what the solver does.
 
-    Drives, passive springs and dampers are off; armature and friction stay. Shapes of the world do
-    not collide. Pairs of shapes that overlap in the first pose are filtered.
+    Drives, actuators, passive springs and dampers are off; armature and friction stay. Shapes of
+    the world do not collide. Pairs of shapes that overlap in the first pose are filtered.
     """
     stand(builder)
     for dof in range(builder.joint_dof_count):
@@ -81,6 +81,9 @@ def bare(builder: newton.ModelBuilder) -> newton.ModelBuilder:
             builder.joint_damping,
         ):
             values[dof] = 0.0
+    gear = builder.custom_attributes.get("mujoco:actuator_gear")
+    if gear is not None and gear.values:
+        gear.values = [type(value)(0.0) for value in gear.values]
     for shape, body in enumerate(builder.shape_body):
         if body < 0:
             builder.shape_flags[shape] &= ~int(newton.ShapeFlags.COLLIDE_SHAPES)
