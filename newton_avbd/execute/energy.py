@@ -235,7 +235,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     angular_count = joint_functions.angular_count
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
     is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
-    known_angles = joint_functions.known_angles
+    known_angles, angles = joint_functions.known_angles, joint_functions.angles
     join_cluster = make_join(join_islands)
     join_tendons = make_join_tendons(join_islands) if effects.tendons else absent
 
@@ -368,11 +368,25 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             if joints.type[joint] == BALL:
                 rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
         linear = linear_count(joints, joint)
+        bent = wp.vec3(0.0)
+        if wp.static(effects.rods):
+            if joints.type[joint] == ROD:
+                # how far sweeps have bent it counts along the axes of the start
+                bent = angles(joints, joint, q_p, q_c, wp.vec3(0.0), False)
         for dof in range(linear + angular_count(joints, joint)):
             index = joints.dof_start[joint] + dof
             moved = float(0.0)
+            q = wp.float64(0.0)
             if wp.static(effects.coordinates):
-                moved = wp.float32(coordinate[first + dof] - start_coordinate[first + dof])
+                q = coordinate[first + dof]
+                if wp.static(effects.rods):
+                    if joints.type[joint] == ROD and dof >= linear:
+                        q = wp.float64(bent[dof - linear])
+                begun = start_coordinate[first + dof]
+                if wp.static(effects.second_order):
+                    # steps of second order start ahead
+                    begun = history.coordinate[index].start
+                moved = wp.float32(q - begun)
             if joints.type[joint] != ROD and control.joint_f[index] != 0.0:
                 along = float(moved)
                 if dof < linear:
@@ -382,7 +396,6 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     along = wp.dot(axis, turn)
                 out.before += control.joint_f[index] * along
             if wp.static(effects.coordinates):
-                q = coordinate[first + dof]
                 out.before += axis_work(
                     joint,
                     dof,
