@@ -612,8 +612,6 @@ class SolverArrays:
             check_array(f"control.{name}", getattr(source, name), count, self.device)
         self._control_arrays = arrays
         self._control = data.ControlInput()
-        if self.settings.second_order:
-            self._control.drive_ahead = self._history.drive_ahead
         if self._actuation is not None:
             self._control.pushes = self._actuation.pushes
             self._control.ranged = self._actuation.ranged

@@ -138,7 +138,6 @@ def history(model: newton.Model, second_order: bool, is_linked: bool) -> Any:
         history.rate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
         driven = model.joint_dof_count if is_linked else 0
         history.input = wp.zeros(driven, dtype=data.AxisInput)
-        history.drive_ahead = wp.zeros(driven, dtype=float)
     return history
 
 

@@ -476,8 +476,6 @@ class ControlInput:
     """Drive target, in the layout of the joint coordinates [m or rad]."""
     target_qd: wp.array[float]
     """Drive target velocity [m/s or rad/s]."""
-    drive_ahead: wp.array[float]
-    """That of :class:`History`."""
 
 
 @wp.struct
@@ -1037,10 +1035,12 @@ class AxisInput:
     """Of the drive [m or rad]."""
     speed: float
     """Target velocity of the drive [m/s or rad/s]."""
+    bound_push: float
+    """What limited actuators pushed with, whatever the motion [N or N m]."""
+    bound_force: float
+    """What drive and limited actuators would have pushed with, had they no limit [N or N m]."""
     ahead: wp.vec2
-    """How much more than ``push`` the step counted, and its slope [N or N m]."""
-    drive_ahead: wp.vec2
-    """Likewise of the drive."""
+    """How much more than all that the step counted, and its slope [N or N m]."""
     share: float
     """Share of the inertia in what resisted along the axis."""
     mobility: float
@@ -1513,9 +1513,6 @@ class History:
     """Second order: each degree of freedom [m or rad]."""
     input: wp.array[AxisInput]
     """Second order: what a controller pushed each degree of freedom with."""
-    drive_ahead: wp.array[float]
-    """Second order: how much more than that of its target the step counts of the force of each
-    drive [N or N m]."""
     rate: wp.array[AxisMotion]
     """Second order: its velocity [m/s or rad/s], with the lag."""
     dahl_sigma: wp.array[wp.vec3]

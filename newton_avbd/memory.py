@@ -30,7 +30,6 @@ _OWNERS: dict[str, str] = {
     "history.coordinate": "second_order",
     "history.rate": "second_order",
     "history.input": "second_order",
-    "history.drive_ahead": "second_order",
     "history.smooth": "second_order",
     "history.slope_age": "second_order",
     "sleep": "sleeping",

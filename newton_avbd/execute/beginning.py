@@ -98,9 +98,9 @@ def make_begin(
     measure_start, measure_guess = trees.measure_start, trees.measure_guess
     measure_velocity = trees.measure_velocity
     begin_loop = loop_functions.begin_loop
-    begin_inputs, _ahead_along, _keep_share = make_inputs(effects)
-    is_driven = effects.drives or effects.pushed_axes
-    may_be_exact = is_driven and not effects.cables and not effects.tendons
+    begin_inputs, resists_everywhere = make_inputs(effects)[:2]
+    may_be_exact = effects.second_order and (effects.drives or effects.pushed_axes)
+    may_be_exact = may_be_exact and not effects.cables and not effects.tendons
 
     @wp.func
     def begin_armature(
@@ -215,7 +215,7 @@ def make_begin(
                     if wp.static(effects.loops):
                         is_free = is_free and not has_outer_loops(body_at(k, worlds), loops)
             if wp.static(effects.second_order):
-                # a taut rope, which nothing drives, is no such tree
+                # a taut rope, which nothing drives, is no such tree: see below
                 is_exact = is_free and not is_closed
                 if wp.static(not may_be_exact):
                     is_exact = False
@@ -236,6 +236,7 @@ def make_begin(
                         turn = wp.spatial_bottom(work.target[body])
                         tree.update[body] = wp.spatial_vector(shift, turn)
         given = float(0.0)
+        is_driven = bool(True)
         for i in range(first, end):
             body = body_at(i, worlds)
             radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
@@ -243,6 +244,8 @@ def make_begin(
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 given += begin_inputs(joint, scale, joints, control, history)
+                if wp.static(may_be_exact):
+                    is_driven = is_driven and resists_everywhere(joint, joints, history)
                 if measure_start(body, scale, body_q, model, joints, work, tree, history):
                     is_open = True
                 if wp.static(effects.axis_rates):
@@ -261,9 +264,12 @@ def make_begin(
                     k = int(i)
                     while k >= first and worlds.block_end[k] == i + 1:
                         other = body_at(k, worlds)
+                        if not is_driven:
+                            work.input_energy[other] = 0.0
                         work.input_energy[other] = work.input_energy[other] + given
                         k -= 1
                     given = 0.0
+                    is_driven = True
         return is_open
 
     @wp.func

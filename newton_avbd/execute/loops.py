@@ -241,7 +241,7 @@ class LoopFunctions:
 
 def make_loops(effects: Effects) -> LoopFunctions:
     """Device functions: how a joint stands, its wrench on its child, its share of a block."""
-    _begin_inputs, ahead_along, keep_share = make_inputs(effects)
+    ahead_along, keep_input = make_inputs(effects)[2:]
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
@@ -455,14 +455,17 @@ def make_loops(effects: Effects) -> LoopFunctions:
         force += ahead_along(index, history)
         inertia = wp.where(dof < linear_count(joints, joint), loops.k_l[i], loops.k_a[i])
         inertia /= wp.static(PENALTY)
-        keep_share(index, inertia, inertia / (inertia + stiffness), 1.0 / (h * h), history)
+        bound_force = float(0.0)
         if wp.static(effects.effort_limits):
             pull, k, least, most = limited_drive(
                 joints, control, joint, dof, q, moved, turn_away, h
             )
+            bound_force = pull
             force += wp.clamp(pull, least, most)
             if pull > least and pull < most:
                 stiffness += k
+        share = inertia / (inertia + stiffness)
+        keep_input(index, inertia, share, bound_force, 1.0 / (h * h), history)
         if wp.static(effects.joint_friction or effects.stops):
             is_linear = dof < linear_count(joints, joint)
             penalty = wp.where(is_linear, loops.k_l[i], loops.k_a[i])

@@ -198,8 +198,8 @@ def is_resolved(
     """Whether steps are short beside the time in which what holds a body changes.
 
     What its acceleration changes in a step counts by the kinetic energy that it gives in one,
-    beyond what changes of a controller's forces give. For a tree with drives that nothing else
-    holds steps are always short enough: what changes fast there are the drives.
+    beyond what changes of a controller's forces give. For a tree with drives along all axes that
+    nothing else holds steps are always short enough: what changes fast there are the drives.
     """
     mass, inertia = model.mass[body], work.inertia[body]
     fall = RESOLVED * scale.gravity * scale.h

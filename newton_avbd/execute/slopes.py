@@ -18,7 +18,7 @@ import warp as wp
 
 from ..data import AxisMotion, ControlInput, History, JointModel, WorldScale
 from ..effects import Effects
-from ..rows.axis import drive_change
+from ..rows.axis import drive_change, most_effort
 from ..rows.joint import BALL
 
 UNRESOLVED = wp.constant(-8)
@@ -33,6 +33,9 @@ LASTING = wp.constant(4)
 left, velocities along chords and not along what constraints allow, is gone at once."""
 QUIET_WORLD = wp.constant(9)
 """Of a world: no velocity of what is held has changed."""
+
+FREE_SHARE = wp.constant(0.99)
+"""Share of the inertia in what resists along an axis from which the axis counts as not driven."""
 
 RHO = 0.5
 """Share that a step leaves of what is infinitely fast; none of the tensions of cables, which would
@@ -138,11 +141,63 @@ def step_ahead(change: float, ahead: wp.vec2, share: float, scale: WorldScale) -
     return wp.vec2(now, next_slope(scale, led + scale.step * now, slope))
 
 
-def make_inputs(effects: Effects) -> tuple[wp.Function, wp.Function, wp.Function]:
+def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
     """Device functions: what a controller pushes along the axes of a joint, in second order.
 
-    That is ``joint_f``, what actuators push with whatever the motion is, and the targets of drives.
+    That is ``joint_f``, what actuators push with whatever the motion is, and the targets of drives,
+    within their limits. (Of actuators that share an axis, and have force ranges of their own, it is
+    nothing.)
     """
+    acts_within = effects.drives or (effects.pushed_axes and effects.effort_limits)
+
+    @wp.func
+    def change_within(
+        joint: int,
+        dof: int,
+        scale: WorldScale,
+        joints: wp.ref[JointModel],
+        control: wp.ref[ControlInput],
+        history: wp.ref[History],
+    ) -> float:
+        """By how much targets and limited actuators change a force since the last step [N or N m].
+
+        A force at its limit has no stiffness, and one that has left it has its own again.
+        """
+        last = history.input[dof]
+        change = float(0.0)
+        resists = float(0.0)
+        if wp.static(effects.drives):
+            target = float(0.0)
+            if joints.type[joint] != BALL:
+                first = joints.dof_start[joint]
+                target = control.target_q[joints.coord_start[joint] + dof - first]
+            speed = control.target_qd[dof]
+            change = drive_change(joints, dof, target - last.target, speed - last.speed)
+            resists = scale.h * (scale.h * joints.target_ke[dof] + joints.target_kd[dof])
+            history.input[dof].target = target
+            history.input[dof].speed = speed
+        if wp.static(effects.effort_limits):
+            most = most_effort(joints, dof)
+            least = -most
+            if wp.static(effects.pushed_axes):
+                push = control.pushes[dof]
+                change += push.drive - last.bound_push
+                resists += scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
+                history.input[dof].bound_push = push.drive
+                least = wp.max(least, push.least)
+                most = wp.min(most, push.most)
+                if push.count > 0:
+                    return 0.0
+            before = wp.clamp(last.bound_force, least, most)
+            after = wp.clamp(last.bound_force + change, least, most)
+            if last.share > 0.0:
+                if after != last.bound_force + change:
+                    history.input[dof].share = 1.0
+                elif before != last.bound_force:
+                    free = 1.0 / (1.0 + last.mobility * resists)
+                    history.input[dof].share = wp.min(last.share, free)
+            change = after - before
+        return change
 
     @wp.func
     def begin_inputs(
@@ -162,36 +217,45 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, wp.Function, wp.Function
                 if wp.static(effects.pushed_axes):
                     push += control.pushes[dof].force
                 jump = push - last.push
-                ahead = step_ahead(jump, last.ahead, last.share, scale)
+                if wp.static(acts_within):
+                    jump += change_within(joint, dof, scale, joints, control, history)
+                share = history.input[dof].share
                 history.input[dof].push = push
-                history.input[dof].ahead = ahead
-                if wp.static(effects.drives):
-                    target = float(0.0)
-                    if joints.type[joint] != BALL:
-                        target = control.target_q[joints.coord_start[joint] + dof - first]
-                    speed = control.target_qd[dof]
-                    change = drive_change(joints, dof, target - last.target, speed - last.speed)
-                    jump += change
-                    ahead = step_ahead(change, last.drive_ahead, last.share, scale)
-                    history.input[dof].target = target
-                    history.input[dof].speed = speed
-                    history.input[dof].drive_ahead = ahead
-                    history.drive_ahead[dof] = ahead[0]
+                history.input[dof].ahead = step_ahead(jump, last.ahead, share, scale)
                 given += last.mobility * jump * jump
         return scale.h * scale.h * given
 
     @wp.func
+    def resists_everywhere(
+        joint: int, joints: wp.ref[JointModel], history: wp.ref[History]
+    ) -> bool:
+        """Whether drives resist motion along all axes of a joint, beside their inertia."""
+        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            if history.input[dof].share > FREE_SHARE:
+                return False
+        return True
+
+    @wp.func
     def ahead_along(dof: int, history: wp.ref[History]) -> float:
-        """How much more than ``joint_f`` and actuators the step counts [N or N m]."""
+        """How much more than what the controller pushes with the step counts [N or N m]."""
         if wp.static(effects.second_order):
             return history.input[dof].ahead[0]
         return 0.0
 
     @wp.func
-    def keep_share(dof: int, inertia: float, share: float, inv_h2: float, history: wp.ref[History]):
-        """For the next step: the inertia along the axis by h^2, and its share in what resists."""
+    def keep_input(
+        dof: int,
+        inertia: float,
+        share: float,
+        bound_force: float,
+        inv_h2: float,
+        history: wp.ref[History],
+    ):
+        """For the next step: the inertia along the axis by h^2, its share in what resists, and what
+        has a limit pushed with, if it had none."""
         if wp.static(effects.second_order):
             history.input[dof].share = wp.clamp(share, 0.0, 1.0)
             history.input[dof].mobility = inv_h2 / inertia
+            history.input[dof].bound_force = bound_force
 
-    return begin_inputs, ahead_along, keep_share
+    return begin_inputs, resists_everywhere, ahead_along, keep_input

@@ -498,7 +498,7 @@ def make_trees(
         missed_by_lines: Device function that measures what equality constraints are off by.
         settle_tendons: Device function that measures what tendons are off by.
     """
-    _begin_inputs, ahead_along, keep_share = make_inputs(effects)
+    ahead_along, keep_input = make_inputs(effects)[2:]
     joint_functions = joint_rows.make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
@@ -1496,10 +1496,14 @@ def make_trees(
                 inertia = inert
                 if wp.static(effects.armature):
                     inertia += inv_h2 * joints.armature[index]
-                keep_share(
+                bound_force = float(0.0)
+                if wp.static(effects.effort_limits):
+                    bound_force = tree.laws[k].drive
+                keep_input(
                     index,
                     inertia,
                     wp.where(axis.pivot > 0.0, 0.0, inertia / pivot),
+                    bound_force,
                     inv_h2,
                     history,
                 )

@@ -502,8 +502,6 @@ def make_axis(effects: Effects) -> AxisFunctions:
         if wp.static(effects.drives and not effects.effort_limits):
             away = away_from(control.target_q, joints, joint, dof, q, turn_away)
             pull, k = drive(joints, control, index, away, moved, h)
-            if wp.static(effects.second_order):
-                pull += control.drive_ahead[index]
             force += pull
             stiffness += k
         if wp.static(effects.pushed_axes):
@@ -543,8 +541,6 @@ def make_axis(effects: Effects) -> AxisFunctions:
         if wp.static(effects.drives):
             away = away_from(control.target_q, joints, joint, dof, q, turn_away)
             pull, stiffness = drive(joints, control, index, away, moved, h)
-            if wp.static(effects.second_order):
-                pull += control.drive_ahead[index]
         most = most_effort(joints, index)
         least = -most
         if wp.static(effects.pushed_axes):
