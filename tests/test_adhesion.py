@@ -14,7 +14,8 @@ MASS, GAIN, MU = 2.0, 50.0, 0.5
 SCENE = """<mujoco><option timestep="0.001"/><worldbody>
   <geom type="box" size="1 1 .1" pos="{ceiling}" friction=".5"/>
   <body name="b"><freejoint/><geom type="box" size=".1 .1 .1" mass="2" friction=".5"/></body>
-  </worldbody><actuator><general body="b" ctrlrange="0 10" gainprm="50"/></actuator></mujoco>""".format
+  </worldbody>
+  <actuator><general body="b" ctrlrange="0 10" gainprm="50"/></actuator></mujoco>""".format
 CEILING, WALL = "0 0 0.2", "1.1 0 0"
 
 

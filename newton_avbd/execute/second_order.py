@@ -278,6 +278,22 @@ def has_impact(body: int, jolt: float, work: wp.ref[BodyWork], rows: wp.ref[RowW
 
 
 @wp.func
+def stops_sliding(
+    body: int, has_drift: bool, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
+) -> bool:
+    """Whether friction of a contact that a body owns, and that slid, turns round or holds."""
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        span = work.com[row.a] - work.com[row.b]
+        u = contact_rows.slip(row, work.coasting[row.a], work.coasting[row.b], span)
+        if has_drift:
+            u += rows.drift[i]
+        if contact_rows.ends_sliding(row, u):
+            return True
+    return False
+
+
+@wp.func
 def lets_go(body: int, rows: wp.ref[RowWork], history: wp.ref[History]) -> bool:
     """Whether a contact of a body that pushed in the last step is gone or about to open."""
     left = int(history.pushing[body])
@@ -396,6 +412,9 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         if wp.static(effects.contact):
             if has_impact(body, JOLT * scale.gravity * scale.h * scale.h, work, rows):
                 return True
+            if wp.static(effects.friction):
+                if stops_sliding(body, wp.static(effects.drift), work, rows):
+                    return True
             if wp.static(effects.compliance):
                 # a compliant row's gap holds its damping by backward Euler
                 if rows.owned_start[body] < rows.owned_end[body]:

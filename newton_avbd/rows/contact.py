@@ -33,6 +33,8 @@ LINK_RELEASE_RATIO = wp.constant(0.1)
 """Likewise of the penalty that a link of a pile has for what is behind it."""
 STRUCK = wp.constant(0.5)
 """Closing to expect that is an impact, as a share of g h^2."""
+SLIDING = wp.constant(0.98)
+"""Share of the most that friction pushes with from which a row slides."""
 RECOVERY = wp.constant(0.5)
 """Share of the penetration beyond the slop that a step removes."""
 
@@ -209,6 +211,22 @@ def slide_on(row: ContactRow, u: wp.vec3, scale: WorldScale) -> ContactRow:
     if f_n > 0.0 and not struck and k_t * wp.length(u - n * u_n) > 2.0 * row.mu * f_n:
         out.k_t = RELEASE_RATIO * k_t
     return out
+
+
+@wp.func
+def ends_sliding(row: ContactRow, u: wp.vec3) -> bool:
+    """Whether a row that slid in the last step pushes otherwise in this one: where the slip u [m]
+    that the motion has goes the way that friction pushes, or is less than what friction stops."""
+    n = row.normal
+    f_n = wp.dot(n, row.force)
+    f_t = row.force - f_n * n
+    most = row.mu * f_n
+    if f_n <= 0.0 or wp.length_sq(f_t) < SLIDING * SLIDING * most * most:
+        return False
+    u_t = u - wp.dot(n, u) * n
+    if wp.dot(f_t, u_t) >= 0.0:
+        return True
+    return row.k_n * wp.length(u_t) < PENALTY * most
 
 
 @wp.func
