@@ -208,25 +208,6 @@ def is_resolved(
 
 
 @wp.func
-def is_stopped(
-    body: int,
-    began: wp.spatial_vector,
-    velocity: wp.spatial_vector,
-    scale: WorldScale,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-) -> bool:
-    """Whether something has taken much of a body's velocity in a step, and does not go on so."""
-    mass, inertia = model.mass[body], work.inertia[body]
-    fall = RESOLVED * scale.gravity * scale.h
-    energy = energy_of(mass, inertia, began)
-    if energy_of(mass, inertia, velocity) >= energy:
-        return False
-    change = energy_of(mass, inertia, velocity - began)
-    return change > RESOLVED * RESOLVED * energy + mass * fall * fall
-
-
-@wp.func
 def is_continued(
     body: int,
     body_q: wp.array[wp.transform],
@@ -430,6 +411,15 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     angles = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
                     if is_led(joints, joint, angles):
                         return True
+        if wp.static(effects.joints and effects.joint_friction):
+            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+                joint = tree.joint[body]
+                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+                    stopped = joints.friction[dof] * history.input[dof].mobility * scale.h
+                    if history.piece[dof][2] != 0:
+                        # friction stops in this step what slips
+                        if wp.abs(history.coordinate[dof].rate) < stopped:
+                            return True
         if wp.static(effects.joints and effects.hard_limits):
             if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
@@ -780,7 +770,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     last = history.coordinate[dof].slip
                     if slip != last:
                         history.coordinate[dof].slip = slip
-                        result = result or last != 0
+                        # in the first step it may have stopped what moved
+                        result = result or last != 0 or joints.friction[dof] > 0.0
         return result
 
     @wp.func
@@ -866,8 +857,6 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             given = wp.spatial_vector(wp.spatial_top(given), spin)
         change_v = velocity - began - scale.h * given
         pushed = (change_v - lead(scale, last.acceleration, last.gain)) / scale.step
-        if scale.step == scale.h and is_stopped(body, began, velocity, scale, model, work):
-            history.smooth[world] = JUMPED
         # a step after one of second order may be as little resolved as that one
         if scale.step < scale.h or follows_second_order(scale):
             if not is_resolved(body, velocity, pushed - last.acceleration, scale, model, work):

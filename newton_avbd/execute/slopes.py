@@ -221,8 +221,10 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
                     jump += change_within(joint, dof, scale, joints, control, history)
                 share = history.input[dof].share
                 history.input[dof].push = push
-                history.input[dof].ahead = step_ahead(jump, last.ahead, share, scale)
-                given += last.mobility * jump * jump
+                ahead = step_ahead(jump, last.ahead, share, scale)
+                history.input[dof].ahead = ahead
+                change = jump + ahead[0] - last.ahead[0]
+                given += last.mobility * change * change
         return scale.h * scale.h * given
 
     @wp.func

@@ -60,7 +60,8 @@ All that `SolverMuJoCo.register_custom_attributes` declares, in the namespace `m
 takes all of it. SolverSteel reads equality constraints and refuses those that it does not enforce;
 the other solvers read none of it. *Tried by* names rows above, or says that tests compare with a
 closed form; without an entry nothing moves by it. An attribute that is ignored has its reason. If
-that changes the motion by more than the softness of MuJoCo's constraints, the solver warns. [From MuJoCo](from_mujoco.md) says more."""
+that changes the motion by more than the softness of MuJoCo's constraints, the solver warns.
+[From MuJoCo](from_mujoco.md) says more."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
