@@ -90,6 +90,8 @@ RESOLVED = wp.constant(0.3)
 """Share of its velocity, or of that of a free fall, that a body may gain in a step by how much its
 acceleration has changed since the last one: w^2 h^2 of an oscillation. With 0.5 taut grids stay
 quiet, too; without it they gain energy without end."""
+HELD_BY_STOP = wp.constant(4)
+"""What a stop that holds adds to how friction of an axis pushes: 1 to 3."""
 INPUTS = wp.constant(4.0)
 """How much more than what the forces of a controller change by the acceleration may: twice."""
 MOST_TURN = wp.constant(0.3)
@@ -760,18 +762,23 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     def slips_otherwise(
         body: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork], history: wp.ref[History]
     ) -> bool:
-        """Whether friction of a body's joint pushes otherwise than in the last step, or holds."""
+        """Whether friction of a body's joint pushes otherwise than in the last step, or holds, or a
+        stop of it holds or lets go."""
         result = bool(False)
-        if wp.static(effects.joints and effects.joint_friction):
+        if wp.static(effects.joints and (effects.joint_friction or effects.hard_limits)):
             if is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                     slip = history.piece[dof][2] + 2
+                    if wp.abs(history.piece[dof][0]) == 1:
+                        slip += HELD_BY_STOP
                     last = history.coordinate[dof].slip
                     if slip != last:
                         history.coordinate[dof].slip = slip
                         # in the first step it may have stopped what moved
-                        result = result or last != 0 or joints.friction[dof] > 0.0
+                        if wp.static(effects.joint_friction):
+                            result = result or joints.friction[dof] > 0.0
+                        result = result or last != 0 or slip >= HELD_BY_STOP
         return result
 
     @wp.func
