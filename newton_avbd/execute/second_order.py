@@ -372,6 +372,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     may_be_taut = effects.loops or effects.closures or effects.cables or effects.tendons
     joint_functions = make_joint(effects.kinds)
     is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
+    linear_count = joint_functions.linear_count
     known_angles = joint_functions.known_angles
     feel_drag = make_feel_drag(effects)
 
@@ -414,7 +415,9 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     if is_led(joints, joint, angles):
                         return True
         if wp.static(effects.joints and effects.joint_friction):
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+            # rates are known of steps that were smooth
+            is_known = is_going_on(last_of(world, history))
+            if is_known and work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
                 joint = tree.joint[body]
                 for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
                     stopped = joints.friction[dof] * history.input[dof].mobility * scale.h
@@ -775,9 +778,14 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     last = history.coordinate[dof].slip
                     if slip != last:
                         history.coordinate[dof].slip = slip
-                        # in the first step it may have stopped what moved
                         if wp.static(effects.joint_friction):
-                            result = result or joints.friction[dof] > 0.0
+                            # in the first step it may have stopped what moved
+                            if last == 0 and slip == 2 and joints.friction[dof] > 0.0:
+                                began = history.last[body].velocity
+                                began -= history.last[tree.parent[body]].velocity
+                                linear = linear_count(joints, joint)
+                                if wp.length_sq(wp.spatial_bottom(began)) > 0.0 or linear > 0:
+                                    result = True
                         result = result or last != 0 or slip >= HELD_BY_STOP
         return result
 
