@@ -786,7 +786,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                                 linear = linear_count(joints, joint)
                                 if wp.length_sq(wp.spatial_bottom(began)) > 0.0 or linear > 0:
                                     result = True
-                        result = result or last != 0 or slip >= HELD_BY_STOP
+                        result = result or last != 0
         return result
 
     @wp.func
