@@ -279,3 +279,63 @@ def test_targets_that_jump_act_in_full_in_their_step(
             places.append(sim.pose[0, 0])
         off[scheme] = np.abs(np.array(places) - path).max()
     assert off[ALPHA] < share * off["euler"]
+
+
+@pytest.mark.parametrize("effort", [1.0, 4.0])
+def test_targets_that_jump_act_in_full_within_an_effort_limit(effort: float) -> None:
+    """A drive that is at its limit most of the time, against steps of a 32nd."""
+    targets = np.random.default_rng(0).uniform(-1.0, 1.0, 100)
+
+    def path(scheme: str, parts: int) -> np.ndarray:
+        builder = hinged(arm=0.0, target_ke=20.0, target_kd=1.0, effort_limit=effort)
+        builder.gravity = NO_GRAVITY
+        sim, angles = simulate(builder, dt=1.0 / 240.0 / parts, scheme=scheme), []
+        for target in targets:
+            set_control(sim, joint_target_q=[target])
+            sim.step(parts)
+            angles.append(coordinates(sim)[0][0])
+        return np.array(angles)
+
+    exact = path("euler", 32)
+    off = {scheme: np.abs(path(scheme, 1) - exact).max() for scheme in (ALPHA, "euler")}
+    assert off[ALPHA] < off["euler"]
+
+
+def test_a_drive_in_another_world_gives_a_taut_chain_no_energy() -> None:
+    """300 kg at the end of links of 10 g: what swings faster than steps is stepped by backward
+    Euler, whatever else there is."""
+    chain, driven = newton.ModelBuilder(), newton.ModelBuilder()
+    for builder, masses, ke in ((chain, [0.01] * 11 + [300.0], 0.0), (driven, [1.0], 1.0e-3)):
+        joints, parent = [], WORLD
+        for mass in masses:
+            link = add_link(builder, mass=mass, inertia=mass * np.array([1e-4, 8e-4, 8e-4]))
+            joint = builder.add_joint_revolute(
+                parent,
+                link,
+                parent_xform=transform((0.0 if parent == WORLD else 0.05, 0.0, 0.0)),
+                child_xform=transform((-0.05, 0.0, 0.0)),
+                axis=HINGE,
+                target_ke=ke,
+            )
+            joints.append(joint)
+            parent = link
+        builder.add_articulation(joints)
+        set_coordinates(builder, joints[0], [0.3])
+    both = newton.ModelBuilder()
+    both.add_world(chain)
+    both.add_world(driven)
+    sim = simulate(both, dt=1.0 / 240.0, scheme=ALPHA)
+    start = sim.energy
+    for _ in range(960):
+        sim.step()
+        assert sim.energy - start < 1.0e-3 * 300.0 * G
+
+
+def test_friction_that_stops_a_hinge_at_once_stops_it_for_good() -> None:
+    """The first step takes all of its rate; the second one does not give any of it back."""
+    builder = hinged(arm=0.0, qd=5.0, friction=1.0e3)
+    builder.gravity = NO_GRAVITY
+    sim = simulate(builder, dt=1.0 / 240.0, scheme=ALPHA)
+    for _ in range(5):
+        sim.step()
+        assert np.abs(sim.velocity).max() < 1.0e-4
