@@ -94,7 +94,8 @@ class Actuation:
             self._make_axes(axes, carried)
             count = self._rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
-            self._make_bodies(bodies, found.servos(model) if "servos" in wanted else {}, solved)
+            servos = found.servos(model) if "servos" in wanted else {}
+            self._make_bodies(bodies, servos, solved)
             if self.rows:
                 self._weigh(found, list(bodies))
             self._compensation = wp.empty(0, dtype=float)
@@ -105,7 +106,10 @@ class Actuation:
                 self._adhesion.row = indices(np.array(list(adhesive)))
                 self._adhesion.link = indices(np.array(list(adhesive.values())))
                 self._adhesion.force = wp.zeros(len(adhesive), dtype=float)
-            self.pushes_links = bool(bodies or adhesive) or "gravity_compensation" in wanted
+            # servos are part of the drag of their bodies
+            self._pushes_bodies = bodies.keys() != servos.keys()
+            self.pushes_links = self._pushes_bodies or bool(adhesive)
+            self.pushes_links |= "gravity_compensation" in wanted
             self._pushed = wp.zeros(
                 model.body_count if self.pushes_links else 0, dtype=wp.spatial_vector
             )
@@ -157,6 +161,7 @@ class Actuation:
             count, motion = self.bodies.row.size, [state.body_q, state.body_qd]
             given = [self.law, model.body_com, *motion, ctrl, dt, self.bodies]
             launch(pushes.find_pushes, count, given)
+        if self._pushes_bodies:
             bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia, state.body_q]
             items = [self.link_start, self.items]
             launch(pushes.push_bodies, count, [*bodies, dt, *items, self.bodies])

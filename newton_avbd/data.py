@@ -1022,7 +1022,8 @@ class AxisMotion:
     """Its rate at the end."""
     slope: float
     slip: int
-    """Which way friction pushed at the end, as in :attr:`AxisLaw.piece` but 2 more; 0 before."""
+    """Which way friction pushed at the end, as in :attr:`AxisLaw.piece` but 2 more, and 4 more
+    where a stop held; 0 before."""
 
 
 @wp.struct

@@ -11,21 +11,14 @@ import warp as wp
 from ..data import ActuatorModel, Adhesion, ContactInput
 from ..rows.actuator import law_in_step
 from .launch import KERNEL
+from .routes import link_of
 
 TOUCHING = wp.constant(1.0e-4)
 """How far apart what touches may be [m]: far above the gaps of contacts that hold."""
 
 
 @wp.func
-def place_of(link: int, point: wp.vec3, body_q: wp.array[wp.transform]) -> wp.vec3:
-    """A point of a link, or of the static world, in the world [m]."""
-    if link < 0:
-        return point
-    return wp.transform_point(body_q[link], point)
-
-
-@wp.func
-def link_of(shape: int, shape_body: wp.array[wp.int32]) -> int:
+def carrier_of(shape: int, shape_body: wp.array[wp.int32]) -> int:
     """Link of a shape, -1 for the static world."""
     if shape < 0:
         return -1
@@ -41,8 +34,8 @@ def touches(
     body_q: wp.array[wp.transform],
 ) -> bool:
     """Whether the two links of a contact touch there."""
-    apart = place_of(second, contacts.point1[c], body_q)
-    apart -= place_of(first, contacts.point0[c], body_q)
+    apart = wp.transform_point(link_of(second, body_q), contacts.point1[c])
+    apart -= wp.transform_point(link_of(first, body_q), contacts.point0[c])
     gap = wp.dot(contacts.normal[c], apart) - contacts.margin0[c] - contacts.margin1[c]
     return first != second and gap < TOUCHING
 
@@ -65,8 +58,8 @@ def share_adhesion(
     i = wp.tid()
     count = int(0)
     for c in range(wp.min(contacts.count[0], contacts.capacity)):
-        first = link_of(contacts.shape0[c], shape_body)
-        second = link_of(contacts.shape1[c], shape_body)
+        first = carrier_of(contacts.shape0[c], shape_body)
+        second = carrier_of(contacts.shape1[c], shape_body)
         if first == work.link[i] or second == work.link[i]:
             if touches(c, first, second, contacts, body_q):
                 count += 1
@@ -92,8 +85,8 @@ def adhere(
     link = wp.tid()
     wrench = pushed[link]
     for c in range(wp.min(contacts.count[0], contacts.capacity)):
-        first = link_of(contacts.shape0[c], shape_body)
-        second = link_of(contacts.shape1[c], shape_body)
+        first = carrier_of(contacts.shape0[c], shape_body)
+        second = carrier_of(contacts.shape1[c], shape_body)
         if first == link or second == link:
             total = float(0.0)
             for i in range(work.link.shape[0]):
@@ -103,6 +96,6 @@ def adhere(
                 sign = wp.where(first == link, total, -total)
                 own = wp.where(first == link, contacts.point0[c], contacts.point1[c])
                 force = sign * contacts.normal[c]
-                arm = place_of(link, own, body_q) - wp.transform_point(body_q[link], com[link])
+                arm = wp.quat_rotate(wp.transform_get_rotation(body_q[link]), own - com[link])
                 wrench += wp.spatial_vector(force, wp.cross(arm, force))
     pushed[link] = wrench

@@ -15,7 +15,7 @@ as a force that is constant in the step.
 import warp as wp
 
 from ..algebra.so3 import rotation_vector
-from ..data import ActuatorModel, BodyActuation, BodyModel, BodyPush, Drag, vec6
+from ..data import ActuatorLaw, ActuatorModel, BodyActuation, BodyModel, BodyPush, Drag, vec6
 from ..rows.actuator import (
     AGAINST_SITE,
     BALL_JOINT,
@@ -199,11 +199,9 @@ def push_bodies(
     itself by absolute values (Gershgorin), so that none overshoots.
     """
     i = wp.tid()
-    push = work.pushes[i]
     if work.is_servo[i]:
-        push.force = 0.0
-        work.pushes[i] = push
         return
+    push = work.pushes[i]
     law = push.law
     slope = law.damping + h * law.stiffness
     softer = float(1.0)
@@ -224,14 +222,14 @@ def push_bodies(
                 softer += h * wp.abs(moved) * wp.sqrt(slope * rate)
                 own_softer += h * wp.abs(moved) * wp.sqrt(law.own_damping * beside.law.own_damping)
     force = law.force - law.stiffness * push.length - slope * push.velocity
-    push.force = wp.clamp(force / softer, law.least, law.most)
-    push.force += (law.own_force - law.own_damping * push.velocity) / own_softer
-    work.pushes[i] = push
+    force = wp.clamp(force / softer, law.least, law.most)
+    force += (law.own_force - law.own_damping * push.velocity) / own_softer
+    work.pushes[i].force = force  # others read the rest
 
 
 @wp.func
 def within(
-    level: float, slope: float, begun: float, free: float, mobility: float, push: BodyPush
+    level: float, slope: float, begun: float, free: float, mobility: float, law: ActuatorLaw
 ) -> wp.vec2:
     """Force ``level - slope v`` of a servo where it keeps to its range, as level and slope.
 
@@ -239,8 +237,8 @@ def within(
     which it has, and that to which it alone would take what is at ``free`` otherwise: what is stuck
     is pushed with no more than the range, and what moves does not overshoot.
     """
-    least = push.law.least
-    most = push.law.most
+    least = law.least
+    most = law.most
     start = level - slope * begun
     alone = (level - slope * free) / (1.0 + mobility * slope)
     first = wp.clamp(start, least, most)
@@ -289,7 +287,7 @@ def servo_drag(
         mobility = step * mobility_between(
             way, way, rotation, model.inv_mass[body], model.inv_inertia[body]
         )
-        found = within(level, slope, push.velocity, wp.dot(way, free), mobility, push)
+        found = within(level, slope, push.velocity, wp.dot(way, free), mobility, law)
         push.force = found[0] + law.own_force
         push.slope = found[1] + law.own_damping
         model.servos.pushes[i] = push
