@@ -43,7 +43,7 @@ from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of, stiffen_rows
 from .ending import make_end, make_remember
-from .energy import make_energy
+from .energy import FLAT, make_energy
 from .finite import make_is_world_finite
 from .gathering import make_assemble, make_gather
 from .impacts import make_impacts
@@ -65,7 +65,14 @@ from .scale import (
     settled_update,
     sweeps_at_age,
 )
-from .second_order import is_flying, is_quiet, is_remembered, last_of, make_second_order
+from .second_order import (
+    is_flying,
+    is_quiet,
+    is_remembered,
+    last_of,
+    make_second_order,
+    remember_led,
+)
 from .slopes import JUMPED, QUIET_WORLD, is_going_on
 from .sweeps import make_sweep, make_sweep_block
 from .tendons import make_join_tendons
@@ -251,7 +258,7 @@ def make_colored(effects: Effects) -> Colored:
     energy = make_energy(effects) if effects.balanced else None
     bound_world = energy.bound_world if energy else None
     is_body_led = energy.is_body_led if energy else None
-    is_world_led = energy.is_world_led if energy else None
+    gains_settled = energy.gains_settled if energy else None
     count_passes = make_count_passes(effects)
     cables = make_cables(effects)
     begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
@@ -1269,7 +1276,7 @@ def make_colored(effects: Effects) -> Colored:
         passes = count_passes(sweeps, update, colors.deepest[world], is_open, scale)
         if colors.is_finite[world] == 0:
             passes = 0
-        elif is_unsettled(update, scale):
+        elif is_unsettled(update, scale) or (wp.static(effects.closures) and sweeps >= FLAT):
             colors.is_excessive[0] = 1
         colors.passes[world] = passes
         if passes > 1:
@@ -1463,8 +1470,8 @@ def make_colored(effects: Effects) -> Colored:
         scale = colors[0].scale[world]
         update = worlds[0].update[world]
         has_not_settled = is_unsettled(update * update, scale)
-        if wp.static(effects.kinds.gimbals):
-            if is_world_led(world, joints[0], worlds[0], work[0], tree[0]):
+        if wp.static(effects.closures or effects.kinds.gimbals):
+            if gains_settled(world, joints[0], worlds[0], work[0], tree[0]):
                 has_not_settled = True
         if colors[0].is_finite[world] == 1 and has_not_settled:
             bound_world(
@@ -1505,8 +1512,10 @@ def make_colored(effects: Effects) -> Colored:
         world = worlds.of_body[body]
         scale = colors.scale[world]
         if colors.is_finite[world] == 1 and is_remembered(world, scale, history):
-            if work.inv_mass[body] > 0.0 and not is_flying(body, history):
-                q, qd = body_q_out[body], body_qd_out[body]
+            q, qd = body_q_out[body], body_qd_out[body]
+            if work.inv_mass[body] == 0.0:
+                remember_led(body, qd, scale, history)
+            elif not is_flying(body, history):
                 remember_state(world, body, q, qd, scale, body_q, model, work, history)
 
     strikes = make_colored_impacts(effects, kernel)

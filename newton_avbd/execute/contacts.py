@@ -533,6 +533,10 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     # A contact that stays open between links that move at once holds nothing.
                     if contact_rows.may_push(row, u) or not is_same_block(worlds, body, row.b):
                         held = wp.max(held, mass_to_stop(row, work, tree))
+                if wp.static(effects.joints):
+                    # a tree takes what it carries into account itself: no sweep tells of that
+                    if work.inv_mass[row.b] == 0.0 and tree.joint[body] >= 0:
+                        held = wp.max(held, load)
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(
                         row, wp.max(mass, held), load, u, stiffness, damping, scale

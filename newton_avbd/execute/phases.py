@@ -70,7 +70,7 @@ class Phases(NamedTuple):
     begin_recovery: wp.Function
     end_recovery: wp.Function
     end_poses: wp.Function
-    is_world_led: wp.Function
+    gains_settled: wp.Function
 
 
 def make_phases(effects: Effects) -> Phases:
@@ -132,7 +132,7 @@ def make_phases(effects: Effects) -> Phases:
     end_velocity, end_armature, end_pose = make_end(effects, trees.count_turns)
     count_passes = make_count_passes(effects)
     energy = make_energy(effects) if effects.balanced else ABSENT
-    bound_world, is_world_led = energy.bound_world, energy.is_world_led
+    bound_world, gains_settled = energy.bound_world, energy.gains_settled
 
     @wp.func
     def begin_world(
@@ -785,5 +785,5 @@ def make_phases(effects: Effects) -> Phases:
         begin_recovery,
         end_recovery,
         end_poses,
-        is_world_led,
+        gains_settled,
     )

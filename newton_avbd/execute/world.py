@@ -58,7 +58,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         begin_recovery,
         end_recovery,
         end_poses,
-        is_world_led,
+        gains_settled,
     ) = make_phases(effects)
 
     @wp.func
@@ -264,8 +264,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
             if wp.static(effects.balanced):
                 has_not_settled = is_unsettled(update, scale)
-                if wp.static(effects.kinds.gimbals):
-                    if is_world_led(world, joints, worlds, work, tree):
+                if wp.static(effects.closures or effects.kinds.gimbals):
+                    if gains_settled(world, joints, worlds, work, tree):
                         has_not_settled = True
                 if has_not_settled:
                     keep_start(world, body_q, body_qd, worlds, islands)

@@ -190,11 +190,19 @@ def tangent_penalty(row: ContactRow, k: float) -> float:
 
 
 @wp.func
-def slides(row: ContactRow, k_t: float, u: wp.vec3, f_n: float) -> bool:
-    """Whether the slip u [m] would take the row beyond its cone at the normal force f_n [N]."""
+def slides(row: ContactRow, mass: float, u: wp.vec3, h: float) -> bool:
+    """Whether a row that did not stick in the last step slides at the slip u [m].
+
+    It does where stopping the mass [kg] takes a force that is beyond the cone of the normal force
+    to expect.
+    """
     n = row.normal
-    trial = row.force - k_t * u
-    return wp.length(trial - n * wp.dot(n, trial)) > row.mu * wp.max(f_n, 0.0)
+    f_n = wp.dot(n, row.force)
+    most = SLIDING * row.mu * f_n
+    if wp.length_sq(row.force - f_n * n) < most * most:
+        return False
+    needed = mass * wp.length(u - n * wp.dot(n, u)) / (h * h)
+    return needed > row.mu * expected_force(row, mass, u, h)
 
 
 @wp.func
@@ -256,7 +264,7 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
         k = wp.max(RELEASE_RATIO * least, LINK_RELEASE_RATIO * k)
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
-    if f_n > 0.0 and slides(row, out.k_t, u, f_n):
+    if f_n > 0.0 and slides(row, mass, u, scale.h):
         out.k_t = RELEASE_RATIO * out.k_t
     return out
 
@@ -324,7 +332,7 @@ def comply(
     out.k_n = share * k
     out.k_t = tangent_penalty(row, k)
     f_n = wp.dot(row.normal, out.force) - k * (u_n + row.gap)
-    if f_n > 0.0 and slides(out, out.k_t, u, f_n):
+    if f_n > 0.0 and slides(row, mass, u, scale.h):
         out.k_t = RELEASE_RATIO * out.k_t
     out.force = keep_share(row, out.force, share)
     return out, share
