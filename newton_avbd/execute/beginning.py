@@ -76,6 +76,39 @@ class BeginFunctions(NamedTuple):
     begin_body: wp.Function
 
 
+@wp.func
+def rest_on_fixed(
+    body: int,
+    step: float,
+    has_pairs: bool,
+    work: wp.ref[BodyWork],
+    rows: wp.ref[RowWork],
+):
+    """Guesses that what fixed bodies push a body with stays as it was, where no others touch it.
+
+    Without friction a guess slides, and friction that is at its cone there says little of how far
+    to go back.
+    """
+    force = wp.vec3(0.0)
+    torque = wp.vec3(0.0)
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        if work.inv_mass[row.b] > 0.0:
+            return
+        force -= row.force
+        torque -= wp.cross(row.arm, row.force)
+    if has_pairs:
+        for i in range(rows.other_start[body], rows.other_end[body]):
+            row = rows.rows[rows.other_rows[i]]
+            if work.inv_mass[row.a] > 0.0:
+                return
+            force += row.force
+            torque += wp.cross(row.arm + work.com[row.a] - work.com[body], row.force)
+    if wp.length_sq(force) > 0.0:
+        moved = wp.spatial_vector(work.inv_mass[body] * force, work.inv_inertia[body] * torque)
+        work.increment[body] = work.target[body] + (step * step) * moved
+
+
 def make_begin(
     effects: Effects,
     trees: TreeFunctions,
@@ -407,6 +440,8 @@ def make_begin(
                         rows.piles.aa[body] = h_aa
                 if is_alone:
                     work.factor[body] = factor_block(h_ll, h_al, h_aa)
+                if wp.static(effects.contact):
+                    rest_on_fixed(body, step, wp.static(effects.pairs), work, rows)
         if not is_touched and not is_jointed:
             work.increment[body] = work.target[body]
             return False

@@ -15,6 +15,8 @@ from .bodies import body_at
 
 SLOP_SHARE = wp.constant(0.05)
 """Penetration that is left alone, as a share of g h^2: touching contacts go on touching."""
+MOST_SLOP = wp.constant(5.0e-5)
+"""The same at most [m], with steps of any length."""
 TOLERATED = wp.constant(0.1)
 """Penetration that is left alone for the time being, as a share of the tolerance."""
 SETTLED = wp.constant(5.0e-6)
@@ -93,7 +95,7 @@ def make_measure_world(effects: Effects) -> wp.Function:
         scale.gravity = wp.sqrt(scale.gravity)
         # an impact can at most double the speed of the faster body
         scale.reach = 2.0 * farthest
-        scale.slop = SLOP_SHARE * scale.gravity * h * h
+        scale.slop = wp.min(SLOP_SHARE * scale.gravity * h * h, MOST_SLOP)
         return scale
 
     return measure_world
