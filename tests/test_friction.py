@@ -169,3 +169,21 @@ def test_hinged_boxes_slide_at_any_time_step() -> None:
         sim.set_velocity(link, (2.0, 0.0, 0.0))
     sim.run(0.1)
     np.testing.assert_allclose(sim.velocity[:, 0], 2.0 - 0.5 * G * 0.1, rtol=1e-3)
+
+
+@pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0])
+@pytest.mark.parametrize("shape", ["box", "sphere"])
+def test_what_slides_or_rolls_evenly_takes_few_sweeps(shape: str, dt: float) -> None:
+    """It starts where the friction of the last step leaves it: two sweeps a step for a box that a
+    platform shakes, and drags along by friction, and five for a ball that rolls on it."""
+    builder = newton.ModelBuilder()
+    platform = builder.add_body(xform=wp.transform(wp.vec3(0.0, 0.0, -0.1), IDENTITY), mass=1.0)
+    builder.body_flags[platform] = int(newton.BodyFlags.KINEMATIC)
+    builder.add_shape_box(platform, hx=4.0, hy=2.0, hz=0.1, cfg=surface(density=0.0))
+    (add_box if shape == "box" else add_sphere)(builder, (0.0, 0.0, 0.25))
+    sim, sweeps = Simulation(builder, dt=dt), []
+    for step in range(round(1.0 / dt)):
+        sim.set_velocity(0, (math.cos(4.0 * math.pi * step * dt), 0.0, 0.0))
+        sim.step()
+        sweeps.append(sim.solver.status.sweeps.max())
+    assert np.median(sweeps) <= (2 if shape == "box" else 6)

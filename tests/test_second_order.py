@@ -7,11 +7,22 @@ from itertools import pairwise
 from typing import Any
 
 import newton
+import newton.examples
 import numpy as np
 import pytest
 import warp as wp
 from contract import pile, record, snapshot
-from helpers import EPS, NO_GRAVITY, G, Simulation, add_box, add_ground, add_mass, add_sphere
+from helpers import (
+    EPS,
+    NO_GRAVITY,
+    G,
+    Simulation,
+    add_box,
+    add_ground,
+    add_mass,
+    add_sphere,
+    surface,
+)
 from joint_scenes import WORLD, add_link, coordinates, set_coordinates, simulate, transform
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
@@ -352,3 +363,94 @@ def test_gravity_that_is_switched_off_is_gone_at_once() -> None:
     sim.solver.notify_model_changed(newton.ModelFlags.MODEL_PROPERTIES)
     sim.step(10)
     assert sim.velocity[0, 2] == pytest.approx(-10.0 * G * sim.dt, rel=1.0e-5)
+
+
+@pytest.mark.parametrize("rate", [240.0, 400.0])
+def test_a_top_gains_no_energy(rate: float) -> None:
+    """It spins on its tip by 0.25 and 0.15 rad a step, with 270 J, 44 J above the ground."""
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu=0.3)
+    tilt = Rotation.from_euler("x", 5.0, degrees=True)
+    body = builder.add_body(xform=transform((0.0, 0.0, 0.3), tilt))
+    tip = transform((0.0, 0.0, -0.28))
+    builder.add_shape_sphere(body, xform=tip, radius=0.02, cfg=surface(mu=0.3))
+    disk = surface(mu=0.3, density=2000.0)
+    builder.add_shape_cylinder(body, radius=0.2, half_height=0.03, cfg=disk)
+    sim = Simulation(builder, dt=1.0 / rate)
+    sim.set_velocity(0, angular=tilt.apply([0.0, 0.0, 60.0]))
+    start, most = sim.energy, 0.0
+    for _ in range(round(3.0 * rate)):
+        sim.step()
+        most = max(most, sim.energy - start)
+    assert most < 1.0e-4 * 270.0
+    upright = Rotation.from_quat(sim.pose[0, 3:]).as_matrix()[2, 2]
+    assert np.degrees(np.arccos(upright)) < 5.2
+
+
+def test_a_torque_next_to_nothing_is_no_jump() -> None:
+    """It goes to and fro from step to step, and gives 1e-9 of what the pendulum has."""
+
+    def ends(torque: float) -> np.ndarray:
+        builder = newton.ModelBuilder()
+        add_chain(builder, 1)
+        sim = simulate(builder, dt=1.0 / 240.0)
+        for i in range(480):
+            sim.push(0, torque=(0.0, torque * (-1) ** i, 0.0))
+            sim.step()
+        return sim.pose[0]
+
+    np.testing.assert_allclose(ends(1.0e-6), ends(0.0), atol=5.0e-5)
+
+
+def test_a_base_that_is_moved_by_jerks_is_followed_as_by_backward_euler() -> None:
+    """Its velocity is 1 and 0 m/s by turns: how it went on says nothing of how it goes on."""
+
+    def angles(scheme: str) -> list[float]:
+        builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+        base = add_link(builder)
+        builder.body_flags[base] = int(newton.BodyFlags.KINEMATIC)
+        arm = add_link(builder, inertia=(0.01, 0.01, 0.01))
+        root = builder.add_joint_free(base)
+        elbow = builder.add_joint_revolute(
+            base,
+            arm,
+            axis=(0.0, 1.0, 0.0),
+            child_xform=transform((-0.2, 0.0, 0.0)),
+            target_ke=200.0,
+            target_kd=4.0,
+        )
+        builder.add_articulation([root, elbow])
+        sim, found = simulate(builder, dt=1.0 / 240.0, scheme=scheme), []
+        for i in range(240):
+            sim.set_velocity(0, (0.0, 0.0, float(i % 2 == 0)))
+            sim.step()
+            found.append(float(coordinates(sim)[0][-1]))
+        return found
+
+    np.testing.assert_allclose(angles(ALPHA), angles("euler"), atol=1.0e-5)
+
+
+@pytest.mark.usefixtures("shared_kernels")
+@pytest.mark.parametrize("rate", [50, 60, 100, 120, 200, 240])
+def test_a_quadruped_comes_to_rest_at_any_rate(rate: int) -> None:
+    """Three seconds after it has been let go it is at rest, and a sweep a step is enough."""
+    robot = newton.ModelBuilder()
+    robot.default_joint_cfg = newton.ModelBuilder.JointDofConfig(
+        target_ke=2000.0, target_kd=50.0, armature=0.01
+    )
+    robot.add_urdf(
+        newton.examples.get_asset("quadruped.urdf"),
+        xform=transform((0.0, 0.0, 0.6)),
+        floating=True,
+    )
+    stance = [0.2, 0.4, -0.6, -0.2, -0.4, 0.6, -0.2, 0.4, -0.6, 0.2, -0.4, 0.6]
+    robot.joint_q[-12:] = robot.joint_target_q[-12:] = stance
+    robot.add_ground_plane()
+    sim = simulate(robot, collide=True, dt=1.0 / rate)
+    sim.step(3 * rate)
+    at = sim.pose
+    for _ in range(rate):
+        sim.step()
+        assert sim.solver.status.sweeps.max() == 1
+    assert np.abs(sim.velocity).max() < 2.0e-5
+    assert np.abs(sim.pose - at).max() < 2.0e-6

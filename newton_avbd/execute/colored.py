@@ -1144,7 +1144,8 @@ def make_colored(effects: Effects) -> Colored:
             if wp.static(effects.second_order):
                 # until the step is done, that of its start
                 history.last[body].velocity = body_qd[body]
-                if not is_quiet(body, velocity, colors.scale[world], model, work, history):
+                may_stand, scale = wp.static(effects.contact), colors.scale[world]
+                if not is_quiet(body, velocity, may_stand, scale, model, work, history):
                     colors.is_moving[world] = 1
                 if slips_otherwise(body, joints, tree, history):
                     colors.jumps[world] = 1

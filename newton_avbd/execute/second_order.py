@@ -48,6 +48,7 @@ from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
 from .drag import make_feel_drag
+from .energy import squared_move
 from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
@@ -83,6 +84,9 @@ ROUNDING = wp.constant(1.0e-6)
 QUIET = wp.constant(2.0e-3)
 """Change of a velocity in a step, as a share of that of a free fall, below which a body goes on as
 it goes: the error of backward Euler is half a step times it."""
+STIR = wp.constant(5.0e-6)
+"""Move of a step, as a share of how far a body is from the origin, that says nothing of the next
+one: poses are rounded by some percent of it, and what stands on the ground would go on so."""
 SLOW = wp.constant(1.0e-2)
 """Turn of a step [rad] up to which the mean of the spins at its ends keeps the energy of what
 flies: it gains 5e-8 of it a step at 0.05 rad, and some 5e-12 here."""
@@ -227,6 +231,7 @@ def is_flying(body: int, history: wp.ref[History]) -> bool:
 def is_quiet(
     body: int,
     velocity: wp.spatial_vector,
+    may_stand: bool,
     scale: WorldScale,
     model: wp.ref[BodyModel],
     work: wp.ref[BodyWork],
@@ -234,11 +239,15 @@ def is_quiet(
 ) -> bool:
     """Whether the velocity of a body has not changed in a step: all schemes agree there.
 
-    What flies does not count. A change counts by its kinetic energy, beside that of a share of a
-    free fall's.
+    What flies does not count, nor, in scenes with contacts, what moves by little more than
+    rounding. A change counts by its kinetic energy, beside that of a share of a free fall's.
     """
     if work.inv_mass[body] == 0.0 or is_flying(body, history):
         return True
+    if may_stand:
+        stir = STIR * wp.length(work.com[body])
+        if squared_move(body, work) <= stir * stir:
+            return True
     fall = QUIET * scale.gravity * scale.h
     change = velocity - history.last[body].velocity
     mass, inertia = model.mass[body], work.inertia[body]
@@ -962,7 +971,9 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             body = body_at(i, worlds)
             if slips_otherwise(body, joints, tree, history):
                 history.smooth[world] = JUMPED
-            if quiet and not is_quiet(body, body_qd_out[body], scale, model, work, history):
+            velocity = body_qd_out[body]
+            may_stand = wp.static(effects.contact)
+            if quiet and not is_quiet(body, velocity, may_stand, scale, model, work, history):
                 quiet = False
         if quiet:
             history.smooth[world] = QUIET_WORLD

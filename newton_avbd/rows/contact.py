@@ -206,22 +206,6 @@ def slides(row: ContactRow, mass: float, u: wp.vec3, h: float) -> bool:
 
 
 @wp.func
-def slide_on(row: ContactRow, u: wp.vec3, scale: WorldScale) -> ContactRow:
-    """The row, released as in :func:`penalise` where it goes on to slide: where the slip u [m] that
-    the first guess of the motion has is no impact, and more than takes the row from one side of its
-    cone at the load that it carries to the other."""
-    out = row
-    n = row.normal
-    k_t = tangent_penalty(row, row.k_n)
-    f_n = wp.dot(n, row.force)
-    u_n = wp.dot(n, u)
-    struck = u_n + wp.max(row.gap, 0.0) < -STRUCK * scale.gravity * scale.h * scale.h
-    if f_n > 0.0 and not struck and k_t * wp.length(u - n * u_n) > 2.0 * row.mu * f_n:
-        out.k_t = RELEASE_RATIO * k_t
-    return out
-
-
-@wp.func
 def ends_sliding(row: ContactRow, u: wp.vec3) -> bool:
     """Whether a row that slid in the last step pushes otherwise in this one: where the slip u [m]
     that the motion has goes the way that friction pushes, or is less than what friction stops."""
