@@ -13,6 +13,7 @@ from ..data import (
     NO_JOINT,
     BodyModel,
     BodyWork,
+    ContactRow,
     ControlInput,
     History,
     IslandWork,
@@ -24,6 +25,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
+from ..rows import contact as contact_rows
 from .bodies import body_at, has_rows
 from .islands import begin_island
 from .loops import LoopFunctions, has_loops, has_outer_loops
@@ -77,6 +79,16 @@ class BeginFunctions(NamedTuple):
 
 
 @wp.func
+def opens(
+    row: ContactRow, increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3
+) -> bool:
+    """Whether a row that pushed in the last step lost more than half of that by these moves."""
+    u = contact_rows.slip(row, increment_a, increment_b, span)
+    f_n = wp.dot(row.normal, row.force)
+    return f_n > 0.0 and row.k_n * (wp.dot(row.normal, u) + wp.max(row.gap, 0.0)) > 0.5 * f_n
+
+
+@wp.func
 def rest_on_fixed(
     body: int,
     step: float,
@@ -87,7 +99,7 @@ def rest_on_fixed(
     """Guesses that what fixed bodies push a body with stays as it was, where no others touch it.
 
     Without friction a guess slides, and friction that is at its cone there says little of how far
-    to go back.
+    to go back. Nor does a contact that a guess has opened: where one would, there is no such guess.
     """
     force = wp.vec3(0.0)
     torque = wp.vec3(0.0)
@@ -104,9 +116,20 @@ def rest_on_fixed(
                 return
             force += row.force
             torque += wp.cross(row.arm + work.com[row.a] - work.com[body], row.force)
-    if wp.length_sq(force) > 0.0:
-        moved = wp.spatial_vector(work.inv_mass[body] * force, work.inv_inertia[body] * torque)
-        work.increment[body] = work.target[body] + (step * step) * moved
+    if wp.length_sq(force) == 0.0:
+        return
+    moved = wp.spatial_vector(work.inv_mass[body] * force, work.inv_inertia[body] * torque)
+    guess = work.target[body] + (step * step) * moved
+    for i in range(rows.owned_start[body], rows.owned_end[body]):
+        row = rows.rows[i]
+        if opens(row, guess, work.increment[row.b], work.com[body] - work.com[row.b]):
+            return
+    if has_pairs:
+        for i in range(rows.other_start[body], rows.other_end[body]):
+            row = rows.rows[rows.other_rows[i]]
+            if opens(row, work.increment[row.a], guess, work.com[row.a] - work.com[body]):
+                return
+    work.increment[body] = guess
 
 
 def make_begin(
