@@ -210,10 +210,13 @@ def test_an_island_moves_the_same_bit_for_bit_whatever_others_do(scheme: str) ->
 
     The last by backward Euler: of second order, islands share what kind of step the last one was.
     """
-    alone = throw(asleep(3, scheme=scheme), 60)
+    sim = asleep(3, scheme=scheme)
+    alone = throw(sim, 60)
+    again = sim.solver.status.sleeping_bodies
+    assert again < 3
     beside = asleep(3, 5, scheme=scheme)
     BITS(throw(beside, 60), alone)
-    assert beside.solver.status.sleeping_bodies == 5
+    assert beside.solver.status.sleeping_bodies == 5 + again
     if scheme != "euler":
         return
     restless = asleep(3, 5, scheme=scheme)
@@ -221,7 +224,7 @@ def test_an_island_moves_the_same_bit_for_bit_whatever_others_do(scheme: str) ->
     velocity[5, 0] = 3.0
     restless.state.body_qd.assign(velocity)
     BITS(throw(restless, 60), alone)
-    assert restless.solver.status.sleeping_bodies == 0
+    assert restless.solver.status.sleeping_bodies == again
 
 
 def test_worlds_sleep_apart_and_graphs_wake_them() -> None:

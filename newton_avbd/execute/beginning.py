@@ -79,13 +79,23 @@ class BeginFunctions(NamedTuple):
 
 
 @wp.func
-def opens(
+def goes_on(
     row: ContactRow, increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3
 ) -> bool:
-    """Whether a row that pushed in the last step lost more than half of that by these moves."""
+    """Whether a row pushes by these moves about as in the last step: with half of that or more, and
+    with no more than twice what friction can where that held."""
+    n = row.normal
+    f_n = wp.dot(n, row.force)
+    if f_n <= 0.0:
+        return True
     u = contact_rows.slip(row, increment_a, increment_b, span)
-    f_n = wp.dot(row.normal, row.force)
-    return f_n > 0.0 and row.k_n * (wp.dot(row.normal, u) + wp.max(row.gap, 0.0)) > 0.5 * f_n
+    u_n = wp.dot(n, u)
+    if row.k_n * (u_n + wp.max(row.gap, 0.0)) > 0.5 * f_n:
+        return False
+    if contact_rows.slid(row):
+        return True
+    held = row.force - f_n * n - row.k_t * (u - u_n * n)
+    return wp.length(held) <= 2.0 * row.mu * f_n
 
 
 @wp.func
@@ -99,7 +109,8 @@ def rest_on_fixed(
     """Guesses that what fixed bodies push a body with stays as it was, where no others touch it.
 
     Without friction a guess slides, and friction that is at its cone there says little of how far
-    to go back. Nor does a contact that a guess has opened: where one would, there is no such guess.
+    to go back. Nor does a contact that a guess has opened, or has made slide: where it would, there
+    is no such guess.
     """
     force = wp.vec3(0.0)
     torque = wp.vec3(0.0)
@@ -122,12 +133,12 @@ def rest_on_fixed(
     guess = work.target[body] + (step * step) * moved
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
-        if opens(row, guess, work.increment[row.b], work.com[body] - work.com[row.b]):
+        if not goes_on(row, guess, work.increment[row.b], work.com[body] - work.com[row.b]):
             return
     if has_pairs:
         for i in range(rows.other_start[body], rows.other_end[body]):
             row = rows.rows[rows.other_rows[i]]
-            if opens(row, work.increment[row.a], guess, work.com[row.a] - work.com[body]):
+            if not goes_on(row, work.increment[row.a], guess, work.com[row.a] - work.com[body]):
                 return
     work.increment[body] = guess
 

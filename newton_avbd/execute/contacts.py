@@ -82,9 +82,9 @@ def report_dropped(worlds: wp.ref[WorldWork], contact: int):
         )
 
 
-CLOSED = wp.constant(5.0e-7)
+CLOSED = wp.constant(2.5e-7)
 """Gap that rounding may have opened, as a share of the size of the numbers that it is found from:
-about eight units in the last place of one of them."""
+about four units in the last place of one of them."""
 
 
 @wp.func
@@ -536,6 +536,13 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     work.inv_inertia[row.b],
                 )
                 load = contact_rows.carried_mass(row, scale)
+                moved = wp.vec3(0.0)
+                if wp.static(effects.friction):
+                    moved = contact_rows.slip(
+                        row, work.increment[body], work.increment[row.b], span
+                    )
+                    if wp.static(effects.drift):
+                        moved += rows.drift[i]
                 held = float(0.0)
                 if wp.static(effects.piles):
                     held = mass_to_hold(row, work, rows)
@@ -549,11 +556,11 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                         held = wp.max(held, load)
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(
-                        row, wp.max(mass, held), load, u, stiffness, damping, scale
+                        row, wp.max(mass, held), load, u, moved, stiffness, damping, scale
                     )
                     rows.share[i] = share
                 else:
-                    row = contact_rows.penalise(row, mass, load, held, u, scale)
+                    row = contact_rows.penalise(row, mass, load, held, u, moved, scale)
                 if wp.static(effects.angular_friction):
                     spin = rows.spin[i]
                     if wp.static(effects.condim):

@@ -190,39 +190,55 @@ def tangent_penalty(row: ContactRow, k: float) -> float:
 
 
 @wp.func
-def slides(row: ContactRow, mass: float, u: wp.vec3, h: float) -> bool:
-    """Whether a row that did not stick in the last step slides at the slip u [m].
+def slid(row: ContactRow) -> bool:
+    """Whether friction was at its cone at the end of the last step."""
+    f_n = wp.dot(row.normal, row.force)
+    most = SLIDING * row.mu * f_n
+    return f_n > 0.0 and wp.length_sq(row.force - f_n * row.normal) >= most * most
 
-    It does where stopping the mass [kg] takes a force that is beyond the cone of the normal force
-    to expect.
+
+@wp.func
+def slides(
+    row: ContactRow, k_t: float, mass: float, u: wp.vec3, moved: wp.vec3, f_n: float, h: float
+) -> bool:
+    """Whether a row is about to slide, or slides on.
+
+    What slid does where friction cannot stop its mass [kg] in the step, in which it slips by
+    ``moved`` [m] as it goes. What stuck does where the slip u [m] of bodies without constraints,
+    and the normal force f_n [N] that goes with it, take it beyond its cone.
     """
     n = row.normal
-    f_n = wp.dot(n, row.force)
-    most = SLIDING * row.mu * f_n
-    if wp.length_sq(row.force - f_n * n) < most * most:
-        return False
-    needed = mass * wp.length(u - n * wp.dot(n, u)) / (h * h)
-    return needed > row.mu * expected_force(row, mass, u, h)
+    if slid(row):
+        most = row.mu * expected_force(row, mass, u, h)
+        return mass * wp.length(moved - n * wp.dot(n, moved)) > h * h * most
+    trial = row.force - k_t * u
+    return wp.length(trial - n * wp.dot(n, trial)) > row.mu * f_n
 
 
 @wp.func
 def ends_sliding(row: ContactRow, u: wp.vec3) -> bool:
     """Whether a row that slid in the last step pushes otherwise in this one: where the slip u [m]
     that the motion has goes the way that friction pushes, or is less than what friction stops."""
+    if not slid(row):
+        return False
     n = row.normal
     f_n = wp.dot(n, row.force)
-    f_t = row.force - f_n * n
-    most = row.mu * f_n
-    if f_n <= 0.0 or wp.length_sq(f_t) < SLIDING * SLIDING * most * most:
-        return False
     u_t = u - wp.dot(n, u) * n
-    if wp.dot(f_t, u_t) >= 0.0:
+    if wp.dot(row.force, u_t) >= 0.0:
         return True
-    return row.k_n * wp.length(u_t) < PENALTY * most
+    return row.k_n * wp.length(u_t) < PENALTY * row.mu * f_n
 
 
 @wp.func
-def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3, scale: WorldScale):
+def penalise(
+    row: ContactRow,
+    mass: float,
+    load: float,
+    held: float,
+    u: wp.vec3,
+    moved: wp.vec3,
+    scale: WorldScale,
+):
     """The row with its penalties for this step.
 
     The row is classified once a step, by the motion that the bodies would have without it: the
@@ -234,6 +250,7 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
         load: Mass that the row carried in the last step [kg].
         held: Mass that the row has to hold at once [kg], as the link of a pile.
         u: Slip that the bodies would have without constraints [m].
+        moved: Slip of the first guess, which goes on as they moved [m].
         scale: The world's scale.
     """
     out = row
@@ -248,7 +265,7 @@ def penalise(row: ContactRow, mass: float, load: float, held: float, u: wp.vec3,
         k = wp.max(RELEASE_RATIO * least, LINK_RELEASE_RATIO * k)
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
-    if f_n > 0.0 and slides(row, mass, u, scale.h):
+    if f_n > 0.0 and slides(row, out.k_t, mass, u, moved, f_n, scale.h):
         out.k_t = RELEASE_RATIO * out.k_t
     return out
 
@@ -280,6 +297,7 @@ def comply(
     mass: float,
     load: float,
     u: wp.vec3,
+    moved: wp.vec3,
     stiffness: float,
     damping: float,
     scale: WorldScale,
@@ -295,6 +313,7 @@ def comply(
         mass: Effective mass [kg].
         load: Mass that the row carried in the last step [kg].
         u: Slip that the bodies would have without constraints [m].
+        moved: Slip of the first guess, which goes on as they moved [m].
         stiffness: Material stiffness K [N/m].
         damping: Material damping kd [N s/m].
         scale: The world's scale.
@@ -316,7 +335,7 @@ def comply(
     out.k_n = share * k
     out.k_t = tangent_penalty(row, k)
     f_n = wp.dot(row.normal, out.force) - k * (u_n + row.gap)
-    if f_n > 0.0 and slides(row, mass, u, scale.h):
+    if f_n > 0.0 and slides(row, out.k_t, mass, u, moved, f_n, scale.h):
         out.k_t = RELEASE_RATIO * out.k_t
     out.force = keep_share(row, out.force, share)
     return out, share
