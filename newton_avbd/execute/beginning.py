@@ -168,6 +168,7 @@ def make_begin(
     begin_inputs, resists_everywhere = make_inputs(effects)[:2]
     may_be_exact = effects.second_order and (effects.drives or effects.pushed_axes)
     may_be_exact = may_be_exact and not effects.cables and not effects.tendons
+    may_rest = effects.contact and not effects.compliance and not effects.cables
 
     @wp.func
     def begin_armature(
@@ -474,8 +475,9 @@ def make_begin(
                         rows.piles.aa[body] = h_aa
                 if is_alone:
                     work.factor[body] = factor_block(h_ll, h_al, h_aa)
-                if wp.static(effects.contact):
-                    rest_on_fixed(body, step, wp.static(effects.pairs), work, rows)
+                if wp.static(may_rest):
+                    if wp.static(not effects.loops) or not has_loops(loops, body):
+                        rest_on_fixed(body, step, wp.static(effects.pairs), work, rows)
         if not is_touched and not is_jointed:
             work.increment[body] = work.target[body]
             return False
