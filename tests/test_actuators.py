@@ -172,6 +172,38 @@ def test_a_servo_with_gear_follows_the_implicit_law() -> None:
         assert found == pytest.approx(at, abs=2.0e-6)
 
 
+SPEED_LAWS = {
+    # I w' = kv (u - w)
+    '<velocity joint="hinge" kv="1"/>': ([2.0], 1.0, 2.0),
+    # and 3 c w less of a damper
+    '<velocity joint="hinge" kv="1"/><damper joint="hinge" kv="3" ctrlrange="0 1"/>': (
+        [2.0, 0.5],
+        2.5,
+        2.0 / 2.5,
+    ),
+}
+"""Controls, damping [N m s/rad] and final speed [rad/s] of a hinge, by actuators."""
+
+
+@pytest.mark.parametrize("actuators", SPEED_LAWS)
+def test_actuators_that_hold_a_speed_reach_it_by_an_exponential(actuators: str) -> None:
+    """q = w (t - T (1 - exp(-t/T))) with T = I/k."""
+    ctrl, damping, speed = SPEED_LAWS[actuators]
+    q = coordinates(scene(actuators), ctrl, 400)[:, 0]
+    t, scale = DT * np.arange(1, 401), INERTIA / damping
+    exact = speed * (t - scale * (1.0 - np.exp(-t / scale)))
+    np.testing.assert_allclose(q, exact, atol=2.0e-3 * DT)
+
+
+def test_an_integrated_velocity_is_the_target_of_a_spring() -> None:
+    """I q'' = kp (u t - q): q = u (t - sin(w t)/w) with w^2 = kp/I, half a step late: the
+    activation of the start of a step holds in it, as in MuJoCo."""
+    actuator = '<intvelocity joint="hinge" kp="50" actrange="-10 10"/>'
+    q = coordinates(scene(actuator), [3.0], 400)[:, 0]
+    t, w = DT * (np.arange(400) + 0.5), np.sqrt(50.0 / INERTIA)
+    np.testing.assert_allclose(q, 3.0 * (t - np.sin(w * t) / w), atol=0.05 * DT)
+
+
 def activation(kind: str, steps: int, u: float) -> NDArray[np.float64]:
     """Activations at the start of each step, as MuJoCo integrates them."""
     a, found = 0.0, []
