@@ -168,7 +168,9 @@ def make_begin(
     begin_inputs, resists_everywhere = make_inputs(effects)[:2]
     may_be_exact = effects.second_order and (effects.drives or effects.pushed_axes)
     may_be_exact = may_be_exact and not effects.cables and not effects.tendons
-    may_rest = effects.contact and not effects.compliance and not effects.cables
+    # the force of a contact that gives way, or has bounced, is not that of the next step
+    may_rest = effects.contact and not (effects.compliance or effects.restitution)
+    may_rest = may_rest and not effects.cables
 
     @wp.func
     def begin_armature(
