@@ -85,8 +85,10 @@ QUIET = wp.constant(2.0e-3)
 """Change of a velocity in a step, as a share of that of a free fall, below which a body goes on as
 it goes: the error of backward Euler is half a step times it."""
 STIR = wp.constant(5.0e-6)
-"""Move of a step, as a share of how far a body is from the origin, that says nothing of the next
-one: poses are rounded by some percent of it, and what stands on the ground would go on so."""
+"""Move of a step, as a share of how far a body is from the origin, or of a meter, that says nothing
+of the next one: rotations are rounded by a percent of it, and what stands would go on so."""
+FAR_STIR = wp.constant(5.0e-7)
+"""What positions far from the origin, which are rounded by a tenth of it, add to that."""
 SLOW = wp.constant(1.0e-2)
 """Turn of a step [rad] up to which the mean of the spins at its ends keeps the energy of what
 flies: it gains 5e-8 of it a step at 0.05 rad, and some 5e-12 here."""
@@ -245,7 +247,8 @@ def is_quiet(
     if work.inv_mass[body] == 0.0 or is_flying(body, history):
         return True
     if may_stand:
-        stir = STIR * wp.length(work.com[body])
+        far = wp.length(work.com[body])
+        stir = STIR * wp.min(far, 1.0) + FAR_STIR * far
         if squared_move(body, work) <= stir * stir:
             return True
     fall = QUIET * scale.gravity * scale.h
