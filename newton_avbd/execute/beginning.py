@@ -170,7 +170,7 @@ def make_begin(
     may_be_exact = may_be_exact and not effects.cables and not effects.tendons
     # the force of a contact that gives way, or has bounced, is not that of the next step
     may_rest = effects.contact and not (effects.compliance or effects.restitution)
-    may_rest = may_rest and not effects.cables
+    may_rest = may_rest and not effects.cables and not effects.angular_friction
 
     @wp.func
     def begin_armature(
