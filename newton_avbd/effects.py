@@ -550,6 +550,12 @@ class Effects:
         return (self.contact or self.joints) and not self.ramp
 
     @property
+    def folding(self) -> bool:
+        """Whether trees with closed loops may fold either way, and sweeps tell of it: contacts take
+        as many."""
+        return self.loops and self.closures and not self.contact
+
+    @property
     def drift(self) -> bool:
         """Whether something shifts what counts as no slip."""
         by_scheme = self.second_order and self.contact

@@ -1277,7 +1277,7 @@ def make_colored(effects: Effects) -> Colored:
         passes = count_passes(sweeps, update, colors.deepest[world], is_open, scale)
         if colors.is_finite[world] == 0:
             passes = 0
-        elif is_unsettled(update, scale) or (wp.static(effects.closures) and sweeps >= FLAT):
+        elif is_unsettled(update, scale) or (wp.static(effects.folding) and sweeps >= FLAT):
             colors.is_excessive[0] = 1
         colors.passes[world] = passes
         if passes > 1:
@@ -1471,7 +1471,7 @@ def make_colored(effects: Effects) -> Colored:
         scale = colors[0].scale[world]
         update = worlds[0].update[world]
         has_not_settled = is_unsettled(update * update, scale)
-        if wp.static(effects.closures or effects.kinds.gimbals):
+        if wp.static(effects.folding or effects.kinds.gimbals):
             if gains_settled(world, joints[0], worlds[0], work[0], tree[0]):
                 has_not_settled = True
         if colors[0].is_finite[world] == 1 and has_not_settled:

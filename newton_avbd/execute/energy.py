@@ -52,8 +52,8 @@ as far as energy is concerned: it is off by about twice the share."""
 EXCESS = wp.constant(1.0e-6)
 """Energy beyond what may be, as a share of it, that float32 explains."""
 FLAT = wp.constant(6)
-"""Sweeps from which on a closed tree counts as flat: away from there it takes one to four. What it
-settles at has more energy, as it may fold either way: 3 % of a parallelogram's in one step."""
+"""Sweeps from which on a closed tree that nothing touches counts as flat: away from there it takes
+one to four. It may fold either way and settles at more energy: 3 % of a parallelogram's in a step."""
 
 
 @wp.func
@@ -775,7 +775,7 @@ def make_energy(effects: Effects) -> EnergyFunctions:
     ) -> bool:
         """Whether a world may gain energy in a step that has settled: where a gimbal's angles lead,
         or closed trees are flat."""
-        if wp.static(effects.closures):
+        if wp.static(effects.folding):
             if worlds.sweeps[world] >= FLAT:
                 return True
         if wp.static(effects.kinds.gimbals):

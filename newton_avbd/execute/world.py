@@ -264,7 +264,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
             if wp.static(effects.balanced):
                 has_not_settled = is_unsettled(update, scale)
-                if wp.static(effects.closures or effects.kinds.gimbals):
+                if wp.static(effects.folding or effects.kinds.gimbals):
                     if gains_settled(world, joints, worlds, work, tree):
                         has_not_settled = True
                 if has_not_settled:
