@@ -53,7 +53,7 @@ EXCESS = wp.constant(1.0e-6)
 """Energy beyond what may be, as a share of it, that float32 explains."""
 FLAT = wp.constant(6)
 """Sweeps from which on a closed tree that nothing touches counts as flat: away from there it takes
-one to four. It may fold either way and settles at more energy: 3 % of a parallelogram's in a step."""
+one to four. It may fold either way, and settles at more energy: a parallelogram 3 % in a step."""
 
 
 @wp.func
