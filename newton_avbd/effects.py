@@ -551,8 +551,10 @@ class Effects:
 
     @property
     def folding(self) -> bool:
-        """Whether trees with closed loops may fold either way, and sweeps tell of it: contacts take
-        as many."""
+        """Whether trees with closed loops may fold either way, and sweeps tell of it.
+
+        Contacts take as many.
+        """
         return self.loops and self.closures and not self.contact
 
     @property
