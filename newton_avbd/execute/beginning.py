@@ -79,7 +79,7 @@ class BeginFunctions(NamedTuple):
 
 
 @wp.func
-def goes_on(
+def pushes_on(
     row: ContactRow, increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3
 ) -> bool:
     """Whether a row pushes by these moves about as in the last step: with half of that or more, and
@@ -112,6 +112,8 @@ def rest_on_fixed(
     to go back. Nor does a contact that a guess has opened, or has made slide: where it would, there
     is no such guess.
     """
+    if has_pairs and rows.other_start[body] < rows.other_end[body]:
+        return  # bodies that move own these rows
     force = wp.vec3(0.0)
     torque = wp.vec3(0.0)
     for i in range(rows.owned_start[body], rows.owned_end[body]):
@@ -120,26 +122,14 @@ def rest_on_fixed(
             return
         force -= row.force
         torque -= wp.cross(row.arm, row.force)
-    if has_pairs:
-        for i in range(rows.other_start[body], rows.other_end[body]):
-            row = rows.rows[rows.other_rows[i]]
-            if work.inv_mass[row.a] > 0.0:
-                return
-            force += row.force
-            torque += wp.cross(row.arm + work.com[row.a] - work.com[body], row.force)
     if wp.length_sq(force) == 0.0:
         return
     moved = wp.spatial_vector(work.inv_mass[body] * force, work.inv_inertia[body] * torque)
     guess = work.target[body] + (step * step) * moved
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
-        if not goes_on(row, guess, work.increment[row.b], work.com[body] - work.com[row.b]):
+        if not pushes_on(row, guess, work.increment[row.b], work.com[body] - work.com[row.b]):
             return
-    if has_pairs:
-        for i in range(rows.other_start[body], rows.other_end[body]):
-            row = rows.rows[rows.other_rows[i]]
-            if not goes_on(row, work.increment[row.a], guess, work.com[row.a] - work.com[body]):
-                return
     work.increment[body] = guess
 
 

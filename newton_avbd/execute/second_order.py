@@ -48,7 +48,7 @@ from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
 from .drag import make_feel_drag
-from .energy import squared_move
+from .energy import rigid_spin, squared_move
 from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
@@ -141,12 +141,9 @@ def given_energy(
     mass: float, inertia: wp.mat33, wrench: wp.spatial_vector, scale: WorldScale
 ) -> float:
     """Twice the kinetic energy that a wrench gives a body at rest in a step [J]."""
-    # scaled: the determinant of a small inertia would underflow
-    size = wp.trace(inertia)
-    torque = wp.spatial_bottom(wrench)
-    spin = wp.inverse(inertia / size) * (torque / size)
-    force = wp.spatial_top(wrench)
-    return scale.h * scale.h * (wp.length_sq(force) / mass + wp.dot(torque, spin))
+    force, torque = wp.spatial_top(wrench), wp.spatial_bottom(wrench)
+    push = wp.length_sq(force) / mass + wp.dot(torque, rigid_spin(inertia, torque))
+    return scale.h * scale.h * push
 
 
 @wp.func
