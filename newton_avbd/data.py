@@ -1577,7 +1577,8 @@ class ColorWork:
     """By body slot: of two blocks with the same color, that of higher priority keeps it."""
     count: wp.array[wp.int32]
     """By body slot: contacts of the body, then contacts that it owns, then the highest priority of
-    what strikes it, then bodies of its island."""
+    what strikes it, then bodies of its island, then for the first body of a run (see
+    :mod:`.execute.colored_energy`) the place after it."""
     incident_start: wp.array[wp.int32]
     """By body slot: first of the body's contacts in ``incident``."""
     incident: wp.array[wp.int32]
@@ -1636,6 +1637,10 @@ class ColorWork:
     """1 where a world takes still more of them, shape (1,): in its first step after a reset."""
     is_excessive: wp.array[wp.int32]
     """1 where a world did not settle, whose energy may have to be bounded, shape (1,)."""
+    lane_move: wp.array[float]
+    """Square of the farthest move of each lane's bodies [m^2], negative where a gimbal leads."""
+    is_unbalanced: wp.array[wp.int32]
+    """1 for each world whose energy has to be looked at."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
 

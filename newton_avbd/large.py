@@ -107,12 +107,13 @@ class LargeWorlds:
             colors.sums = wp.zeros(scan.scratch_size(max(table, slots)), dtype=wp.int32)
             colors.lane_scale = wp.zeros(lanes, dtype=data.WorldScale)
             colors.lane_finite = wp.zeros(lanes, dtype=wp.int32)
+            colors.lane_move = wp.zeros(lanes, dtype=float)
             colors.scale = wp.zeros(self._world_count, dtype=data.WorldScale)
             colors.is_finite = wp.zeros(self._world_count, dtype=wp.int32)
             colors.closing = wp.zeros(self._world_count, dtype=float)
             colors.deepest = wp.zeros(self._world_count, dtype=float)
             names = ("most", "passes", "is_open", "has_impacts", "begin", "is_held", "jumps")
-            for name in (*names, "breaks", "is_moving"):
+            for name in (*names, "breaks", "is_moving", "is_unbalanced"):
                 setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
@@ -170,7 +171,7 @@ class LargeWorlds:
             h,
             iterations,
             tolerance,
-            by_world,
+            _worlds,
             work,
             rows,
             tree,
@@ -404,16 +405,8 @@ class LargeWorlds:
             )
 
         if effects.balanced:
-
-            def bound_energy() -> None:
-                state = [by_world, work, rows, tree, loops, colors, islands, history]
-                launch(
-                    kernels.bound_energy,
-                    self._world_count,
-                    [model, joints, control, *state, body_q_out, body_qd_out],
-                )
-
-            self._launch_if(colors.is_excessive, bound_energy)
+            bound = functools.partial(self._bound_energy, launch, kernels, effects, arguments)
+            self._launch_if(colors.is_excessive, bound)
         if effects.second_order:
             state = [worlds, work, colors, history, body_q_out, body_qd_out]
             launch(kernels.remember_states, bodies, [model, body_q, *state])
@@ -439,6 +432,40 @@ class LargeWorlds:
         launch(kernels.start_bodies, bodies, [model, body_q, body_qd, *state])
         if effects.contact:
             launch(kernels.lead_all_rows, bodies, [worlds, work, colors, rows])
+
+    def _bound_energy(
+        self, launch: Launcher, kernels: Colored, effects: Effects, arguments: Sequence[Any]
+    ) -> None:
+        """Slows islands that did not settle down to the energy that they may have."""
+        model, _, joints, control, *_rest = arguments
+        work, rows, tree, loops, islands, history, body_q_out, body_qd_out = arguments[-8:]
+        worlds, colors, energy = self._worlds, self.colors, kernels.energy
+        bodies, lanes, count = self._body_count, self._lanes, self._world_count
+        result = [body_q_out, body_qd_out]
+        assert energy is not None
+        launch(energy.measure_moves, lanes, [joints, worlds, work, tree, colors])
+        launch(energy.find_unbalanced, count, [worlds, colors])
+        launch(energy.begin_balances, bodies, [worlds, work, colors, islands])
+        if energy.join_bodies is not None:
+            linked = [joints, worlds, work, tree, loops, colors, islands]
+            launch(energy.join_bodies, bodies, [bodies, *linked])
+        if energy.join_clusters is not None:
+            launch(energy.join_clusters, self._cluster_count, [worlds, work, tree, islands])
+        if effects.cables:
+            launch(energy.add_all_cables, count, [work, tree, colors, islands])
+        state = [worlds, work, rows, tree, loops, colors, history, *result, islands]
+        launch(energy.add_bodies, bodies, [model, joints, control, *state])
+        launch(energy.add_runs, lanes, [worlds, work, islands, colors])
+        launch(energy.add_lanes, count, [worlds, work, colors, islands])
+        launch(energy.add_momenta, lanes, [model, worlds, work, colors, *result, islands])
+        launch(energy.settle_islands, count, [worlds, work, colors, islands, history])
+        state = [worlds, work, tree, loops, colors, islands, history, *result]
+        launch(energy.slow_bodies, bodies, [model, joints, *state])
+        if effects.axis_rates:
+            state = [worlds, work, tree, loops, colors, islands, body_qd_out, history]
+            launch(energy.slow_all_rotors, bodies, [joints, *state])
+        if effects.cables:
+            launch(energy.drop_all_tensions, count, [work, colors, islands, tree])
 
     def _launch_if(
         self, condition: wp.array, launches: Callable[[], None], *, is_due: bool = True

@@ -280,3 +280,29 @@ def test_the_command_measures_a_world(capsys: pytest.CaptureFixture[str]) -> Non
     line = capsys.readouterr().out.splitlines()[-1].split()
     assert line[:2] == ["pyramid", "10"]
     assert 0 < int(line[3]) <= COLORS
+
+
+def test_energy_is_bounded_alike_where_an_island_spans_lanes(monkeypatch) -> None:
+    """Two swarms that collapse, their bodies numbered in turns, so that islands lie in all lanes.
+
+    A sweep does not settle them. Velocities are scaled by a root of quotients of sums over up to
+    100 bodies, which one lane and several sum to 1e-6: of 4 m/s.
+    """
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    rng = np.random.default_rng(5)
+    for i in range(200):
+        place = rng.uniform(-0.8, 0.8, 3)
+        body = add_sphere(builder, place + np.array([5.0 * (i % 2), 0.0, 0.0]), 0.12)
+        builder.body_qd[body] = (*(-4.0 * place), 0.0, 0.0, 0.0)
+    several = Simulation(builder, parallel="bodies", iterations=1)
+    monkeypatch.setattr("newton_avbd.large._SHORTEST", 200)
+    one = Simulation(builder, parallel="bodies", iterations=1)
+    assert (several.solver._large._lanes, one.solver._large._lanes) == (4, 1)
+    for _ in range(10):
+        one.state.assign(several.state)
+        several.step()
+        one.step()
+        np.testing.assert_allclose(several.velocity, one.velocity, atol=1e-4)
+    status = [sim.solver.status for sim in (several, one)]
+    assert status[0].bounded_steps[0] == status[1].bounded_steps[0] > 4
+    assert status[0].bounded_energy[0] == pytest.approx(status[1].bounded_energy[0], rel=1e-3)

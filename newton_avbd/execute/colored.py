@@ -39,6 +39,7 @@ from .bodies import report_held, vector_sum
 from .breaking import make_break_joints
 from .cables import make_cables, make_join, may_jerk
 from .closures import make_closures
+from .colored_energy import ColoredEnergy, make_colored_energy
 from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of, stiffen_rows
@@ -129,7 +130,7 @@ class Colored(NamedTuple):
     give_loops_back: wp.Kernel | None
     give_cables_back: wp.Kernel | None
     end_poses: wp.Kernel
-    bound_energy: wp.Kernel
+    energy: ColoredEnergy | None
     remember_states: wp.Kernel | None
 
 
@@ -255,10 +256,8 @@ def make_colored(effects: Effects) -> Colored:
     break_blocks, break_loop = make_break_joints(effects, gather, closures.load_tendons)
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
-    energy = make_energy(effects) if effects.balanced else None
-    bound_world = energy.bound_world if energy else None
-    is_body_led = energy.is_body_led if energy else None
-    gains_settled = energy.gains_settled if energy else None
+    energy = make_energy(effects, join_at_once) if effects.balanced else ABSENT
+    is_body_led = energy.is_body_led
     count_passes = make_count_passes(effects)
     cables = make_cables(effects)
     begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
@@ -1446,52 +1445,6 @@ def make_colored(effects: Effects) -> Colored:
                 history.age[world] = 0
             history.parity[world] = 1 - history.parity[world]
 
-    @kernel(effects.balanced)
-    def bound_energy(
-        # Model:
-        model: wp.array[BodyModel],
-        joints: wp.array[JointModel],
-        control: ControlInput,
-        # Work:
-        worlds: wp.array[WorldWork],
-        work: wp.array[BodyWork],
-        rows: wp.array[RowWork],
-        tree: wp.array[TreeWork],
-        loops: wp.array[LoopWork],
-        colors: wp.array[ColorWork],
-        # Work out:
-        islands: wp.array[IslandWork],
-        history: wp.array[History],
-        # State out:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
-        """Bounds the energy of a world that did not settle; one thread a world."""
-        world = wp.tid()
-        scale = colors[0].scale[world]
-        update = worlds[0].update[world]
-        has_not_settled = is_unsettled(update * update, scale)
-        if wp.static(effects.folding or effects.kinds.gimbals):
-            if gains_settled(world, joints[0], worlds[0], work[0], tree[0]):
-                has_not_settled = True
-        if colors[0].is_finite[world] == 1 and has_not_settled:
-            bound_world(
-                world,
-                scale,
-                model[0],
-                joints[0],
-                control,
-                worlds[0],
-                work[0],
-                rows[0],
-                tree[0],
-                loops[0],
-                islands[0],
-                history[0],
-                body_q_out,
-                body_qd_out,
-            )
-
     @kernel(effects.second_order)
     def remember_states(
         # Model:
@@ -1567,6 +1520,6 @@ def make_colored(effects: Effects) -> Colored:
         give_loops_back,
         give_cables_back,
         end_poses,
-        bound_energy,
+        make_colored_energy(effects, energy, kernel) if effects.balanced else None,
         remember_states,
     )

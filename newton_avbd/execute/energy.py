@@ -222,26 +222,98 @@ def place_from(root: int, body: int, work: wp.ref[BodyWork]) -> wp.vec3:
     return work.com[body] - work.com[root] + wp.spatial_top(work.increment[body])
 
 
+@wp.func
+def combined(one: Balance, other: Balance) -> Balance:
+    """What is summed over the bodies of both."""
+    out = one
+    out.before += other.before
+    out.after += other.after
+    out.start += other.start
+    out.mass += other.mass
+    out.com += other.com
+    out.start_com += other.start_com
+    out.free_momentum += other.free_momentum
+    out.free_angular += other.free_angular
+    out.is_anchored = out.is_anchored or other.is_anchored
+    out.is_touched = out.is_touched or other.is_touched
+    out.is_pushed = out.is_pushed or other.is_pushed
+    out.is_wild = out.is_wild or other.is_wild
+    return out
+
+
+@wp.func
+def combined_momentum(one: Balance, other: Balance) -> Balance:
+    """Momenta and inertias of both, which are summed once the COM of the island is known."""
+    out = one
+    out.momentum += other.momentum
+    out.angular += other.angular
+    out.inertia += other.inertia
+    out.start_inertia += other.start_inertia
+    return out
+
+
+@wp.func
+def add_momentum(
+    body: int,
+    root: int,
+    island: Balance,
+    body_q: wp.array[wp.transform],
+    model: wp.ref[BodyModel],
+    work: wp.ref[BodyWork],
+    body_q_out: wp.array[wp.transform],
+    body_qd_out: wp.array[wp.spatial_vector],
+    sum: Balance,
+) -> Balance:
+    """Adds a body's momentum and inertia about the COM of its island."""
+    out = sum
+    mass = model.mass[body]
+    r = place_from(root, body, work) - island.com / island.mass
+    inertia = world_inertia(wp.transform_get_rotation(body_q_out[body]), model.inertia[body])
+    momentum = mass * wp.spatial_top(body_qd_out[body])
+    out.momentum += momentum
+    out.angular += wp.cross(r, momentum)
+    out.angular += inertia * wp.spatial_bottom(body_qd_out[body])
+    out.inertia += inertia + point_inertia(mass, r)
+    r = work.com[body] - work.com[root] - island.start_com / island.mass
+    inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
+    out.start_inertia += inertia + point_inertia(mass, r)
+    return out
+
+
 class EnergyFunctions(NamedTuple):
     """Device functions, compiled for the effects of a scene."""
 
-    begin_balance: wp.Function
-    bound_energy: wp.Function
     bound_world: wp.Function
     is_body_led: wp.Function
     gains_settled: wp.Function
+    begin_balance: wp.Function
+    join_joints: wp.Function
+    join_tendons: wp.Function
+    join_cluster: wp.Function
+    add_cables: wp.Function
+    add_body: wp.Function
+    add_tendons: wp.Function
+    settle_island: wp.Function
+    slow_body: wp.Function
+    slow_rotors: wp.Function
+    drop_tensions: wp.Function
 
 
-def make_energy(effects: Effects) -> EnergyFunctions:
-    """Device functions that bound the energy of islands."""
+def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFunctions:
+    """Device functions that bound the energy of islands.
+
+    Args:
+        effects: Effects of the scene.
+        join: Makes one island of two bodies.
+    """
     joint_functions = make_joint(effects.kinds)
     linear_count = joint_functions.linear_count
     angular_count = joint_functions.angular_count
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
     is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
     known_angles, angles = joint_functions.known_angles, joint_functions.angles
-    join_cluster = make_join(join_islands)
-    join_tendons = make_join_tendons(join_islands) if effects.tendons else absent
+    join_cluster = make_join(join)
+    join_tendons = make_join_tendons(join) if effects.tendons else absent
 
     @wp.func
     def add_tendons(first: int, root: int, tree: wp.ref[TreeWork], islands: wp.ref[IslandWork]):
@@ -578,6 +650,100 @@ def make_energy(effects: Effects) -> EnergyFunctions:
                     history.joined_qd[joint, end] = body_qd_out[body]
 
     @wp.func
+    def settle_island(
+        root: int,
+        h: float,
+        worlds: wp.ref[WorldWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+    ):
+        """Decides which motion is left of an island, and counts what is bounded."""
+        sum = settle(islands.balance[root], h)
+        islands.balance[root] = sum
+        world = worlds.of_body[root]
+        if sum.is_bounded:
+            wp.atomic_add(worlds.bounded, world, 1)
+            wp.atomic_add(worlds.excess, world, sum.after - wp.max(sum.before, 0.0))
+            if wp.static(effects.second_order):
+                history.smooth[world] = JUMPED
+        if sum.is_pushed and sum.after > sum.before:
+            wp.atomic_add(worlds.unbounded, world, 1)
+
+    @wp.func
+    def slow_body(
+        body: int,
+        h: float,
+        body_q: wp.array[wp.transform],
+        model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+        body_q_out: wp.array[wp.transform],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """Gives a body the motion that is left of its island."""
+        root = islands.parent[body]
+        sum = islands.balance[root]
+        if sum.is_rigid:
+            turn = exp_quat(h * sum.angular)
+            r = work.com[body] - work.com[root] - sum.start_com / sum.mass
+            shift = wp.quat_rotate(turn, r) - r + h * sum.free_momentum
+            pose = moved_pose(body, body_q[body], shift, turn, model)
+            body_q_out[body] = pose
+            v = sum.free_momentum + wp.cross(sum.free_angular, wp.quat_rotate(turn, r))
+            body_qd_out[body] = wp.spatial_vector(v, sum.free_angular)
+            if wp.static(effects.joints):
+                history.left_q[body] = pose
+                history.lost[body] = wp.vec3(0.0)
+                if is_linked(joints, tree, body):
+                    joint = tree.joint[body]
+                    first = tree.axis_start[body]
+                    take_back(joint, first, tree.start_coordinate, joints, history)
+                if wp.static(effects.loops):
+                    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                        item = loops.items[k]
+                        joint = loops.joints[item / 2]
+                        if counts_here(body, item, joint, joints, work):
+                            first = joints.dof_start[joint]
+                            take_back(joint, first, loops.start_coordinate, joints, history)
+        elif sum.is_bounded:
+            r = place_from(root, body, work) - sum.com / sum.mass
+            v = sum.free_momentum + wp.cross(sum.free_angular, r)
+            velocity = wp.spatial_vector(v, sum.free_angular)
+            if sum.share > 0.0:
+                v = sum.momentum + wp.cross(sum.angular, r)
+                inner = body_qd_out[body] - wp.spatial_vector(v, sum.angular)
+                velocity += sum.share * inner
+            body_qd_out[body] = velocity
+
+    @wp.func
+    def slow_rotors(
+        body: int,
+        joints: wp.ref[JointModel],
+        work: wp.ref[BodyWork],
+        tree: wp.ref[TreeWork],
+        loops: wp.ref[LoopWork],
+        islands: wp.ref[IslandWork],
+        history: wp.ref[History],
+        body_qd_out: wp.array[wp.spatial_vector],
+    ):
+        """After :func:`slow_body` of all bodies: scales the rotors of a body's joints."""
+        sum = islands.balance[islands.parent[body]]
+        share = sum.share
+        if sum.is_bounded:
+            if is_linked(joints, tree, body):
+                scale_rotors(tree.joint[body], share, joints, work, history, body_qd_out)
+            if wp.static(effects.loops):
+                for k in range(loops.body_start[body], loops.body_start[body + 1]):
+                    item = loops.items[k]
+                    joint = loops.joints[item / 2]
+                    if counts_here(body, item, joint, joints, work):
+                        scale_rotors(joint, share, joints, work, history, body_qd_out)
+
+    @wp.func
     def bound_energy(
         first: int,
         end: int,
@@ -635,95 +801,35 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             if work.inv_mass[body] > 0.0:
                 root = islands.parent[body]
                 sum = islands.balance[root]
-                mass = model.mass[body]
-                r = place_from(root, body, work) - sum.com / sum.mass
-                rotation = wp.transform_get_rotation(body_q_out[body])
-                inertia = world_inertia(rotation, model.inertia[body])
-                momentum = mass * wp.spatial_top(body_qd_out[body])
-                sum.momentum += momentum
-                sum.angular += wp.cross(r, momentum)
-                sum.angular += inertia * wp.spatial_bottom(body_qd_out[body])
-                sum.inertia += inertia + point_inertia(mass, r)
-                rotation = wp.transform_get_rotation(body_q[body])
-                r = work.com[body] - work.com[root] - sum.start_com / sum.mass
-                inertia = world_inertia(rotation, model.inertia[body])
-                sum.start_inertia += inertia + point_inertia(mass, r)
-                islands.balance[root] = sum
+                islands.balance[root] = add_momentum(
+                    body, root, sum, body_q, model, work, body_q_out, body_qd_out, sum
+                )
         for i in range(first, end):
             body = bodies[i]
             if work.inv_mass[body] > 0.0 and islands.parent[body] == body:
-                sum = settle(islands.balance[body], scale.h)
-                islands.balance[body] = sum
-                world = worlds.of_body[body]
-                if sum.is_bounded:
-                    wp.atomic_add(worlds.bounded, world, 1)
-                    wp.atomic_add(worlds.excess, world, sum.after - wp.max(sum.before, 0.0))
-                    if wp.static(effects.second_order):
-                        history.smooth[world] = JUMPED
-                if sum.is_pushed and sum.after > sum.before:
-                    wp.atomic_add(worlds.unbounded, world, 1)
+                settle_island(body, scale.h, worlds, islands, history)
         for i in range(first, end):
             body = bodies[i]
             if work.inv_mass[body] > 0.0:
-                root = islands.parent[body]
-                sum = islands.balance[root]
-                if sum.is_rigid:
-                    turn = exp_quat(scale.h * sum.angular)
-                    r = work.com[body] - work.com[root] - sum.start_com / sum.mass
-                    shift = wp.quat_rotate(turn, r) - r + scale.h * sum.free_momentum
-                    pose = moved_pose(body, body_q[body], shift, turn, model)
-                    body_q_out[body] = pose
-                    v = sum.free_momentum + wp.cross(sum.free_angular, wp.quat_rotate(turn, r))
-                    body_qd_out[body] = wp.spatial_vector(v, sum.free_angular)
-                    if wp.static(effects.joints):
-                        history.left_q[body] = pose
-                        history.lost[body] = wp.vec3(0.0)
-                        if is_linked(joints, tree, body):
-                            take_back(
-                                tree.joint[body],
-                                tree.axis_start[body],
-                                tree.start_coordinate,
-                                joints,
-                                history,
-                            )
-                        if wp.static(effects.loops):
-                            for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                                item = loops.items[k]
-                                joint = loops.joints[item / 2]
-                                if counts_here(body, item, joint, joints, work):
-                                    take_back(
-                                        joint,
-                                        joints.dof_start[joint],
-                                        loops.start_coordinate,
-                                        joints,
-                                        history,
-                                    )
-                elif sum.is_bounded:
-                    r = place_from(root, body, work) - sum.com / sum.mass
-                    v = sum.free_momentum + wp.cross(sum.free_angular, r)
-                    velocity = wp.spatial_vector(v, sum.free_angular)
-                    if sum.share > 0.0:
-                        v = sum.momentum + wp.cross(sum.angular, r)
-                        inner = body_qd_out[body] - wp.spatial_vector(v, sum.angular)
-                        velocity += sum.share * inner
-                    body_qd_out[body] = velocity
+                slow_body(
+                    body,
+                    scale.h,
+                    body_q,
+                    model,
+                    joints,
+                    work,
+                    tree,
+                    loops,
+                    islands,
+                    history,
+                    body_q_out,
+                    body_qd_out,
+                )
         if wp.static(effects.axis_rates):
             for i in range(first, end):
                 body = bodies[i]
                 if work.inv_mass[body] > 0.0:
-                    sum = islands.balance[islands.parent[body]]
-                    share = sum.share
-                    if sum.is_bounded:
-                        if is_linked(joints, tree, body):
-                            scale_rotors(
-                                tree.joint[body], share, joints, work, history, body_qd_out
-                            )
-                        if wp.static(effects.loops):
-                            for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                                item = loops.items[k]
-                                joint = loops.joints[item / 2]
-                                if counts_here(body, item, joint, joints, work):
-                                    scale_rotors(joint, share, joints, work, history, body_qd_out)
+                    slow_rotors(body, joints, work, tree, loops, islands, history, body_qd_out)
 
     @wp.func
     def join_joints(
@@ -739,13 +845,13 @@ def make_energy(effects: Effects) -> EnergyFunctions:
         """Makes one island of bodies that joints link, where contacts have not called for it."""
         if wp.static(effects.joints):
             if is_linked(joints, tree, body):
-                join_islands(islands, worlds, work, body, tree.parent[body])
+                join(islands, worlds, work, body, tree.parent[body])
         if wp.static(effects.loops):
             for k in range(loops.body_start[body], loops.body_start[body + 1]):
                 joint = loops.joints[loops.items[k] / 2]
                 if loops.items[k] % 2 == 0 and joints.enabled[joint]:
                     parent = parent_slot(joints, joint, static_slot)
-                    join_islands(islands, worlds, work, body, parent)
+                    join(islands, worlds, work, body, parent)
 
     @wp.func
     def is_body_led(
@@ -901,4 +1007,19 @@ def make_energy(effects: Effects) -> EnergyFunctions:
             for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
                 drop_tensions(i, work, tree, islands)
 
-    return EnergyFunctions(begin_balance, bound_energy, bound_world, is_body_led, gains_settled)
+    return EnergyFunctions(
+        bound_world,
+        is_body_led,
+        gains_settled,
+        begin_balance,
+        join_joints,
+        join_tendons,
+        join_cluster,
+        add_cables,
+        add_body,
+        add_tendons,
+        settle_island,
+        slow_body,
+        slow_rotors,
+        drop_tensions,
+    )

@@ -109,36 +109,37 @@ def add_fourbar(builder: newton.ModelBuilder) -> None:
     place(builder)
 
 
-def add_ant_worlds(builder: newton.ModelBuilder) -> None:
+def add_ant_worlds(builder: newton.ModelBuilder, worlds: int = WORLDS) -> None:
     """Add worlds with an ant in each, all alike."""
     world = newton.ModelBuilder()
     world.default_shape_cfg = builder.default_shape_cfg.copy()
     add_ant(world)
-    builder.replicate(world, WORLDS)
+    builder.replicate(world, worlds)
 
 
-def add_humanoid_worlds(builder: newton.ModelBuilder) -> None:
+def add_humanoid_worlds(builder: newton.ModelBuilder, worlds: int = WORLDS) -> None:
     """Add worlds in which a humanoid falls, from any orientation."""
-    _add_falling_worlds(builder, add_humanoid, most_turn=math.pi)
+    _add_falling_worlds(builder, add_humanoid, worlds, most_turn=math.pi)
 
 
-def add_quadruped_worlds(builder: newton.ModelBuilder) -> None:
+def add_quadruped_worlds(builder: newton.ModelBuilder, worlds: int = WORLDS) -> None:
     """Add worlds in which a quadruped falls on its feet, its legs held by drives."""
-    _add_falling_worlds(builder, add_quadruped, most_turn=0.3)
+    _add_falling_worlds(builder, add_quadruped, worlds, most_turn=0.3)
 
 
 def _add_falling_worlds(
     builder: newton.ModelBuilder,
     add_robot: Callable[[newton.ModelBuilder], None],
+    worlds: int,
     most_turn: float,
 ) -> None:
     """Add worlds with a robot in each, up to 0.5 m higher and turned by up to so much [rad]."""
     world = newton.ModelBuilder()
     world.default_shape_cfg = builder.default_shape_cfg.copy()
     add_robot(world)
-    builder.replicate(world, WORLDS)
+    builder.replicate(world, worlds)
     random = np.random.default_rng(0)
-    coordinates = len(builder.joint_q) // WORLDS
+    coordinates = len(builder.joint_q) // worlds
     for start in range(0, len(builder.joint_q), coordinates):
         axis = wp.normalize(wp.vec3(*random.normal(size=3)))
         turn = wp.quat_from_axis_angle(axis, float(random.uniform(0.0, most_turn)))
