@@ -598,8 +598,8 @@ class WorldWork:
     of_body: wp.array[wp.int32]
     """World of each body slot; -1 for the static world."""
     turn: wp.array[wp.int32]
-    """On a GPU: worlds in the order of their size, so that those of neighboring threads, which wait
-    for each other, are alike."""
+    """On a GPU: world of each thread, -1 for none, in the order of their size, so that those of
+    neighboring threads, which wait for each other, are alike."""
     held: wp.array[wp.int32]
     """Steps in which a world was held still because its state was not finite."""
     sweeps: wp.array[wp.int32]

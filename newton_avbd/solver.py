@@ -531,7 +531,11 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 sort_at_once(self._launch, *to_sort)
             else:
                 self._launch(make_sort_contacts(effects.sleeping), 1, to_sort)
-        threads = seen.worlds.threads if effects.sleeping else self._world_count
+        threads = self._world_count
+        if effects.sleeping:
+            threads = seen.worlds.threads
+        elif effects.on_gpu:
+            threads = seen.worlds.turn.shape[0]
         workers = None if effects.sleeping else self._workers
         self._launch(make_solve(effects), threads, [0, *arguments], workers, WARP)
         if effects.sleeping:

@@ -134,8 +134,18 @@ def heaps(capacity: int | None) -> Simulation:
 def test_many_threads_sort_contacts_as_one_does() -> None:
     """Bit for bit, in whatever order they come."""
     one, many = heaps(None), as_on_a_gpu(heaps(None))
-    assert many.solver._worlds.turn.numpy().tolist() == [2, 1, 0]
+    assert many.solver._worlds.turn.numpy().tolist() == [2, 1, 0] + [-1] * 29
     np.testing.assert_array_equal(edited(many, 60, shuffle(3)), edited(one, 60, shuffle(3)))
+
+
+@pytest.mark.parametrize(
+    ("worlds", "abreast"), [(1, 1), (1056, 1), (1057, 2), (4096, 4), (33792, 32), (100000, 32)]
+)
+def test_worlds_spread_over_the_warps_of_a_gpu(worlds: int, abreast: int) -> None:
+    """132 multiprocessors hold 1,056 warps; each world is in one of them, in order."""
+    threads = buffers.spread(np.arange(worlds), 132).reshape(-1, 32)
+    assert (threads >= 0).sum(axis=1).max() == abreast
+    np.testing.assert_array_equal(threads[threads >= 0], np.arange(worlds))
 
 
 @pytest.mark.parametrize("capacity", [1, 14])

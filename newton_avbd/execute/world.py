@@ -366,6 +366,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             world = int(turn)
             if wp.static(effects.on_gpu and not effects.sleeping):
                 world = worlds.turn[turn]
+                if world < 0:
+                    return
             solve_world(
                 world,
                 model,
