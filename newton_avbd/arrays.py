@@ -32,7 +32,7 @@ from .execute.fluid import find_boxes
 from .execute.launch import Launcher
 from .execute.scan import scratch_size
 from .execute.sleeping import AWAKE, STILL
-from .large import LARGE, LargeWorlds, obstacles
+from .large import FEW, LARGE, LargeWorlds, obstacles
 from .limits import limit_law, limits_within_margins
 from .rows.joint import KINDS
 from .settings import Settings
@@ -319,8 +319,8 @@ class SolverArrays:
         if self._parallel == "worlds" or not flags.contact:
             return False
         if self._parallel is None:
-            largest = np.bincount(groups).max(initial=0)
-            if not self.device.is_cuda or largest < LARGE:
+            sizes = np.bincount(groups)
+            if not self.device.is_cuda or sizes.max(initial=0) < LARGE or sizes.size > FEW:
                 return False
         found = obstacles(flags)
         if found and self._parallel == "bodies":

@@ -194,8 +194,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or
                 ``"bodies"``, all blocks of a color at once, for large worlds; a block is then a
                 free body or an articulation. Scenes without contacts have no colors, and are solved
-                by worlds. None, the default, takes bodies on a GPU where a world has at least 256,
-                and neither ``sleeping`` nor ``formulation="ramp"`` is asked for.
+                by worlds. None, the default, takes bodies on a GPU where a world has at least 64
+                and there are at most 100 worlds, and neither ``sleeping`` nor
+                ``formulation="ramp"`` is asked for.
             sleeping: Islands, what contacts and joints link, are not solved any more once all their
                 bodies have been at rest for half a second, until something touches or drives them
                 or their state, forces or gravity change; see :attr:`status`. Each is solved for

@@ -59,7 +59,7 @@ class BatchResult:
         solver: Name in :data:`~newton_avbd.study.peers.PEERS`.
         first: Time until the first frame was done, compilation included [s].
         step: Mean time of a step of all worlds with its collision detection [ms].
-        alone: Time of a step of all worlds without collision detection at the end [ms].
+        alone: Time of a step of all worlds without collision detection, after the end [ms].
         joints: Largest distance between the anchors of a joint at the end [m].
         penetration: Deepest penetration at the end, by Newton's collision detection [m].
         speed: Speed of the fastest body at the end [m/s].
@@ -135,14 +135,13 @@ def measure(scene: str, worlds: int, solver: str, *, seconds: float = 1.0) -> Ba
     frame()
     wp.synchronize()
     first = time.perf_counter() - begin
-    frames = max(1, round(seconds / (STEPS * DT)))
-    whole = _replayed(frame, frames)
-    alone = _replayed(steps, 5)
+    whole = _replayed(frame, max(1, round(seconds / (STEPS * DT))))
     detect()
     body_q, body_qd = states[0].body_q.numpy(), states[0].body_qd.numpy()
-    count = int(contacts.rigid_contact_count.numpy()[0])
-    joints = Joints.of(model)
-    open_by = joints.separation(body_q.astype(float))
+    penetration = _deepest(model, states[0], contacts)
+    open_by = Joints.of(model).separation(body_q.astype(float))
+    speed = largest_speed(Bodies.of(model), states[0])
+    alone = _replayed(steps, 5, detect)
     return BatchResult(
         scene=scene,
         worlds=worlds,
@@ -151,27 +150,35 @@ def measure(scene: str, worlds: int, solver: str, *, seconds: float = 1.0) -> Ba
         step=1e3 * whole / STEPS,
         alone=1e3 * alone / STEPS,
         joints=float(open_by.max(initial=0.0)),
-        penetration=_deepest(model, states[0], contacts, count),
-        speed=largest_speed(Bodies.of(model), states[0]),
+        penetration=penetration,
+        speed=speed,
         finite=bool(np.isfinite(body_q).all() and np.isfinite(body_qd).all()),
     )
 
 
-def _replayed(call: Callable[[], None], repeats: int) -> float:
-    """Mean time of what a graph replays [s]."""
+def _replayed(
+    call: Callable[[], None], repeats: int, before: Callable[[], None] | None = None
+) -> float:
+    """Mean time of what a graph replays [s], without what goes before each replay."""
     with wp.ScopedCapture() as capture:
         call()
-    wp.synchronize()
-    begin = time.perf_counter()
-    for _ in range(repeats):
+    passed, begin = 0.0, 0.0
+    for i in range(repeats):
+        if i == 0 or before is not None:
+            if before is not None:
+                before()
+            wp.synchronize()
+            begin = time.perf_counter()
         wp.capture_launch(capture.graph)
-    wp.synchronize()
-    return (time.perf_counter() - begin) / repeats
+        if i == repeats - 1 or before is not None:
+            wp.synchronize()
+            passed += time.perf_counter() - begin
+    return passed / repeats
 
 
 @wp.kernel(enable_backward=False)
 def _separations(
-    count: int,
+    count: wp.array[wp.int32],
     body_q: wp.array[wp.transform],
     shape_body: wp.array[wp.int32],
     shape0: wp.array[wp.int32],
@@ -185,7 +192,7 @@ def _separations(
 ):
     """How deep contacts are [m]."""
     i = wp.tid()
-    if i >= count:
+    if i >= count[0]:
         return
     a, b = shape_body[shape0[i]], shape_body[shape1[i]]
     p, q = wp.vec3(point0[i]), wp.vec3(point1[i])
@@ -196,16 +203,14 @@ def _separations(
     wp.atomic_max(deepest, 0, margin0[i] + margin1[i] - wp.dot(normal[i], q - p))
 
 
-def _deepest(
-    model: newton.Model, state: newton.State, contacts: newton.Contacts, count: int
-) -> float:
-    """Deepest penetration of the first contacts [m]."""
+def _deepest(model: newton.Model, state: newton.State, contacts: newton.Contacts) -> float:
+    """Deepest penetration of contacts [m]."""
     deepest = wp.zeros(1, dtype=float)
     wp.launch(
         _separations,
         contacts.rigid_contact_max,
         [
-            count,
+            contacts.rigid_contact_count,
             state.body_q,
             model.shape_body,
             contacts.rigid_contact_shape0,
