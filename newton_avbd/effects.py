@@ -551,11 +551,8 @@ class Effects:
 
     @property
     def folding(self) -> bool:
-        """Whether trees with closed loops may fold either way, and sweeps tell of it.
-
-        Contacts take as many.
-        """
-        return self.loops and self.closures and not self.contact
+        """Whether trees with closed loops may fold either way."""
+        return self.loops and self.closures
 
     @property
     def drift(self) -> bool:

@@ -44,7 +44,7 @@ from .colored_impacts import make_colored_impacts
 from .coloring import is_owner, other_end, sort_part
 from .contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of, stiffen_rows
 from .ending import make_end, make_remember
-from .energy import FLAT, make_energy
+from .energy import make_energy
 from .finite import make_is_world_finite
 from .gathering import make_assemble, make_gather
 from .impacts import make_impacts
@@ -257,7 +257,7 @@ def make_colored(effects: Effects) -> Colored:
     impacts = make_impacts(effects)
     release_impacts, restore_impacts = impacts.release_impacts, impacts.restore_impacts
     energy = make_energy(effects, join_at_once) if effects.balanced else ABSENT
-    is_body_led = energy.is_body_led
+    is_body_led, is_flat = energy.is_body_led, energy.is_flat
     count_passes = make_count_passes(effects)
     cables = make_cables(effects)
     begin_cluster, solve_cluster = cables.begin_cluster, cables.solve_cluster
@@ -1276,8 +1276,11 @@ def make_colored(effects: Effects) -> Colored:
         passes = count_passes(sweeps, update, colors.deepest[world], is_open, scale)
         if colors.is_finite[world] == 0:
             passes = 0
-        elif is_unsettled(update, scale) or (wp.static(effects.folding) and sweeps >= FLAT):
+        elif is_unsettled(update, scale):
             colors.is_excessive[0] = 1
+        elif wp.static(effects.folding):
+            if is_flat(world, worlds):
+                colors.is_excessive[0] = 1
         colors.passes[world] = passes
         if passes > 1:
             colors.is_apart[0] = 1

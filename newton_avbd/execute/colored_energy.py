@@ -30,7 +30,6 @@ from ..data import (
 )
 from ..effects import Effects
 from .energy import (
-    FLAT,
     NEARLY,
     EnergyFunctions,
     add_momentum,
@@ -107,7 +106,8 @@ def make_colored_energy(
         energy: What they call; islands are joined by many threads at once.
         kernel: The decorator.
     """
-    is_body_led, begin_balance = energy.is_body_led, energy.begin_balance
+    is_body_led, is_flat = energy.is_body_led, energy.is_flat
+    begin_balance = energy.begin_balance
     join_joints, join_tendons = energy.join_joints, energy.join_tendons
     join_cluster = energy.join_cluster
     add_cables, drop_tensions = energy.add_cables, energy.drop_tensions
@@ -148,7 +148,9 @@ def make_colored_energy(
         """Whether the energy of a world has to be looked at; one thread a world."""
         world = wp.tid()
         farthest = float(0.0)
-        gains = wp.static(effects.folding) and worlds.sweeps[world] >= FLAT
+        gains = bool(False)
+        if wp.static(effects.folding):
+            gains = is_flat(world, worlds)
         for lane in range(colors.world_lane[world], colors.world_lane[world + 1]):
             farthest = wp.max(farthest, colors.lane_move[lane])
             if colors.lane_move[lane] < 0.0:

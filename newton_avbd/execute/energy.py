@@ -53,7 +53,8 @@ EXCESS = wp.constant(1.0e-6)
 """Energy beyond what may be, as a share of it, that float32 explains."""
 FLAT = wp.constant(6)
 """Sweeps from which on a closed tree that nothing touches counts as flat: away from there it takes
-one to four. It may fold either way, and settles at more energy: a parallelogram 3 % in a step."""
+one to four. It may fold either way, and settles at more energy: a parallelogram 3 % in a step.
+Contacts take as many; with them the sweeps must have been cut off besides."""
 
 
 @wp.func
@@ -285,6 +286,7 @@ class EnergyFunctions(NamedTuple):
 
     bound_world: wp.Function
     is_body_led: wp.Function
+    is_flat: wp.Function
     gains_settled: wp.Function
     begin_balance: wp.Function
     join_joints: wp.Function
@@ -872,6 +874,13 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         return False
 
     @wp.func
+    def is_flat(world: int, worlds: wp.ref[WorldWork]) -> bool:
+        """Whether closed trees may have folded to where they have more energy."""
+        if worlds.sweeps[world] < FLAT:
+            return False
+        return wp.static(not effects.contact) or worlds.update[world] > worlds.settled[world]
+
+    @wp.func
     def gains_settled(
         world: int,
         joints: wp.ref[JointModel],
@@ -882,7 +891,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         """Whether a world may gain energy in a step that has settled: where a gimbal's angles lead,
         or closed trees are flat."""
         if wp.static(effects.folding):
-            if worlds.sweeps[world] >= FLAT:
+            if is_flat(world, worlds):
                 return True
         if wp.static(effects.kinds.gimbals):
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
@@ -1010,6 +1019,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
     return EnergyFunctions(
         bound_world,
         is_body_led,
+        is_flat,
         gains_settled,
         begin_balance,
         join_joints,
