@@ -38,6 +38,8 @@ def body_work(slots: int, second_order: bool) -> Any:
         work.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
         work.lead = wp.zeros(slots, dtype=wp.spatial_vector)
         work.coasting = wp.zeros(slots, dtype=wp.spatial_vector)
+        work.gained = wp.zeros(slots, dtype=wp.spatial_vector)
+        work.rounded = wp.zeros(slots, dtype=wp.spatial_vector)
         work.input_energy = wp.zeros(slots, dtype=float)
     return work
 
@@ -215,6 +217,7 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.joint_force = wp.zeros(slots, dtype=wp.vec3)
     history.left_q = wp.zeros(slots, dtype=wp.transform)
     history.lost = wp.zeros(slots, dtype=wp.vec3)
+    history.lost_turn = wp.zeros(slots, dtype=wp.quat)
     history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
     history.joint_angle = wp.clone(rest_angle)
     history.piece = wp.zeros(dofs, dtype=wp.vec3i)

@@ -577,6 +577,11 @@ class BodyWork:
     """Second order: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
     coasting: wp.array[wp.spatial_vector]
     """Second order: increment of a body that nothing accelerates."""
+    gained: wp.array[wp.spatial_vector]
+    """Carried: what a velocity gains in the step [m/s, rad/s], by all but constraints; from the end
+    of the motion on, by how much more than the velocities in the states tell."""
+    rounded: wp.array[wp.spatial_vector]
+    """Carried: what rounding took from the increment in the last sweep (dx [m], dtheta [rad])."""
     input_energy: wp.array[float]
     """Second order: twice the energy that changes of what a controller pushes the body's tree with
     give in a step [J]."""
@@ -1434,6 +1439,8 @@ class LastStep:
     """Of the pose [m/s, rad/s], without the recovery."""
     velocity: wp.spatial_vectorf
     """Velocity at the end of the step [m/s, rad/s]."""
+    lost: wp.spatial_vectorf
+    """Carried: what rounding took from that velocity [m/s, rad/s]."""
     acceleration: wp.spatial_vectorf
     """Without what external forces gave [m/s^2, rad/s^2]."""
     gain: wp.spatial_vectorf
@@ -1469,6 +1476,8 @@ class History:
     """Pose that the last step gave a body with joints."""
     lost: wp.array[wp.vec3]
     """What rounding took from that position [m]."""
+    lost_turn: wp.array[wp.quat]
+    """Carried: what rounding took from its quaternion."""
     loop_force: wp.array[wp.vec3]
     """Multipliers of the joints outside of trees: force on the child [N], world frame."""
     loop_torque: wp.array[wp.vec3]

@@ -483,6 +483,11 @@ class Effects:
         return self.gyroscopic and self.joints
 
     @property
+    def carried(self) -> bool:
+        """Whether what rounding takes from velocities is carried from step to step."""
+        return self.second_order and self.joints
+
+    @property
     def tilting(self) -> bool:
         """Whether the spin of a linked body may have to be tilted. (Closures take the matrix of
         their tree to be symmetric, which that would not leave it.)"""

@@ -1128,7 +1128,7 @@ def make_colored(effects: Effects) -> Colored:
         elif work.inv_mass[body] > 0.0:
             velocity = end_velocity(
                 worlds.rank[body],
-                colors.scale[world].step,
+                colors.scale[world],
                 body_q,
                 body_qd,
                 model,

@@ -579,7 +579,7 @@ def make_phases(effects: Effects) -> Phases:
             if work.inv_mass[body] > 0.0:
                 velocity = end_velocity(
                     i,
-                    scale.step,
+                    scale,
                     body_q,
                     body_qd,
                     model,

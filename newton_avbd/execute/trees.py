@@ -1714,11 +1714,16 @@ def make_trees(
         update = share * tree.update[body]
         increment = work.increment[body]
         turn = tree.turn[body]
-        rest = wp.spatial_bottom(increment) - turn
-        rest = algebra.combined_turn(rest, wp.spatial_bottom(update))
-        work.increment[body] = wp.spatial_vector(
+        before = wp.spatial_bottom(increment) - turn
+        further = algebra.combined_with(before, wp.spatial_bottom(update))
+        rest = before + further
+        moved = wp.spatial_vector(
             wp.spatial_top(increment) + wp.spatial_top(update), turn + rest
         )
+        work.increment[body] = moved
+        if wp.static(effects.carried):
+            update = wp.spatial_vector(wp.spatial_top(update), further)
+            work.rounded[body] = update - (moved - increment)
         turn_by(body, rest, tree)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
