@@ -1427,6 +1427,7 @@ def make_colored(effects: Effects) -> Colored:
                     restore_impacts(body, colors.scale[world].h, work, rows)
             pose = end_pose(
                 worlds.rank[body],
+                colors.scale[world].h,
                 body_q,
                 model,
                 joints,

@@ -28,6 +28,7 @@ from ..rows.dahl import keep_dahl
 from ..rows.joint import ROD
 from .beginning import UNKNOWN, is_in_tree, make_coasting
 from .bodies import body_at, has_rows, pose_sum, report_held
+from .carrying import carry_turn, carry_velocity, is_short
 from .islands import is_alone, is_free_island, turn_with_island
 from .loops import has_loops
 from .piles import lasting_share, row_count, row_of
@@ -36,9 +37,6 @@ from .trees import is_linked
 
 HELD = wp.constant(0.5)
 """Share of its free acceleration below which a body is held by what it pushes."""
-
-ROUNDED_TURN = wp.constant(1.0e-6)
-"""Most that rounding takes from a quaternion within a step, in units of its length."""
 
 
 def make_remember(
@@ -181,34 +179,6 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         return False
 
     @wp.func
-    def carry_velocity(
-        body: int,
-        velocity: wp.spatial_vector,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
-    ) -> wp.spatial_vector:
-        """Velocity of a body by what it has gained, which rounds less than its increment does.
-
-        What the sum rounds away goes on to the next step. A step of backward Euler, and what flies,
-        begins anew.
-        """
-        none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        lost = none
-        change = none
-        if scale.step < scale.h and history.flying[body] == 0:
-            before = body_qd[body]
-            pulled = (work.increment[body] - work.target[body]) + work.rounded[body]
-            gained = work.gained[body] + pulled / scale.step
-            velocity = before + gained
-            lost = gained - (velocity - before)
-            change = lost - history.last[body].lost
-        history.last[body].lost = lost
-        work.gained[body] = change
-        return velocity
-
-    @wp.func
     def end_velocity(
         rank: int,
         scale: WorldScale,
@@ -247,7 +217,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         velocity = increment / step
         if wp.static(effects.second_order):
             velocity = (increment - work.lead[body]) / step
-        if wp.static(effects.carried):
+        if wp.static(effects.carried_rounding):
             velocity = carry_velocity(body, velocity, scale, body_qd, work, history)
         if wp.static(effects.gyroscopic):
             turn = wp.spatial_bottom(increment)
@@ -303,36 +273,9 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
                 history.joined_qd[joint, end] = velocity
 
     @wp.func
-    def carry_turn(
-        body: int,
-        pose: wp.transform,
-        rotation: wp.quat,
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> wp.quat:
-        """Orientation with what rounding took from it in the steps before, of ``rotation``.
-
-        By how the body swung in the step, unless it has been turned otherwise as well.
-        """
-        before = wp.transform_get_rotation(pose)
-        swing = tree.swing[body]
-        # of a small turn w - 1 rounds
-        axis = wp.vec3(swing[0], swing[1], swing[2])
-        less = wp.length_sq(axis) / (1.0 + swing[3])
-        beyond = (before - rotation) + wp.quat(axis[0], axis[1], axis[2], -less) * before
-        if tree.is_left[body]:
-            beyond += history.lost_turn[body]
-        beyond -= wp.dot(beyond, rotation) * rotation
-        history.lost_turn[body] = wp.quat(0.0, 0.0, 0.0, 0.0)
-        if wp.dot(beyond, beyond) > ROUNDED_TURN * ROUNDED_TURN:
-            return rotation
-        carried = rotation + beyond
-        history.lost_turn[body] = beyond - (carried - rotation)
-        return carried
-
-    @wp.func
     def end_pose(
         rank: int,
+        h: float,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
@@ -355,9 +298,10 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             if wp.static(effects.loops):
                 is_turned = is_turned or has_loops(loops, body)
             rotation = renormalised(tree.rotation[body])
-            if wp.static(effects.carried):
-                if is_turned:
-                    rotation = carry_turn(body, pose, rotation, tree, history)
+            if wp.static(effects.carried_rounding):
+                if is_turned and is_short(h):
+                    began = wp.transform_get_rotation(pose)
+                    rotation = carry_turn(body, began, rotation, tree, history)
             if wp.static(effects.kinds.angles):
                 if is_linked(joints, tree, body):
                     count_turns(body, joints, work, tree, history)

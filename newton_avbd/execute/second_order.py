@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, turned_by, turned_inertia
+from ..algebra.so3 import exp_quat, turned_inertia
 from ..blocks.body import target_translation
 from ..data import (
     BodyModel,
@@ -47,6 +47,7 @@ from ..rows.joint import BALL, DISTANCE, make_joint
 from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
+from .carrying import gained_momentum, gained_spin, is_carried, is_short
 from .drag import make_feel_drag
 from .energy import rigid_spin, squared_move
 from .islands import is_free_island
@@ -709,10 +710,6 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         end = rotation
         # what pushed it at the end of the last step goes on to
         pushed = last.acceleration
-        gained = wp.spatial_vector()
-        if wp.static(effects.carried):
-            gained = last.lost + lead(scale, last.acceleration, last.gain)
-            gained += wp.spatial_vector(step * push, wp.vec3(0.0))
         if wp.static(effects.gyroscopic):
             # of the start, and all that the external torque gives
             momentum = work.momentum[body]
@@ -727,34 +724,39 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             back = wp.transpose(axes)
             work.inertia[body] = axes * model.inertia[body] * back
             spun = axes * (model.inv_inertia[body] * (back * last.torque))
-            if wp.static(effects.carried):
-                # what turns with the body keeps its momentum but for how that turns
-                swing = exp_quat(turn + step * spin)
-                w = wp.spatial_bottom(velocity)
-                kick = step * wp.spatial_bottom(wrench) + lead(scale, last.torque, last.spun)
-                kick -= turned_by(swing, spin_momentum(model, body, rotation, velocity))
-                swung = axes * (model.inv_inertia[body] * (back * kick)) + turned_by(swing, w)
-                swung += wp.spatial_bottom(last.lost)
-                gained = wp.spatial_vector(wp.spatial_top(gained), swung)
-                dtheta = step * (w + swung)
-            else:
-                dtheta = step * (axes * (model.inv_inertia[body] * (back * momentum)))
+            dtheta = step * (axes * (model.inv_inertia[body] * (back * momentum)))
             pushed = wp.spatial_vector(wp.spatial_top(pushed), spun)
             work.momentum[body] = momentum
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
-            if wp.static(effects.carried):
-                none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-                spun = target_turn(model, body, rotation, none, wrench, step) / step
-                gained += wp.spatial_vector(wp.vec3(0.0), spun)
         work.target[body] = ahead + wp.spatial_vector(dx, dtheta)
+        free = work.target[body]
         if wp.static(effects.drag):
-            free = work.target[body]
             feel_drag(body, end, velocity, ahead, step, model, work)
-            gained += (work.target[body] - free) / step
-        if wp.static(effects.carried):
-            work.gained[body] = gained
-            work.rounded[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if wp.static(effects.carried_rounding):
+            if is_short(scale.h):
+                gained = last.lost + lead(scale, last.acceleration, last.gain)
+                shot = wp.spatial_top(gained) + step * push
+                spun = (
+                    wp.spatial_bottom(gained)
+                    + target_turn(model, body, rotation, wp.spatial_vector(), wrench, step) / step
+                )
+                if wp.static(effects.gyroscopic):
+                    kick = step * wp.spatial_bottom(wrench) + lead(scale, last.torque, last.spun)
+                    about = turn + step * wp.spatial_bottom(velocity + scale.h * last.gain)
+                    spun = wp.spatial_bottom(last.lost) + gained_spin(
+                        rotation,
+                        end,
+                        wp.spatial_bottom(velocity),
+                        kick,
+                        about,
+                        model.inertia[body],
+                        model.inv_inertia[body],
+                    )
+                gained = wp.spatial_vector(shot, spun)
+                if wp.static(effects.drag):
+                    gained += (work.target[body] - free) / step
+                work.gained[body] = gained
         target = work.target[body]
         coasting = ahead + step * v
         work.lead[body] = ahead
@@ -950,17 +952,18 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
         if wp.static(effects.gyroscopic):
             after = wp.transform_get_rotation(pose)
-            change = wp.vec3(0.0)
-            if wp.static(effects.carried):
-                # of momenta, which are large, the difference would round
-                swing = exp_quat(wp.spatial_bottom(work.increment[body]))
-                spun = turned_by(swing, wp.spatial_bottom(began))
-                spun = wp.spatial_bottom((velocity - began) + work.gained[body]) - spun
-                change = turned_inertia(after, model.inertia[body], spun)
-                change += turned_by(swing, spin_momentum(model, body, before, began))
-            else:
-                change = spin_momentum(model, body, after, velocity)
-                change -= spin_momentum(model, body, before, began)
+            change = spin_momentum(model, body, after, velocity)
+            change -= spin_momentum(model, body, before, began)
+            if wp.static(effects.carried_rounding):
+                if is_carried(scale):
+                    change = gained_momentum(
+                        before,
+                        after,
+                        wp.spatial_bottom(began),
+                        wp.spatial_bottom((velocity - began) + work.gained[body]),
+                        wp.spatial_bottom(work.increment[body]),
+                        model.inertia[body],
+                    )
             change -= scale.h * wp.spatial_bottom(wrench)
             last.torque = (change - lead(scale, last.torque, last.spun)) / scale.step
             last.spun = next_slope(scale, change, last.spun)
@@ -968,8 +971,9 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             spin = turned_inertia(before, model.inv_inertia[body], wp.spatial_bottom(wrench))
             given = wp.spatial_vector(wp.spatial_top(given), spin)
         change_v = velocity - began
-        if wp.static(effects.carried):
-            change_v += work.gained[body]
+        if wp.static(effects.carried_rounding):
+            if is_carried(scale):
+                change_v += work.gained[body]
         change_v -= scale.h * given
         pushed = (change_v - lead(scale, last.acceleration, last.gain)) / scale.step
         # a step after one of second order may be as little resolved as that one
