@@ -38,8 +38,6 @@ def body_work(slots: int, second_order: bool) -> Any:
         work.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
         work.lead = wp.zeros(slots, dtype=wp.spatial_vector)
         work.coasting = wp.zeros(slots, dtype=wp.spatial_vector)
-        work.gained = wp.zeros(slots, dtype=wp.spatial_vector)
-        work.rounded = wp.zeros(slots, dtype=wp.spatial_vector)
         work.input_energy = wp.zeros(slots, dtype=float)
     return work
 
@@ -217,7 +215,6 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.joint_force = wp.zeros(slots, dtype=wp.vec3)
     history.left_q = wp.zeros(slots, dtype=wp.transform)
     history.lost = wp.zeros(slots, dtype=wp.vec3)
-    history.lost_turn = wp.zeros(slots, dtype=wp.quat)
     history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
     history.joint_angle = wp.clone(rest_angle)
     history.piece = wp.zeros(dofs, dtype=wp.vec3i)
@@ -226,6 +223,30 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.held_at = wp.zeros(dofs, dtype=wp.float64)
     history.limit_force = wp.zeros(dofs, dtype=float)
     history.friction_force = wp.zeros(dofs, dtype=float)
+
+
+def add_carrying(work: Any, history: Any, *, has_joints: bool, has_free: bool) -> bool:
+    """What rounding takes from poses and velocities, by body slot, where it is not there yet.
+
+    Args:
+        work: The work of bodies.
+        history: What is remembered of the last step.
+        has_joints: Whether joints hold bodies.
+        has_free: Whether there are bodies that none holds.
+
+    Returns:
+        Whether something has been added.
+    """
+    slots = work.com.size
+    wanted: list[tuple[Any, str, Any]] = [(work, "gained", wp.spatial_vector)]
+    if has_joints:
+        wanted += [(work, "rounded", wp.spatial_vector), (history, "lost_turn", wp.quat)]
+    if has_free:
+        wanted.append((history, "flights", data.Flight))
+    missing = [item for item in wanted if getattr(item[0], item[1]) is None]
+    for struct, name, dtype in missing:
+        setattr(struct, name, wp.zeros(slots, dtype=dtype))
+    return bool(missing)
 
 
 def add_dahl_history(history: Any, model: newton.Model) -> None:

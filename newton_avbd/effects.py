@@ -87,7 +87,7 @@ CAUSES: dict[str, Cause] = {
         "", "scheme='generalized_alpha', the default", "execute/second_order.py", "Pass scheme."
     ),
     "carried_rounding": Cause(
-        "body", "that moves, and scheme='generalized_alpha', the default", "execute/carrying.py"
+        "body", "stepped by scheme='generalized_alpha', the default", "execute/carrying.py"
     ),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
     "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
@@ -402,9 +402,7 @@ class Effects:
                 : model.body_count if shapes.size and piles and not ramp else 0
             ],
             "gyroscopic": _unequal_moments(model),
-            "carried_rounding": np.flatnonzero(moving(model))[
-                : model.body_count if second_order else 0
-            ],
+            "carried_rounding": np.arange(model.body_count if second_order else 0),
             "joint_force": _pushing(model),
             "welds": getattr(model, "weld_indices", np.zeros(0, dtype=int)),
             "reaction": pushing_joints(model),

@@ -18,8 +18,8 @@ Numerical Integration", section VIII.5.)
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, turned_by, turned_inertia
-from ..data import BodyWork, History, TreeWork, WorldScale
+from ..algebra.so3 import turned_by, turned_from
+from ..data import BodyModel, BodyWork, Flight, History, TreeWork, WorldScale
 
 SHORT = wp.constant(1.0e-3)
 """Steps below which rounding is carried [s]: longer ones are off by more than it adds up to."""
@@ -40,86 +40,80 @@ def is_carried(scale: WorldScale) -> bool:
 
 
 @wp.func
-def gained_spin(
-    before: wp.quat,
-    after: wp.quat,
-    spin: wp.vec3,
-    kick: wp.vec3,
-    turn: wp.vec3,
-    inertia: wp.mat33,
-    inv_inertia: wp.mat33,
-) -> wp.vec3:
-    """What a kick adds to the spin of a body that turns [rad/s], world axes.
-
-    With L = I w, the momentum of the start, w' = I'^-1 (L + kick) is
-
-        w' - w = (E w - w) + I'^-1 (kick - (E L - L)),
-
-    as what turns along with the body keeps its momentum. Nothing large cancels in that.
-
-    Args:
-        before: Orientation at the start.
-        after: At the end.
-        spin: w, at the start [rad/s].
-        kick: What is added to the momentum [N m s].
-        turn: Rotation vector of E, from the start to the end [rad].
-        inertia: In body axes [kg m^2].
-        inv_inertia: Its inverse.
-    """
-    swing = exp_quat(turn)
-    change = kick - turned_by(swing, turned_inertia(before, inertia, spin))
-    return turned_inertia(after, inv_inertia, change) + turned_by(swing, spin)
+def flight_from(
+    body: int, pose: wp.transform, velocity: wp.spatial_vector, flights: wp.array[Flight]
+) -> Flight:
+    """What is known of how a body flew, if it is given what its last flight left."""
+    flight = flights[body]
+    if flight.pose == pose and flight.velocity == velocity:
+        return flight
+    return Flight()
 
 
 @wp.func
-def gained_momentum(
-    before: wp.quat,
-    after: wp.quat,
-    spin: wp.vec3,
-    gained: wp.vec3,
-    turn: wp.vec3,
-    inertia: wp.mat33,
-) -> wp.vec3:
-    """By how much the angular momentum of a body has changed [N m s], world axes.
+def gained_in_flight(
+    model: wp.ref[BodyModel],
+    body: int,
+    rotation: wp.quat,
+    velocity: wp.spatial_vector,
+    wrench: wp.spatial_vector,
+    turn: wp.quat,
+    h: float,
+) -> wp.spatial_vector:
+    """What the velocity of a body gains that nothing holds [m/s, rad/s], world axes.
 
-    The other way round: I' (w' - w - (E w - w)) + (E L - L).
+    Its spin keeps the momentum, L' = L + h torque, and turns with the body:
+
+        w' - w = (E w - w) + I'^-1 (L' - E L).
+
+    Nothing large cancels in that.
 
     Args:
-        before: Orientation at the start.
-        after: At the end.
-        spin: w, at the start [rad/s].
-        gained: w' - w [rad/s].
-        turn: Rotation vector of E, from the start to the end [rad].
-        inertia: In body axes [kg m^2].
+        model: The model.
+        body: The body.
+        rotation: Orientation at the start.
+        velocity: At the start [m/s, rad/s].
+        wrench: External force [N] and torque [N m], without the weight.
+        turn: E, how the body turns, in its own axes.
+        h: Time step [s].
     """
-    swing = exp_quat(turn)
-    change = turned_inertia(after, inertia, gained - turned_by(swing, spin))
-    return change + turned_by(swing, turned_inertia(before, inertia, spin))
+    push = model.inv_mass[body] * wp.spatial_top(wrench)
+    shot = h * (model.gravity[model.world[body]] + push)
+    spin = wp.quat_rotate_inv(rotation, wp.spatial_bottom(velocity))
+    kick = h * wp.quat_rotate_inv(turn, wp.quat_rotate_inv(rotation, wp.spatial_bottom(wrench)))
+    kick -= turned_from(turn, model.inertia[body] * spin)
+    spun = turned_by(turn, spin) + wp.quat_rotate(turn, model.inv_inertia[body] * kick)
+    return wp.spatial_vector(shot, wp.quat_rotate(rotation, spun))
 
 
 @wp.func
 def carry_velocity(
     body: int,
     velocity: wp.spatial_vector,
+    rounded: wp.spatial_vector,
     scale: WorldScale,
     body_qd: wp.array[wp.spatial_vector],
     work: wp.ref[BodyWork],
     history: wp.ref[History],
 ) -> wp.spatial_vector:
-    """Velocity of a held body by what it has gained; others and other steps begin anew.
+    """Velocity of a body by what it has gained; other steps than those of second order begin anew.
 
-    ``work.gained`` becomes by how much more it has gained than velocities tell.
+    ``rounded`` is what rounding took from the increment. ``work.gained`` becomes by how much more
+    the velocity has gained than the states tell.
     """
-    if not is_short(scale.h):
-        return velocity
     lost = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     more = lost
-    if scale.step < scale.h and history.flying[body] == 0:
+    is_flying = history.flying[body] != 0
+    if is_flying or scale.step < scale.h:
         before = body_qd[body]
-        pulled = (work.increment[body] - work.target[body]) + work.rounded[body]
-        gained = work.gained[body] + pulled / scale.step
+        pulled = (work.increment[body] - work.target[body]) + rounded
+        gained = work.gained[body] + (1.0 / scale.step) * pulled
         velocity = before + gained
         lost = gained - (velocity - before)
+        if is_flying:
+            history.flights[body].velocity = velocity
+            history.flights[body].lost = lost
+            return velocity
         more = lost - history.last[body].lost
     history.last[body].lost = lost
     work.gained[body] = more
@@ -127,15 +121,20 @@ def carry_velocity(
 
 
 @wp.func
-def sum_turn(before: wp.quat, swing: wp.quat, after: wp.quat, lost: wp.quat):
-    """Orientation after a swing with what has been lost before, and what is lost of that.
+def less_one(turn: wp.quat) -> wp.quat:
+    """A turn less the unit quaternion; of a small one w - 1 would round."""
+    axis = wp.vec3(turn[0], turn[1], turn[2])
+    return wp.quat(axis[0], axis[1], axis[2], -wp.length_sq(axis) / (1.0 + turn[3]))
 
-    ``after`` is the rounded one; it stays as it is where the body has been turned otherwise, too.
+
+@wp.func
+def sum_turn(before: wp.quat, further: wp.quat, after: wp.quat, lost: wp.quat):
+    """The quaternion ``before + further + lost``, and what rounding takes from that.
+
+    ``after`` is the rounded one of unit length; it stays as it is where the body has been turned
+    otherwise, too, or far.
     """
-    axis = wp.vec3(swing[0], swing[1], swing[2])
-    # w - 1, which rounds where the turn is small
-    less = -wp.length_sq(axis) / (1.0 + swing[3])
-    beyond = (before - after) + wp.quat(axis[0], axis[1], axis[2], less) * before + lost
+    beyond = (before - after) + further + lost
     beyond -= wp.dot(beyond, after) * after
     none = wp.quat(0.0, 0.0, 0.0, 0.0)
     if not wp.dot(beyond, beyond) < ROUNDED_TURN * ROUNDED_TURN:
@@ -156,6 +155,37 @@ def carry_turn(
     lost = wp.quat(0.0, 0.0, 0.0, 0.0)
     if tree.is_left[body]:
         lost = history.lost_turn[body]
-    after, lost = sum_turn(before, tree.swing[body], after, lost)
+    after, lost = sum_turn(before, less_one(tree.swing[body]) * before, after, lost)
     history.lost_turn[body] = lost
     return after
+
+
+@wp.func
+def carry_flight(
+    body: int,
+    pose: wp.transform,
+    after: wp.transform,
+    shift: wp.vec3,
+    further: wp.quat,
+    flights: wp.array[Flight],
+) -> wp.transform:
+    """Pose of a body that flew, from ``after``, which is rounded; kept for the next step.
+
+    Args:
+        body: The body.
+        pose: At the start.
+        after: At the end.
+        shift: From that to this [m].
+        further: By how much its quaternion has changed.
+        flights: That of this step, with what earlier ones have lost.
+    """
+    before = wp.transform_get_rotation(pose)
+    rotation = wp.transform_get_rotation(after)
+    rotation, lost_turn = sum_turn(before, further, rotation, flights[body].lost_turn)
+    start = wp.transform_get_translation(pose)
+    moved = shift + flights[body].lost_shift
+    end = start + moved
+    flights[body].lost_shift = moved - (end - start)
+    flights[body].lost_turn = lost_turn
+    flights[body].pose = wp.transform(end, rotation)
+    return wp.transform(end, rotation)
