@@ -350,6 +350,13 @@ class SolverArrays:
             self._forget_launches()
             with wp.ScopedDevice(self.device):
                 buffers.add_dahl_history(self._history, self._solved)
+        if self._flags.carried_rounding:
+            has_joints, has_free = self._flags.joints, bool(np.any(topology.is_alone))
+            with wp.ScopedDevice(self.device):
+                if buffers.add_carrying(
+                    self._work, self._history, has_joints=has_joints, has_free=has_free
+                ):
+                    self._forget_launches()
         if self._flags.drag and self._work.drag is None:
             self._forget_launches()
             with wp.ScopedDevice(self.device):

@@ -245,6 +245,30 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     history.friction_force = wp.zeros(dofs, dtype=float)
 
 
+def add_carrying(work: Any, history: Any, *, has_joints: bool, has_free: bool) -> bool:
+    """What rounding takes from poses and velocities, by body slot, where it is not there yet.
+
+    Args:
+        work: The work of bodies.
+        history: What is remembered of the last step.
+        has_joints: Whether joints hold bodies.
+        has_free: Whether there are bodies that none holds.
+
+    Returns:
+        Whether something has been added.
+    """
+    slots = work.com.size
+    wanted: list[tuple[Any, str, Any]] = [(work, "gained", wp.spatial_vector)]
+    if has_joints:
+        wanted += [(work, "rounded", wp.spatial_vector), (history, "lost_turn", wp.quat)]
+    if has_free:
+        wanted.append((history, "flights", data.Flight))
+    missing = [item for item in wanted if getattr(item[0], item[1]) is None]
+    for struct, name, dtype in missing:
+        setattr(struct, name, wp.zeros(slots, dtype=dtype))
+    return bool(missing)
+
+
 def add_dahl_history(history: Any, model: newton.Model) -> None:
     """What is remembered of Dahl friction, by joint."""
     is_rod = model.joint_type.numpy() == int(newton.JointType.ROD)

@@ -577,6 +577,12 @@ class BodyWork:
     """Second order: increment (dx [m], dtheta [rad]) from which the step's velocity counts."""
     coasting: wp.array[wp.spatial_vector]
     """Second order: increment of a body that nothing accelerates."""
+    gained: wp.array[wp.spatial_vector]
+    """Carried rounding: what a velocity gains in the step [m/s, rad/s] by all but constraints; from
+    the end of the motion on, how much more it has gained than the states tell."""
+    rounded: wp.array[wp.spatial_vector]
+    """Carried rounding: what rounding took from the increment of a body of a tree in the last sweep
+    (dx [m], dtheta [rad])."""
     input_energy: wp.array[float]
     """Second order: twice the energy that changes of what a controller pushes the body's tree with
     give in a step [J]."""
@@ -1434,6 +1440,8 @@ class LastStep:
     """Of the pose [m/s, rad/s], without the recovery."""
     velocity: wp.spatial_vectorf
     """Velocity at the end of the step [m/s, rad/s]."""
+    lost: wp.spatial_vectorf
+    """Carried rounding: what rounding took from that velocity [m/s, rad/s]."""
     acceleration: wp.spatial_vectorf
     """Without what external forces gave [m/s^2, rad/s^2]."""
     gain: wp.spatial_vectorf
@@ -1445,6 +1453,21 @@ class LastStep:
     wrench: wp.spatial_vectorf
     """External force [N], weight included, and torque [N m]."""
     pose: wp.transform
+
+
+@wp.struct
+class Flight:
+    """Where the last step left a body that nothing held, and what rounding took from that."""
+
+    pose: wp.transform
+    velocity: wp.spatial_vectorf
+    """[m/s, rad/s]"""
+    lost: wp.spatial_vectorf
+    """From the velocity [m/s, rad/s]."""
+    lost_shift: wp.vec3
+    """From the position [m]."""
+    lost_turn: wp.quat
+    """From the quaternion."""
 
 
 @wp.struct
@@ -1469,6 +1492,8 @@ class History:
     """Pose that the last step gave a body with joints."""
     lost: wp.array[wp.vec3]
     """What rounding took from that position [m]."""
+    lost_turn: wp.array[wp.quat]
+    """Carried rounding: what rounding took from its quaternion."""
     loop_force: wp.array[wp.vec3]
     """Multipliers of the joints outside of trees: force on the child [N], world frame."""
     loop_torque: wp.array[wp.vec3]
@@ -1501,6 +1526,8 @@ class History:
     """Steps since the world's multipliers were reset, shape (world_count,)."""
     last: wp.array[LastStep]
     """Second order: the last step of each body slot."""
+    flights: wp.array[Flight]
+    """Carried rounding: the last flight of each body slot, where bodies are free."""
     pushing: wp.array[wp.int32]
     """Second order: contacts that pushed in the last step, by owner."""
     flying: wp.array[wp.int32]

@@ -86,6 +86,9 @@ CAUSES: dict[str, Cause] = {
     "second_order": Cause(
         "", "scheme='generalized_alpha', the default", "execute/second_order.py", "Pass scheme."
     ),
+    "carried_rounding": Cause(
+        "body", "stepped by scheme='generalized_alpha', the default", "execute/carrying.py"
+    ),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
     "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
     "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
@@ -300,6 +303,8 @@ class Effects:
     """Free bodies in contact are solved at once, and a world has two of them."""
     second_order: bool = False
     """Second order in time where the motion is smooth."""
+    carried_rounding: bool = False
+    """What rounding takes from poses and velocities goes on to the next step."""
     ramp: bool = False
     """The seed document's formulation, penalties that grow and no multipliers."""
     sleeping: bool = False
@@ -397,6 +402,7 @@ class Effects:
                 : model.body_count if shapes.size and piles and not ramp else 0
             ],
             "gyroscopic": _unequal_moments(model),
+            "carried_rounding": np.arange(model.body_count if second_order else 0),
             "joint_force": _pushing(model),
             "welds": getattr(model, "weld_indices", np.zeros(0, dtype=int)),
             "reaction": pushing_joints(model),

@@ -449,6 +449,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 control,
                 dt,
                 self._worlds,
+                self._history.flights,
                 state_out.body_q,
                 state_out.body_qd,
             ],

@@ -298,10 +298,13 @@ LINK, AXIS = 683, 184
 """Of each body and each axis in a scene with joints, beside those."""
 SLEEPER, SLEEPING_CONTACT = 176, 100
 """Of each body and each contact with sleeping, beside those."""
-HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH = 256, 48, 36, 4, 12
+HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH = 280, 48, 36, 4, 12
 """Of each body, degree of freedom, degree of freedom beside joints that link bodies, body with
 sleeping, and contact of rigid shapes that do not bounce, with the scheme of second order, beside
 those."""
+FLIGHT, CARRIED = 128, 64
+"""Of each body that no joint holds, and of each that joints do, with the scheme of second order,
+beside those."""
 BY_CONTACT = {"restitution": 84, "angular_friction": 52, "compliance": 4, "ramp": 8}
 """Of each contact, where the effect is on."""
 
@@ -357,7 +360,7 @@ def test_memory_is_as_documented() -> None:
     text = DOCS.read_text()
     for size in (ALONE, 224, DOF, PILE, CONTACT, LINK, AXIS, SLEEPER, SLEEPING_CONTACT):
         assert f" {size} |" in text
-    for size in (HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH):
+    for size in (HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH, FLIGHT, CARRIED):
         assert f" {size} |" in text
     for size in BY_CONTACT.values():
         assert f" {size} |" in text
@@ -373,11 +376,11 @@ def test_memory_of_second_order_is_as_documented() -> None:
         )
         return second - first
 
-    free = HISTORY + 6 * DOF_HISTORY
+    free = HISTORY + FLIGHT + 6 * DOF_HISTORY
     assert added(free_bodies(100), free_bodies(200)) == 100 * free
     assert added(boxes(100), boxes(200)) == 100 * free
     assert added(boxes(100), boxes(200), sleeping=True) == 100 * (free + SLEEPER_HISTORY)
-    assert added(chain(100), chain(200)) == 100 * (HISTORY + DOF_HISTORY + INPUT)
+    assert added(chain(100), chain(200)) == 100 * (HISTORY + CARRIED + DOF_HISTORY + INPUT)
     assert added(boxes(1, 100), boxes(1, 200)) == 100 * TOUCH
     bouncing = [boxes(1, count, restitution=0.5) for count in (100, 200)]
     assert added(*bouncing) == 0
@@ -386,7 +389,7 @@ def test_memory_of_second_order_is_as_documented() -> None:
 def test_a_hundred_thousand_boxes_fit() -> None:
     """With 400,000 contacts in 400 MB: memory is linear in both, see above."""
     small = memory(boxes(1, 1), scheme="generalized_alpha")
-    box = BODY + 6 * DOF + PILE + HISTORY + 6 * DOF_HISTORY
+    box = BODY + 6 * DOF + PILE + HISTORY + FLIGHT + 6 * DOF_HISTORY
     assert small + 99_999 * box + 399_999 * (CONTACT + TOUCH) < 400.0e6
 
 

@@ -57,6 +57,12 @@ def turned_from(q: wp.quat, arm: wp.vec3) -> wp.vec3:
 
 
 @wp.func
+def turned_by(q: wp.quat, arm: wp.vec3) -> wp.vec3:
+    """By how much a turn ``q`` moves the end of an arm [m]: q arm q^-1 - arm; see above."""
+    return -turned_from(wp.quat_inverse(q), arm)
+
+
+@wp.func
 def right_jacobian(theta: wp.vec3) -> wp.mat33:
     """Right Jacobian of SO(3): d exp(theta) = exp(theta) [J_r dtheta].
 

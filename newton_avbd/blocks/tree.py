@@ -55,14 +55,15 @@ def buckling(force: wp.vec3, arm: wp.vec3, mass: float, inertia: wp.mat33, h: fl
 
 
 @wp.func
-def combined_turn(theta: wp.vec3, delta: wp.vec3) -> wp.vec3:
-    """Rotation vector of exp(delta) exp(theta) [rad], to second order in theta.
+def combined_with(theta: wp.vec3, delta: wp.vec3) -> wp.vec3:
+    """What exp(delta) adds to the rotation vector theta [rad], to second order in theta.
 
-    Of a theta of many radians the second order would take more of delta than there is.
+    That of exp(delta) exp(theta) is the sum. Of a theta of many radians the second order would take
+    more of delta than there is.
     """
     across = wp.cross(theta, delta)
     second = 1.0 / wp.max(wp.dot(theta, theta), 12.0)
-    return theta + delta - 0.5 * across + second * wp.cross(theta, across)
+    return delta - 0.5 * across + second * wp.cross(theta, across)
 
 
 @wp.func

@@ -21,11 +21,13 @@ from ..data import (
     BodyModel,
     BodyWork,
     ControlInput,
+    Flight,
     JointModel,
     RowWork,
     WorldWork,
 )
 from ..effects import Effects
+from .carrying import carry_flight, flight_from, gained_in_flight, is_short, less_one
 from .denormals import flush_denormals, restore_denormals
 from .drag import make_feel_drag, resistance, response
 from .launch import KERNEL, uncollected
@@ -463,6 +465,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         control: wp.ref[ControlInput],
         h: float,
         worlds: wp.ref[WorldWork],
+        flights: wp.array[Flight],
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
     ):
@@ -481,6 +484,8 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         end_velocity = dx / h
         rotation = wp.transform_get_rotation(pose)
         spin = wp.vec3(0.0)
+        further = wp.quat(0.0, 0.0, 0.0, 0.0)
+        gained = wp.spatial_vector()
         if wp.static(effects.second_order):
             # the trapezoidal rule, which makes a parabola
             dx = 0.5 * (dx + h * wp.spatial_top(velocity))
@@ -490,6 +495,10 @@ def make_integrate(effects: Effects) -> wp.Kernel:
                 if takes_midpoint(h * wp.spatial_bottom(velocity)):
                     ahead = 0.5 * h
             turn, own_spin = free_turn_of(model, body, rotation, velocity, wrench, h, ahead)
+            if wp.static(effects.carried_rounding):
+                if is_short(h):
+                    further = rotation * less_one(turn)
+                    gained = gained_in_flight(model, body, rotation, velocity, wrench, turn, h)
             rotation = rotation * turn
             spin = wp.quat_rotate(rotation, own_spin)
         else:
@@ -497,12 +506,28 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             spin = dtheta / h
             if wp.static(effects.second_order):
                 dtheta = 0.5 * (dtheta + h * wp.spatial_bottom(velocity))
+            if wp.static(effects.carried_rounding):
+                if is_short(h):
+                    own = exp_quat(wp.quat_rotate_inv(rotation, dtheta))
+                    further = rotation * less_one(own)
+                    gained = gained_in_flight(model, body, rotation, velocity, wrench, own, h)
             rotation = exp_quat(dtheta) * rotation
         rotation = renormalised(rotation)
         increment = wp.spatial_vector(dx, wp.vec3(0.0))
         shift = origin_shift(pose, model.com[body], increment, rotation)
-        body_q_out[body] = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
-        body_qd_out[body] = wp.spatial_vector(end_velocity, spin)
+        after = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
+        left = wp.spatial_vector(end_velocity, spin)
+        if wp.static(effects.carried_rounding):
+            if is_short(h):
+                flight = flight_from(body, pose, velocity, flights)
+                gained += flight.lost
+                left = velocity + gained
+                flight.lost = gained - (left - velocity)
+                flight.velocity = left
+                flights[body] = flight
+                after = carry_flight(body, pose, after, shift, further, flights)
+        body_q_out[body] = after
+        body_qd_out[body] = left
 
     @wp.kernel(**KERNEL)
     def integrate(
@@ -516,6 +541,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
         h: float,
         # Work:
         worlds: wp.array[WorldWork],
+        flights: wp.array[Flight],
         # State out:
         body_q_out: wp.array[wp.transform],
         body_qd_out: wp.array[wp.spatial_vector],
@@ -529,6 +555,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             control,
             h,
             worlds[0],
+            flights,
             body_q_out,
             body_qd_out,
         )

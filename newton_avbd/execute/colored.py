@@ -1127,7 +1127,7 @@ def make_colored(effects: Effects) -> Colored:
         elif work.inv_mass[body] > 0.0:
             velocity = end_velocity(
                 worlds.rank[body],
-                colors.scale[world].step,
+                colors.scale[world],
                 body_q,
                 body_qd,
                 model,
@@ -1429,6 +1429,7 @@ def make_colored(effects: Effects) -> Colored:
                     restore_impacts(body, colors.scale[world].h, work, rows)
             pose = end_pose(
                 worlds.rank[body],
+                colors.scale[world].h,
                 body_q,
                 model,
                 joints,

@@ -28,6 +28,7 @@ from ..rows.dahl import keep_dahl
 from ..rows.joint import ROD
 from .beginning import UNKNOWN, is_in_tree, make_coasting
 from .bodies import body_at, has_rows, pose_sum, report_held
+from .carrying import carry_flight, carry_turn, carry_velocity, is_short, less_one
 from .islands import is_alone, is_free_island, turn_with_island
 from .loops import has_loops
 from .piles import lasting_share, row_count, row_of
@@ -178,9 +179,16 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         return False
 
     @wp.func
+    def flies(body: int, h: float, history: wp.ref[History]) -> bool:
+        """Whether a body flew in a step in which rounding is carried."""
+        if wp.static(effects.carried_rounding):
+            return is_short(h) and history.flying[body] != 0
+        return False
+
+    @wp.func
     def end_velocity(
         rank: int,
-        step: float,
+        scale: WorldScale,
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
@@ -198,6 +206,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         Where islands have been given their momentum back, joints go along.
         """
         body = body_at(rank, worlds)
+        step = scale.step
         increment = work.increment[body]
         coasting = coasting_increment(work, body_qd, body, step)
         free = wp.spatial_top(work.target[body] - coasting)
@@ -215,13 +224,19 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         velocity = increment / step
         if wp.static(effects.second_order):
             velocity = (increment - work.lead[body]) / step
+        if wp.static(effects.carried_rounding):
+            if is_short(scale.h):
+                rounded = wp.spatial_vector()
+                if wp.static(effects.joints):
+                    rounded = work.rounded[body]
+                velocity = carry_velocity(body, velocity, rounded, scale, body_qd, work, history)
         if wp.static(effects.gyroscopic):
             turn = wp.spatial_bottom(increment)
             spin = wp.spatial_bottom(velocity)
             if has_no_joints(rank, worlds, tree, loops):
                 if is_touched_by(body, rows, islands):
                     spin += carried_roll(turn, work.inv_inertia[body]) / step
-                else:
+                elif not flies(body, scale.h, history):
                     end = turned(body_q[body], increment)
                     spin = turned_inertia(end, model.inv_inertia[body], work.momentum[body])
             if wp.static(effects.tilting):
@@ -271,6 +286,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
     @wp.func
     def end_pose(
         rank: int,
+        h: float,
         body_q: wp.array[wp.transform],
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
@@ -293,6 +309,10 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             if wp.static(effects.loops):
                 is_turned = is_turned or has_loops(loops, body)
             rotation = renormalised(tree.rotation[body])
+            if wp.static(effects.carried_rounding):
+                if is_turned and is_short(h):
+                    began = wp.transform_get_rotation(pose)
+                    rotation = carry_turn(body, began, rotation, tree, history)
             if wp.static(effects.kinds.angles):
                 if is_linked(joints, tree, body):
                     count_turns(body, joints, work, tree, history)
@@ -310,16 +330,25 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
                 if is_touched_by(body, rows, islands):
                     rotation = rolled(pose, increment, work.inv_inertia[body])
         shift = origin_shift(pose, model.com[body], increment, rotation)
+        is_flown = flies(body, h, history)
         if wp.static(effects.joints):
-            shift += history.lost[body]
+            if not is_flown:
+                shift += history.lost[body]
         before = wp.transform_get_translation(pose)
         after = before + shift
         moved = wp.transform(after, rotation)
+        if wp.static(effects.carried_rounding):
+            if is_flown:
+                swing = exp_quat(wp.spatial_bottom(increment))
+                further = less_one(swing) * wp.transform_get_rotation(pose)
+                moved = carry_flight(body, pose, moved, shift, further, history.flights)
         if wp.isfinite(pose_sum(moved)):
             pose = moved
             if wp.static(effects.joints):
                 history.left_q[body] = moved
                 history.lost[body] = shift - (after - before)
+                if is_flown:
+                    history.lost[body] = wp.vec3(0.0)
         else:
             report_held(worlds, worlds.of_body[body])
         return pose

@@ -12,7 +12,7 @@ known in closed form and leaves all slips as they are.
 import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_from, world_inertia
-from ..blocks.tree import combined_turn
+from ..blocks.tree import combined_with
 from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, TreeWork, WorldWork
 from .bodies import body_at
 from .drag import resistance
@@ -210,7 +210,7 @@ def turn_with_island(
     end = r + moved - linear - total.moved
     shift = -turned_from(exp_quat(-turn), end) - linear
     rest = wp.spatial_bottom(work.increment[body]) - turn - tree.turn[body]
-    rest = combined_turn(rest, turn)
+    rest += combined_with(rest, turn)
     work.increment[body] = wp.spatial_vector(moved + shift, tree.turn[body] + rest)
     turn_by(body, rest, tree)
 

@@ -579,7 +579,7 @@ def make_phases(effects: Effects) -> Phases:
             if work.inv_mass[body] > 0.0:
                 velocity = end_velocity(
                     i,
-                    scale.step,
+                    scale,
                     body_q,
                     body_qd,
                     model,
@@ -727,7 +727,18 @@ def make_phases(effects: Effects) -> Phases:
             pose = body_q[body]
             if work.inv_mass[body] > 0.0:
                 pose = end_pose(
-                    i, body_q, model, joints, worlds, work, rows, tree, loops, islands, history
+                    i,
+                    scale.h,
+                    body_q,
+                    model,
+                    joints,
+                    worlds,
+                    work,
+                    rows,
+                    tree,
+                    loops,
+                    islands,
+                    history,
                 )
             body_q_out[body] = pose
         if wp.static(effects.gyroscopic and effects.pairs and not effects.drag):

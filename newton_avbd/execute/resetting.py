@@ -8,6 +8,7 @@ import warp as wp
 from ..data import (
     AxisMotion,
     BodyWork,
+    Flight,
     History,
     JointModel,
     LoopWork,
@@ -132,6 +133,8 @@ def reset_bodies(
     if loops.joints.shape[0] > 0:
         for i in range(loops.body_start[body], loops.body_start[body + 1]):
             forget_axes(loops.joints[loops.items[i] / 2], joints, rest_angle, history)
+    if history.flights.shape[0] > 0:
+        history.flights[body] = Flight()
     if history.flying.shape[0] > 0:
         history.flying[body] = 0
         history.smooth[worlds.of_body[body]] = JUMPED

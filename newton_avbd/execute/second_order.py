@@ -26,7 +26,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, turned_inertia
+from ..algebra.so3 import exp_quat, turned_by, turned_inertia
 from ..blocks.body import target_translation
 from ..data import (
     BodyModel,
@@ -47,6 +47,7 @@ from ..rows.joint import BALL, DISTANCE, make_joint
 from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
+from .carrying import flight_from, gained_in_flight, is_carried, is_short
 from .drag import make_feel_drag
 from .energy import rigid_spin, squared_move
 from .islands import is_free_island
@@ -655,6 +656,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         body_qd: wp.array[wp.spatial_vector],
         model: wp.ref[BodyModel],
         work: wp.ref[BodyWork],
+        history: wp.ref[History],
     ):
         """Lead and target of a body that flies: the trapezoidal rule, which makes a parabola.
 
@@ -673,6 +675,21 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                 turn = scale.h * w
         shift = 0.5 * wp.spatial_top(work.target[body] + work.coasting[body])
         target = wp.spatial_vector(shift, turn)
+        if wp.static(effects.carried_rounding):
+            if is_short(scale.h):
+                pose, velocity = body_q[body], body_qd[body]
+                flight = flight_from(body, pose, velocity, history.flights)
+                start = wp.transform_get_rotation(pose)
+                work.gained[body] = flight.lost + gained_in_flight(
+                    model,
+                    body,
+                    start,
+                    velocity,
+                    work.wrench[body],
+                    exp_quat(wp.quat_rotate_inv(start, turn)),
+                    scale.h,
+                )
+                history.flights[body] = flight
         work.lead[body] = target - (scale.step / scale.h) * work.target[body]
         work.target[body] = target
         work.increment[body] = target
@@ -698,7 +715,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             return
         last = history.last[body]
         ahead = lead(scale, velocity, last.slope)
-        v = velocity + lead(scale, last.acceleration, last.gain)
+        gained = lead(scale, last.acceleration, last.gain)
+        v = velocity + gained
         # external forces are those of the whole step: all of their impulse, none of the last one's
         wrench = (scale.h / step) * external_wrench(model, body, work)
         push = model.inv_mass[body] * wp.spatial_top(wrench)
@@ -715,22 +733,49 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             if wp.static(effects.drag):
                 momentum = spin_momentum(model, body, rotation, velocity)
                 momentum += step * wp.spatial_bottom(wrench)
-            momentum += lead(scale, last.torque, last.spun)
+            began = momentum - step * wp.spatial_bottom(wrench)
+            kick = step * wp.spatial_bottom(wrench) + lead(scale, last.torque, last.spun)
+            momentum = began + kick
             # the inertia of the end of the step, where the body goes if all stays smooth
             spin = wp.spatial_bottom(velocity + scale.h * last.gain)
-            end = exp_quat(turn + step * spin) * rotation
+            swing = exp_quat(turn + step * spin)
+            end = swing * rotation
             axes = wp.quat_to_matrix(end)
             back = wp.transpose(axes)
             work.inertia[body] = axes * model.inertia[body] * back
             spun = axes * (model.inv_inertia[body] * (back * last.torque))
-            dtheta = step * (axes * (model.inv_inertia[body] * (back * momentum)))
+            whole = momentum
+            if wp.static(effects.carried_rounding):
+                if is_short(scale.h):
+                    # what turns along with the body keeps its momentum: nothing large cancels
+                    whole = kick - turned_by(swing, began)
+            w = axes * (model.inv_inertia[body] * (back * whole))
+            if wp.static(effects.carried_rounding):
+                if is_short(scale.h):
+                    start = wp.spatial_bottom(velocity)
+                    w += turned_by(swing, start)
+                    gained = wp.spatial_vector(wp.spatial_top(gained), w)
+                    w += start
+            dtheta = step * w
             pushed = wp.spatial_vector(wp.spatial_top(pushed), spun)
             work.momentum[body] = momentum
         else:
             dtheta = target_turn(model, body, rotation, v, wrench, step)
-        work.target[body] = ahead + wp.spatial_vector(dx, dtheta)
+            if wp.static(effects.carried_rounding):
+                if is_short(scale.h):
+                    none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+                    spun = target_turn(model, body, rotation, none, wrench, step)
+                    gained += wp.spatial_vector(wp.vec3(0.0), spun / step)
+        free = ahead + wp.spatial_vector(dx, dtheta)
+        work.target[body] = free
         if wp.static(effects.drag):
             feel_drag(body, end, velocity, ahead, step, model, work)
+        if wp.static(effects.carried_rounding):
+            if is_short(scale.h):
+                gained += last.lost + wp.spatial_vector(step * push, wp.vec3(0.0))
+                if wp.static(effects.drag):
+                    gained += (work.target[body] - free) / step
+                work.gained[body] = gained
         target = work.target[body]
         coasting = ahead + step * v
         work.lead[body] = ahead
@@ -755,7 +800,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     ):
         """Lead, target and first guess of a body, by the order of its world's step."""
         if is_flying(body, history):
-            fly_body(body, scale, body_q, body_qd, model, work)
+            fly_body(body, scale, body_q, body_qd, model, work, history)
         elif scale.step < scale.h:
             lead_body(body, scale, body_q, body_qd, model, work, history)
         elif follows_second_order(scale):
@@ -926,15 +971,31 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
         if wp.static(effects.gyroscopic):
             after = wp.transform_get_rotation(pose)
-            change = spin_momentum(model, body, after, velocity)
-            change -= spin_momentum(model, body, before, began)
+            is_new = bool(True)
+            change = -spin_momentum(model, body, before, began)
+            if wp.static(effects.carried_rounding):
+                if is_carried(scale):
+                    # of momenta, which are large, the difference would round
+                    is_new = False
+                    swing = exp_quat(wp.spatial_bottom(work.increment[body]))
+                    gained = wp.spatial_bottom((velocity - began) + work.gained[body])
+                    gained -= turned_by(swing, wp.spatial_bottom(began))
+                    change = turned_inertia(after, model.inertia[body], gained) - turned_by(
+                        swing, change
+                    )
+            if is_new:
+                change += spin_momentum(model, body, after, velocity)
             change -= scale.h * wp.spatial_bottom(wrench)
             last.torque = (change - lead(scale, last.torque, last.spun)) / scale.step
             last.spun = next_slope(scale, change, last.spun)
         else:
             spin = turned_inertia(before, model.inv_inertia[body], wp.spatial_bottom(wrench))
             given = wp.spatial_vector(wp.spatial_top(given), spin)
-        change_v = velocity - began - scale.h * given
+        change_v = velocity - began
+        if wp.static(effects.carried_rounding):
+            if is_carried(scale):
+                change_v += work.gained[body]
+        change_v -= scale.h * given
         pushed = (change_v - lead(scale, last.acceleration, last.gain)) / scale.step
         # a step after one of second order may be as little resolved as that one
         if scale.step < scale.h or follows_second_order(scale):

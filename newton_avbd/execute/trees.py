@@ -45,6 +45,7 @@ from ..rows import joint as joint_rows
 from ..rows.dahl import dahl_response
 from ..rows.joint import BALL, NEAR_POLE, ROD, counted, wrapped
 from .bodies import body_at, has_rows, nonnegative
+from .carrying import is_short
 from .scale import STOPPING
 from .slopes import begin_axis, make_inputs
 
@@ -1705,6 +1706,7 @@ def make_trees(
     def move(
         body: int,
         share: float,
+        h: float,
         model: wp.ref[BodyModel],
         joints: wp.ref[JointModel],
         work: wp.ref[BodyWork],
@@ -1714,11 +1716,15 @@ def make_trees(
         update = share * tree.update[body]
         increment = work.increment[body]
         turn = tree.turn[body]
-        rest = wp.spatial_bottom(increment) - turn
-        rest = algebra.combined_turn(rest, wp.spatial_bottom(update))
-        work.increment[body] = wp.spatial_vector(
-            wp.spatial_top(increment) + wp.spatial_top(update), turn + rest
-        )
+        before = wp.spatial_bottom(increment) - turn
+        further = algebra.combined_with(before, wp.spatial_bottom(update))
+        rest = before + further
+        moved = wp.spatial_vector(wp.spatial_top(increment) + wp.spatial_top(update), turn + rest)
+        work.increment[body] = moved
+        if wp.static(effects.carried_rounding):
+            if is_short(h):
+                update = wp.spatial_vector(wp.spatial_top(update), further)
+                work.rounded[body] = update - (moved - increment)
         turn_by(body, rest, tree)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
@@ -1888,7 +1894,7 @@ def make_trees(
         for i in range(first, end):
             body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
-                move(body, share, model, joints, work, tree)
+                move(body, share, h, model, joints, work, tree)
                 turn = wp.spatial_bottom(work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))
                 if wp.static(effects.kinds.gimbals):
