@@ -204,3 +204,26 @@ def test_friction_that_makes_no_sense_is_refused() -> None:
     model.vbd.dahl_tau.fill_(math.nan)
     with pytest.raises(ValueError, match=r"model.vbd.dahl_tau\[\d+\]"):
         SolverAVBD(model)
+
+
+def test_a_cable_that_a_loop_closes_has_friction() -> None:
+    """Its tip is tied to the world by a joint outside of its tree, and its middle is pushed aside.
+
+    The tie stays closed to rounding, and friction ends within its bound.
+    """
+    builder, bodies = cable(tip_is_held=False)
+    builder.add_joint_ball(
+        parent=-1,
+        child=bodies[-1],
+        parent_xform=builder.body_q[bodies[-1]],
+        child_xform=wp.transform_identity(),
+    )
+    sim = Simulation(builder)
+    start = sim.pose[bodies[-1], :3].copy()
+    for _ in range(48):
+        sim.push(bodies[1], (0.0, 1500.0, 0.0))
+        sim.step()
+    np.testing.assert_allclose(sim.pose[bodies[-1], :3], start, atol=1e-5)
+    assert sim.pose[bodies[1], 1] > 1e-3
+    sigma = sim.solver.joint_sigma_prev.numpy()
+    assert 0.0 < np.abs(sigma).max() <= KE * EPS * (1.0 + 1e-5)

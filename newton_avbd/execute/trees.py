@@ -1361,10 +1361,10 @@ def make_trees(
                     )
                     if wp.static(effects.dahl):
                         moved = wp.float32(q - tree.start_coordinate[k])
-                        held, slope, _most = dahl_response(
+                        resisting, slope, _most = dahl_response(
                             joint, dof, wp.float32(q), moved, joints, history
                         )
-                        pull += held
+                        pull += resisting
                         stiffness += slope
                     response[dof] = pull
                     stiff[dof] = stiffness
