@@ -25,6 +25,7 @@ from .cables import CableViews
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, SceneEffects, left_out
+from .execute.adapting import exchange_forces
 from .execute.barrier import WARP
 from .execute.bodies import (
     BODIES_PER_THREAD,
@@ -63,6 +64,7 @@ from .execute.sleeping import (
 from .execute.sorting import sort_at_once
 from .execute.workers import Workers
 from .execute.world import make_solve, make_step, make_step_links
+from .inner_steps import smallest_accuracy
 from .joint_state import JointState
 from .memory import bytes_by_effect, members
 from .report import Report, Status, missed
@@ -142,6 +144,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         blocks: Literal["articulation", "body"] | None = None,
         parallel: Literal["worlds", "bodies"] | None = None,
         sleeping: bool | None = None,
+        accuracy: float | None = None,
+        inner_steps: int | None = None,
         effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
@@ -200,6 +204,15 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 bodies have been at rest for half a second, until something touches or drives them
                 or their state, forces or gravity change; see :attr:`status`. Each is solved for
                 itself. None for not.
+            accuracy: Error that a second of simulated time may add [m/s]; None, the default, for
+                steps as long as ``dt``. A call of ``step`` then divides itself into as few inner
+                steps as each world needs. The local errors of the inner steps in a time T, of the
+                body that is off most, add up to at most ``accuracy`` times T + 1/4 s, by their
+                estimates; a rotation counts by the radius of gyration. ``docs/algorithm.md`` has
+                the estimate, ``docs/accuracy_control.md`` how far it is right. Contacts are those
+                of the call, and so are forces and controls.
+            inner_steps: Most inner steps of a call with ``accuracy``, repeated ones included, 100
+                by default. :meth:`report` says where they did not do.
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
                 that are to be there, which raises where nothing calls for them. For their names
                 and what calls for each see :attr:`effects`.
@@ -239,10 +252,17 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             scheme=scheme,
             blocks=blocks,
             sleeping=sleeping,
+            accuracy=accuracy,
+            inner_steps=inner_steps,
         )
         if parallel not in (None, "worlds", "bodies"):
             raise ValueError(f"parallel must be 'worlds', 'bodies' or None, got {parallel!r}.")
         check_model(model, ramp=settings.ramp)
+        if settings.accuracy is not None and settings.accuracy < smallest_accuracy(model):
+            raise ValueError(
+                f"accuracy={settings.accuracy:.1e} m/s is below what single precision leaves room "
+                f"for in a model of this size; the smallest is {smallest_accuracy(model):.1e} m/s."
+            )
         self._report_ignored = functools.partial(
             report_ignored,
             strict=strict,
@@ -338,7 +358,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
-        needs_solve = flags.joints or flags.sleeping or flags.drag
+        needs_solve = flags.joints or flags.sleeping or flags.drag or flags.adaptive
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)
@@ -362,7 +382,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         for contact_f in _requested(
             observables and observables.contact_f, contacts and contacts.force
         ):
+            self._exchange_forces()
             self._export_contact_force(contact_f, contacts)
+            self._exchange_forces()
         for body_parent_f in _requested(
             observables and observables.body_parent_f, state_out.body_parent_f
         ):
@@ -470,6 +492,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 self._solved.joint_count,
                 [self._solved.joint_enabled, self._history.broken, self._joints.enabled],
             )
+        if effects.adaptive and not self._is_listed:
+            self._list_memory()
+            self._is_listed = True
         seen = self._see_worlds()
         after_prediction = [
             source,
@@ -614,6 +639,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         - ``newton:avbd:scheme``, ``scheme``: likewise.
         - ``newton:avbd:blocks``, ``blocks``: likewise.
         - ``newton:avbd:sleeping``, ``sleeping``: likewise.
+        - ``newton:avbd:accuracy``, ``accuracy``: likewise [m/s].
+        - ``newton:avbd:innerSteps``, ``inner_steps``: likewise.
 
         and from its joints, into arrays of one value a joint:
 
@@ -1018,7 +1045,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 "contacts.force is not allocated; call model.request_contact_attributes('force') "
                 "before creating the contacts, or use the observable 'contact_f'."
             )
+        self._exchange_forces()
         self._export_contact_force(contacts.force, contacts)
+        self._exchange_forces()
 
     @property
     def _owns_detection(self) -> bool:
@@ -1054,6 +1083,11 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             raise ValueError(
                 f"contacts are on device {contacts.device}, the solver on {self.device}."
             )
+
+    def _exchange_forces(self) -> None:
+        """With error control, the forces of the last inner step for those of the call, or back."""
+        if self._flags.adaptive and self._capacity:
+            self._launch_bodies(exchange_forces, [self._worlds, self._rows])
 
     def _export_contact_force(self, contact_f: wp.array, contacts: newton.Contacts | None) -> None:
         contact_f.zero_()

@@ -410,6 +410,8 @@ def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
                 tree_joint,
                 work,
             )
+            if wp.static(effects.adaptive):
+                worlds.inner.wrench[body] = body_f[body]
 
     @wp.kernel(**KERNEL)
     def predict(

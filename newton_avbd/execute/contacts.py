@@ -29,6 +29,7 @@ from .bodies import body_at
 from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
+from .sides import make_written_side
 from .weights import mass_to_stop
 
 NOT_UNIT = wp.constant(0.1)
@@ -483,7 +484,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         history: wp.ref[History],
     ) -> float:
         """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
-        side = 1 - history.parity[world]
+        side = written_side(world, history)
         deepest = float(0.0)
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]
