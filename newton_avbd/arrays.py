@@ -508,13 +508,15 @@ class SolverArrays:
 
     def _list_memory(self) -> None:
         """Lists what a step overwrites and a repeated one puts back, where arrays are new."""
-        found = [(name, array.ptr) for name, array in self._remembered()]
+        self._is_listed = True
+        memory = inner_steps.overwritten(self._remembered())
+        found = [(name, array.ptr) for name, array in memory]
         if found == self._listed:
             return
-        if self.device.is_capturing and self.device.is_cuda:
+        if self.device.is_capturing:
             raise RuntimeError(
-                "SolverAVBD(accuracy=...) needs one step with these contacts before a graph is "
-                "captured."
+                "SolverAVBD(accuracy=...) has to take a step before this one is captured in a "
+                "graph: the model has changed."
             )
         inner, groups = self._worlds.inner, _solver_worlds(self._solved)
         # graphs that were captured before go on using the old arrays
@@ -524,7 +526,7 @@ class SolverArrays:
         with wp.ScopedDevice(self.device):
             inner_steps.add_memory(
                 inner,
-                self._remembered(),
+                memory,
                 self._solved,
                 self._topology,
                 groups,

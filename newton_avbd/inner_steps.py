@@ -136,9 +136,14 @@ def add_history(history: data.History, slots: int, worlds: int) -> None:
     history.next_side = wp.zeros(worlds, dtype=wp.int32)
 
 
+def overwritten(remembered: Iterable[tuple[str, wp.array]]) -> list[tuple[str, wp.array]]:
+    """What a step overwrites of the arrays that it leaves to the next one, by name."""
+    return [(name, array) for name, array in remembered if name not in _KEPT and array.size]
+
+
 def add_memory(
     inner: data.InnerWork,
-    remembered: Iterable[tuple[str, wp.array]],
+    memory: Iterable[tuple[str, wp.array]],
     model: newton.Model,
     topology: Topology,
     groups: np.ndarray,
@@ -149,7 +154,7 @@ def add_memory(
 
     Args:
         inner: Where to.
-        remembered: Arrays that a step leaves to the next one, by name.
+        memory: What a step overwrites, by name.
         model: The model as the solver solves it.
         topology: How joints link its bodies.
         groups: World of each body.
@@ -176,9 +181,7 @@ def add_memory(
         "axis": np.repeat(groups[topology.order], axes),
     }
     segments: list[tuple[int, int, int]] = []
-    for name, array in remembered:
-        if name in _KEPT or array.size == 0:
-            continue
+    for name, array in memory:
         owners = world_of[_BY[name]][: array.shape[0]]
         # of neighbors in one world a single segment
         starts = np.flatnonzero(np.diff(owners, prepend=-2))

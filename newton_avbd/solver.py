@@ -291,6 +291,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self.writes_joint_state:
             self._joint_state = JointState(model)
         self._make_arrays()
+        if self._flags.adaptive:
+            self._list_memory()
         self._callers.require((name for name, on in (effects or {}).items() if on), self._flags)
 
     # What a step does, top to bottom.
@@ -494,7 +496,6 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             )
         if effects.adaptive and not self._is_listed:
             self._list_memory()
-            self._is_listed = True
         seen = self._see_worlds()
         after_prediction = [
             source,

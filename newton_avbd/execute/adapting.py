@@ -36,7 +36,7 @@ from ..effects import Effects
 from .bodies import MIDPOINT, body_at, make_predict_body, moved_by
 from .launch import KERNEL
 
-TRUNCATED = wp.constant(0.25)
+TRUNCATED = wp.constant(0.17)
 """C above. Positions miss h^3/12 of the jerk with the weights of the scheme, and velocities as much
 of its rate; how far both lead a pendulum astray in a second decides here."""
 SAVED = wp.constant(0.25)
