@@ -611,8 +611,7 @@ class SolverArrays:
             (rows, "share", float, effects.compliance),
             (rows, "stiffness", float, effects.ramp),
             (rows, "damping", float, effects.ramp),
-            (self._worlds.inner, "force", wp.vec3, effects.adaptive),
-            (self._worlds.inner, "torque", wp.vec3, effects.adaptive and effects.angular_friction),
+            (self._worlds.inner, "contact_f", wp.spatial_vector, effects.adaptive),
         )
         with wp.ScopedDevice(self.device):
             for owner, name, dtype, is_wanted in by_contact:

@@ -601,10 +601,10 @@ class InnerWork:
     """Pose at the start of the call."""
     put: wp.array[wp.spatial_vector]
     """Put bodies: how far they were put since the last call."""
-    force: wp.array[wp.vec3]
-    """By contact row: mean of its force over the call [N]."""
-    torque: wp.array[wp.vec3]
-    """Likewise of its torque [N m]."""
+    owned_end: wp.array[wp.int32]
+    """By body slot: end of the contacts that it owns, those out of reach with the others."""
+    contact_f: wp.array[wp.spatial_vector]
+    """By contact: mean of its wrench over the call [N, N m]."""
     first: wp.array[wp.int32]
     """First of each world's segments of memory that a step overwrites, shape (world_count + 1,)."""
     address: wp.array[wp.uint64]

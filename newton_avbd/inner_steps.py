@@ -120,6 +120,7 @@ def inner_work(accuracy: float, budget: int, slots: int, worlds: int) -> data.In
     inner.velocity = wp.zeros(slots, dtype=wp.spatial_vector)
     inner.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
     inner.put = wp.zeros(slots, dtype=wp.spatial_vector)
+    inner.owned_end = wp.zeros(slots, dtype=wp.int32)
     for name in ("steps", "rejected", "missed"):
         setattr(inner, name, wp.zeros(worlds, dtype=wp.int32))
     inner.worst = wp.full(worlds, value=-1, dtype=wp.int32)

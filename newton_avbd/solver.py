@@ -25,7 +25,7 @@ from .cables import CableViews
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, SceneEffects, left_out
-from .execute.adapting import exchange_forces
+from .execute.adapting import export_mean_force
 from .execute.barrier import WARP
 from .execute.bodies import (
     BODIES_PER_THREAD,
@@ -384,9 +384,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         for contact_f in _requested(
             observables and observables.contact_f, contacts and contacts.force
         ):
-            self._exchange_forces()
             self._export_contact_force(contact_f, contacts)
-            self._exchange_forces()
         for body_parent_f in _requested(
             observables and observables.body_parent_f, state_out.body_parent_f
         ):
@@ -1046,9 +1044,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 "contacts.force is not allocated; call model.request_contact_attributes('force') "
                 "before creating the contacts, or use the observable 'contact_f'."
             )
-        self._exchange_forces()
         self._export_contact_force(contacts.force, contacts)
-        self._exchange_forces()
 
     @property
     def _owns_detection(self) -> bool:
@@ -1085,14 +1081,18 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 f"contacts are on device {contacts.device}, the solver on {self.device}."
             )
 
-    def _exchange_forces(self) -> None:
-        """With error control, the forces of the last inner step for those of the call, or back."""
-        if self._flags.adaptive and self._capacity:
-            self._launch_bodies(exchange_forces, [self._worlds, self._rows])
-
-    def _export_contact_force(self, contact_f: wp.array, contacts: newton.Contacts | None) -> None:
+    def _export_contact_force(
+        self,
+        contact_f: wp.array,
+        contacts: newton.Contacts | None,
+        *,
+        of_last_inner_step: bool = False,
+    ) -> None:
+        """Wrenches of contacts over the call; with error control of its last inner step, if asked."""
         contact_f.zero_()
-        if self._capacity:
+        if self._capacity and self._flags.adaptive and not of_last_inner_step:
+            self._launch_bodies(export_mean_force, [self._worlds, self._rows, contact_f])
+        elif self._capacity:
             self._launch_bodies(export_contact_force, [self._work, self._rows, contact_f])
         if self._flags.sleeping and contacts is not None:
             source = self._contact_input(contacts)
@@ -1147,7 +1147,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                     shape = (source.capacity,)
                     self._weld_contact_f = wp.zeros(shape, dtype=wp.spatial_vector)
             contact_f = self._weld_contact_f
-            self._export_contact_force(contact_f, contacts)
+            self._export_contact_force(contact_f, contacts, of_last_inner_step=True)
             pose = self._work.pose
             self._launch(
                 load_by_contacts,

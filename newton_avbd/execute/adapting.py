@@ -35,6 +35,7 @@ from ..data import (
 from ..effects import Effects
 from .bodies import MIDPOINT, body_at, make_predict_body, moved_by
 from .launch import KERNEL
+from .observables import contact_wrench
 
 TRUNCATED = wp.constant(0.17)
 """C above. Positions miss h^3/12 of the jerk with the weights of the scheme, and velocities as much
@@ -188,10 +189,9 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             if wp.static(effects.put_bodies):
                 worlds.inner.put[body] = work.put[body]
             if wp.static(effects.contact):
-                for row in range(rows.owned_start[body], rows.owned_end[body]):
-                    worlds.inner.force[row] = wp.vec3(0.0)
-                    if wp.static(effects.angular_friction):
-                        worlds.inner.torque[row] = wp.vec3(0.0)
+                worlds.inner.owned_end[body] = rows.owned_end[body]
+                for k in range(rows.owned_start[body], rows.owned_end[body]):
+                    worlds.inner.contact_f[rows.contacts[k]] = wp.spatial_vector()
 
     @wp.func
     def predict_world(
@@ -225,6 +225,8 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             if wp.static(effects.put_bodies):
                 work.put[body] = share * worlds.inner.put[body]
             if wp.static(effects.contact):
+                # rows leave out what is out of reach
+                rows.owned_end[body] = worlds.inner.owned_end[body]
                 rows.other_end[body] = rows.other_start[body]
 
     @wp.func
@@ -253,12 +255,10 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             worlds.inner.pose[body] = body_q_out[body]
             worlds.inner.velocity[body] = velocity
             if wp.static(effects.contact):
-                for row in range(rows.owned_start[body], rows.owned_end[body]):
-                    force = worlds.inner.force[row] + share * rows.rows[row].force
-                    worlds.inner.force[row] = force
-                    if wp.static(effects.angular_friction):
-                        torque = worlds.inner.torque[row] + share * rows.spin[row].torque
-                        worlds.inner.torque[row] = torque
+                for k in range(rows.owned_start[body], rows.owned_end[body]):
+                    contact, force = contact_wrench(k, work, rows)
+                    mean = worlds.inner.contact_f[contact] + share * force
+                    worlds.inner.contact_f[contact] = mean
 
     @wp.func
     def end_call(
@@ -280,12 +280,13 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 if side != home:
                     history.start[home, body] = history.start[side, body]
                     history.end[home, body] = history.end[side, body]
-                    for row in range(rows.owned_start[body], rows.owned_end[body]):
-                        history.records[home, row] = history.records[side, row]
+                    for k in range(history.start[side, body], history.end[side, body]):
+                        history.records[home, k] = history.records[side, k]
                         if wp.static(effects.angular_friction):
-                            history.torque[home, row] = history.torque[side, row]
-                        if wp.static(effects.matching):
-                            contact = rows.contacts[row]
+                            history.torque[home, k] = history.torque[side, k]
+                    if wp.static(effects.matching):
+                        for k in range(rows.owned_start[body], worlds.inner.owned_end[body]):
+                            contact = rows.contacts[k]
                             known = history.row_of_contact[side, contact]
                             history.row_of_contact[home, contact] = known
         history.parity[world] = home
@@ -465,19 +466,16 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
 
 
 @wp.kernel(**KERNEL)
-def exchange_forces(
+def export_mean_force(
     # Work:
     worlds: wp.array[WorldWork],
-    # Work out:
     rows: wp.array[RowWork],
+    # Out:
+    contact_f: wp.array[wp.spatial_vector],
 ):
-    """Exchanges the forces of the last inner step and those of the whole call; a thread a body."""
+    """Mean wrenches of contacts over a call, for the contacts that a body owns; a thread a body."""
     body = wp.tid()
-    for row in range(rows[0].owned_start[body], rows[0].owned_end[body]):
-        force = rows[0].rows[row].force
-        rows[0].rows[row].force = worlds[0].inner.force[row]
-        worlds[0].inner.force[row] = force
-        if worlds[0].inner.torque.shape[0] > 0:
-            torque = rows[0].spin[row].torque
-            rows[0].spin[row].torque = worlds[0].inner.torque[row]
-            worlds[0].inner.torque[row] = torque
+    for k in range(rows[0].owned_start[body], worlds[0].inner.owned_end[body]):
+        contact = rows[0].contacts[k]
+        if contact < contact_f.shape[0]:
+            contact_f[contact] = worlds[0].inner.contact_f[contact]

@@ -313,6 +313,7 @@ def size_of(work: wp.ref[BodyWork], slot: int, arm: wp.vec3) -> float:
 @functools.cache
 def make_linearise_rows(effects: Effects) -> wp.Function:
     """Device function that turns the contacts of a body into rows."""
+    written_side = make_written_side(effects)
 
     @wp.func
     def linearise(
@@ -388,6 +389,7 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
     ):
         """Turns the contacts that a body owns into rows, without those that cannot close."""
         side = history.parity[world]
+        written = written_side(world, history)
         index = int(rows.owned_start[body])
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             contact = rows.contacts[i]
@@ -403,7 +405,7 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
                 body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
             )
             if wp.static(effects.matching):
-                history.row_of_contact[1 - side, contact] = -1
+                history.row_of_contact[written, contact] = -1
             if not is_sound(row):
                 report_dropped(worlds, contact)
                 continue
@@ -427,7 +429,7 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
                 if wp.static(effects.angular_friction):
                     rows.spin[index] = spin
                 rows.rows[index] = row
-                history.records[1 - side, index] = record
+                history.records[written, index] = record
                 if wp.static(effects.pairs):
                     if work.inv_mass[row.b] > 0.0:
                         other = wp.atomic_add(rows.other_end, row.b, 1)
@@ -444,6 +446,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
     mixed_by_condim = condim_rows.make_mixed_friction(effects.friction_mix, effects.contact_pairs)
     linearise_rows = make_linearise_rows(effects)
+    written_side = make_written_side(effects)
 
     @wp.func
     def recall_multipliers(world: int, body: int, rows: wp.ref[RowWork], history: wp.ref[History]):
@@ -453,16 +456,17 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         twice, contacts that merge add up, and the order of the contacts does not matter.
         """
         side = history.parity[world]
+        written = written_side(world, history)
         start = rows.owned_start[body]
         for i in range(history.start[side, body], history.end[side, body]):
             record = history.records[side, i]
             row = int(-1)
             if wp.static(effects.ramp) or wp.length_sq(record.force) > 0.0:
-                row = find_row(record, start, rows.owned_end[body], 1 - side, rows, history)
+                row = find_row(record, start, rows.owned_end[body], written, rows, history)
             if row >= 0:
                 if wp.static(effects.ramp):
-                    history.records[1 - side, row].penalty = wp.max(
-                        history.records[1 - side, row].penalty, record.penalty
+                    history.records[written, row].penalty = wp.max(
+                        history.records[written, row].penalty, record.penalty
                     )
                 else:
                     rows.rows[row].force = rows.rows[row].force + record.force
