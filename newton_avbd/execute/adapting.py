@@ -36,6 +36,7 @@ from ..effects import Effects
 from .bodies import MIDPOINT, body_at, make_predict_body, moved_by
 from .launch import KERNEL
 from .observables import contact_wrench
+from .scale import ROUNDED
 
 TRUNCATED = wp.constant(0.17)
 """C above. Positions miss h^3/12 of the jerk with the weights of the scheme, and velocities as much
@@ -50,6 +51,9 @@ AIM = wp.constant(0.8)
 INTEGRAL = wp.constant(0.35)
 """Exponents of the controller: 0.7/2 and 0.4/2 for errors a second that go by h^2."""
 PROPORTIONAL = wp.constant(0.2)
+CONVERGED = wp.constant(0.05)
+"""Update of the sweeps that is small enough, by accuracy and h^2 [1/s]: what it leaves of forces
+adds up from step to step."""
 GROWTH = wp.constant(2.0)
 """How many times longer a step may be than the last one: second order needs the last one."""
 MOST = wp.constant(8.0)
@@ -205,8 +209,11 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         rows: wp.ref[RowWork],
         tree: wp.ref[TreeWork],
         history: wp.ref[History],
-    ):
-        """Predicts the bodies of a world for an inner step, which is this share of the call."""
+    ) -> float:
+        """Predicts the bodies of a world for an inner step, which is this share of the call.
+
+        Returns how far one of them moves at most [m]."""
+        farthest = float(0.0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = body_at(i, worlds)
             predict_body(
@@ -228,6 +235,9 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 # rows leave out what is out of reach
                 rows.owned_end[body] = worlds.inner.owned_end[body]
                 rows.other_end[body] = rows.other_start[body]
+            if work.inv_mass[body] > 0.0:
+                farthest = wp.max(farthest, moved_by(body, work.target[body], work))
+        return wp.sqrt(farthest)
 
     @wp.func
     def accept_step(
@@ -362,7 +372,8 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 history.next_side[world] = (home + 1) % THIRD
             else:
                 history.next_side[world] = home
-            predict_world(world, h, share, model, control, worlds, work, rows, tree, history)
+            move = predict_world(world, h, share, model, control, worlds, work, rows, tree, history)
+            enough = wp.max(CONVERGED * accuracy * h * h, ROUNDED * move)
             solve_world(
                 world,
                 model,
@@ -374,7 +385,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 contacts,
                 h,
                 iterations,
-                tolerance,
+                wp.max(tolerance, enough),
                 worlds,
                 work,
                 rows,

@@ -6,6 +6,7 @@ import functools
 
 import warp as wp
 
+from ..algebra.so3 import exp_quat
 from ..data import (
     BodyModel,
     BodyWork,
@@ -340,6 +341,19 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
         # both bodies feel the force at one point, half way between the two surfaces
         half = 0.5 * (apart + (margin0 - margin1) * normal)
+        if wp.static(effects.adaptive):
+            # They have moved on since they were found: what moves, or is round, took the point with
+            # it, and the other one is flat there.
+            aside = 0.5 * (apart - wp.dot(apart, normal) * normal)
+            on0 = work.inv_mass[slot1] == 0.0
+            on1 = work.inv_mass[slot0] == 0.0
+            if not on0 and not on1:
+                on0 = margin0 > margin1
+                on1 = margin1 > margin0
+            if on1:
+                half += aside
+            elif on0:
+                half -= aside
         row = ContactRow()
         row.gap = wp.dot(normal, apart) - (margin0 + margin1)
         if wp.static(effects.contact_pairs):
@@ -404,6 +418,15 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
             row = linearise(
                 body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
             )
+            if wp.static(effects.adaptive):
+                # forces are those of the end of the step, and so are their levers
+                if work.inv_mass[row.b] == 0.0:
+                    point = record.point0
+                    if row.contact < 0:
+                        point = record.point1
+                    lever = body_arm(body_q, model, body, scale.static_slot, point)
+                    turn = scale.h * wp.spatial_bottom(worlds.inner.velocity[body])
+                    row.arm += wp.quat_rotate(exp_quat(turn), lever) - lever
             if wp.static(effects.matching):
                 history.row_of_contact[written, contact] = -1
             if not is_sound(row):
