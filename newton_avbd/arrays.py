@@ -520,7 +520,7 @@ class SolverArrays:
             )
         inner, groups = self._worlds.inner, _solver_worlds(self._solved)
         # graphs that were captured before go on using the old arrays
-        self._retired.append((inner.first, inner.address, inner.words, inner.place, inner.store))
+        self._retired.append((inner.first, inner.segments, inner.store))
         assert self._topology is not None
         loops = self._loops.joints.numpy() if self._flags.loops else np.zeros(0, dtype=int)
         with wp.ScopedDevice(self.device):

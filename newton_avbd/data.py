@@ -585,6 +585,17 @@ class BodyWork:
 
 
 @wp.struct
+class Segment:
+    """Memory that belongs to one world."""
+
+    address: wp.uint64
+    copy: wp.uint64
+    """Where its copy lies, in :attr:`InnerWork.store`."""
+    size: int
+    """Its length [bytes]."""
+
+
+@wp.struct
 class InnerWork:
     """Error control: a call in inner steps; see :mod:`.execute.adapting`."""
 
@@ -607,13 +618,8 @@ class InnerWork:
     """By contact: mean of its wrench over the call [N, N m]."""
     first: wp.array[wp.int32]
     """First of each world's segments of memory that a step overwrites, shape (world_count + 1,)."""
-    address: wp.array[wp.uint64]
-    """By segment: where it lies."""
-    words: wp.array[wp.int32]
-    """Its length in words of four bytes, or, below zero, in bytes."""
-    place: wp.array[wp.int32]
-    """Its place in ``store``."""
-    store: wp.array[wp.int32]
+    segments: wp.array[Segment]
+    store: wp.array[wp.uint8]
     """What these held at the start of the inner step."""
     steps: wp.array[wp.int32]
     """By world: inner steps of the last call."""
@@ -623,6 +629,8 @@ class InnerWork:
     """Error that was estimated in it, per time [m/s]."""
     worst: wp.array[wp.int32]
     """Body with the largest share of what was allowed; -1 where nothing moved."""
+    cause: wp.array[wp.int32]
+    """Why, see :data:`.execute.adapting.SMOOTHLY`."""
     spent: wp.array[float]
     """Error that was estimated since the last reset [m]."""
     missed: wp.array[wp.int32]

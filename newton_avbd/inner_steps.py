@@ -121,7 +121,7 @@ def inner_work(accuracy: float, budget: int, slots: int, worlds: int) -> data.In
     inner.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
     inner.put = wp.zeros(slots, dtype=wp.spatial_vector)
     inner.owned_end = wp.zeros(slots, dtype=wp.int32)
-    for name in ("steps", "rejected", "missed"):
+    for name in ("steps", "rejected", "missed", "cause"):
         setattr(inner, name, wp.zeros(worlds, dtype=wp.int32))
     inner.worst = wp.full(worlds, value=-1, dtype=wp.int32)
     inner.estimate = wp.zeros(worlds, dtype=float)
@@ -189,16 +189,13 @@ def add_memory(
         for start, end in zip(starts, np.append(starts[1:], owners.size), strict=True):
             if owners[start] >= 0:
                 address = array.ptr + int(start) * array.strides[0]
-                size = int(end - start) * array.strides[0]
-                # booleans by bytes, all others by words
-                words = -size if array.strides[0] % 4 else size // 4
-                segments.append((int(owners[start]), address, words))
+                segments.append((int(owners[start]), address, int(end - start) * array.strides[0]))
     segments.sort(key=lambda segment: segment[0])
-    owner = np.array([segment[0] for segment in segments], dtype=int)
-    words = np.array([segment[2] for segment in segments], dtype=int)
-    place = np.concatenate([[0], np.cumsum(np.abs(words))])
+    table = np.zeros(len(segments), dtype=data.Segment.numpy_dtype())
+    owner, table["address"], table["size"] = np.array(segments, dtype=np.int64).reshape(-1, 3).T
+    # each copy begins where words of eight bytes do
+    room = (table["size"] + 7) // 8 * 8
+    inner.store = wp.empty(int(room.sum()), dtype=wp.uint8)
+    table["copy"] = inner.store.ptr + np.cumsum(room) - room
     inner.first = wp.array(np.searchsorted(owner, np.arange(worlds + 1)), dtype=wp.int32)
-    inner.address = wp.array([segment[1] for segment in segments], dtype=wp.uint64)
-    inner.words = wp.array(words, dtype=wp.int32)
-    inner.place = wp.array(place[:-1], dtype=wp.int32)
-    inner.store = wp.empty(int(place[-1]), dtype=wp.int32)
+    inner.segments = wp.array(table, dtype=data.Segment)

@@ -67,6 +67,8 @@ Newton's own ``newton:maxSolverIterations`` of -1 leaves the number to the solve
 
 ITERATIONS = 10
 """Sweeps where neither the user nor the scene asks for a number."""
+MOST_ITERATIONS = 40
+"""The same where an accuracy is asked for, which ends them earlier."""
 
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
@@ -139,7 +141,7 @@ class Settings:
             for name, argument in arguments.items()
         }
         if arguments["iterations"] is None and values["iterations"] == -1:
-            values["iterations"] = ITERATIONS
+            values["iterations"] = ITERATIONS if values["accuracy"] is None else MOST_ITERATIONS
 
         def check(name: str, makes_sense: bool, wanted: str) -> None:
             if makes_sense:

@@ -67,7 +67,7 @@ from .execute.world import make_solve, make_step, make_step_links
 from .inner_steps import smallest_accuracy
 from .joint_state import JointState
 from .memory import bytes_by_effect, members
-from .report import Report, Status, missed
+from .report import CAUSES_OF_ERROR, InnerReport, Report, Status, missed
 from .settings import Settings, register_scene_settings
 from .solved import BodyState, SolvedModel
 
@@ -165,8 +165,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         Args:
             model: The model. Its arrays are read live in every step; after changing which bodies
                 move, masses, or materials call :meth:`notify_model_changed`.
-            iterations: Most sweeps over the bodies in each step, 10 by default: more for taller
-                stacks and larger mass ratios. The first three steps after a reset, and those in
+            iterations: Most sweeps over the bodies in each step, 10 by default, with ``accuracy``
+                40: more for taller stacks and larger mass ratios. The first three steps after a reset, and those in
                 which impacts do not settle, take up to four times as many; the first one, if
                 the world starts from rest, up to twelve times.
             tolerance: A world's sweeps end early when one moves no body by more than this [m]; a
@@ -754,6 +754,11 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             broken_joints=self._welds.joint[
                 [] if self._history.broken is None else np.flatnonzero(self._history.broken.numpy())
             ],
+            missed_accuracy=(
+                self._worlds.inner.missed.numpy().copy()
+                if self._flags.adaptive
+                else np.zeros_like(self._worlds.sweeps.numpy())
+            ),
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
             dropped_contacts=int(self._worlds.dropped.numpy()[0]),
         )
@@ -774,14 +779,35 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             # every link is part of the static world
             none = np.zeros(max(1, self.model.world_count))
             sweeps = none.astype(np.int32)
-            return Report(sweeps, none, none + self.tolerance, sweeps + 1, {})
+            return Report(sweeps, none, none + self.tolerance, sweeps + 1, {}, None)
         sweeps, update = self._worlds.sweeps.numpy(), self._worlds.update.numpy()
         h, order = self._history.step.numpy(), np.ones_like(sweeps)
         if self.settings.second_order:
             order += self._worlds.step.numpy() < h
         allowed = np.maximum(self.tolerance, self._worlds.settled.numpy())
         worst = self._worst_contacts(np.flatnonzero(update > allowed))
-        return Report(sweeps.copy(), update.copy(), allowed, order, worst)
+        return Report(sweeps.copy(), update.copy(), allowed, order, worst, self._inner_report())
+
+    def _inner_report(self) -> InnerReport | None:
+        """How accurate the last call was; None where no accuracy was asked for."""
+        if not self._flags.adaptive:
+            return None
+        inner = self._worlds.inner
+        links = self._welds.body.tolist()
+        bodies = [
+            self.model.body_label[links.index(body)] if body >= 0 else ""
+            for body in inner.worst.numpy().tolist()
+        ]
+        return InnerReport(
+            asked=inner.accuracy,
+            estimated=inner.estimate.numpy().copy(),
+            steps=inner.steps.numpy().copy(),
+            rejected=inner.rejected.numpy().copy(),
+            worst=bodies,
+            why=[CAUSES_OF_ERROR[cause] for cause in inner.cause.numpy().tolist()],
+            total=inner.spent.numpy().copy(),
+            missed=inner.missed.numpy().copy(),
+        )
 
     def _worst_contacts(self, worlds: np.ndarray) -> dict[int, str]:
         """The contact that misses most in each of some worlds, in words."""

@@ -65,42 +65,40 @@ JUMP = wp.constant(2.0)
 after a jump is as smooth as what was before it, so that its time is found by halving."""
 BY_ROUNDING = wp.constant(1.0e-4)
 """Share of a step by which dividing what is left of a call may be off."""
+SMOOTHLY = wp.constant(0)
+"""Why a body went astray most: in smooth motion, ..."""
+BY_EULER = wp.constant(1)
+"""... in a step of first order, as after an impact, a start or a change of order, ..."""
+BY_JUMP = wp.constant(2)
+"""... because its velocity jumped, ..."""
+UNSETTLED = wp.constant(3)
+"""... or because sweeps did not settle."""
 THIRD = wp.constant(3)
 """Sides of what is kept of contacts: the last call's, and two that inner steps take by turns."""
+
+
+@wp.func_native("""
+    memcpy((void*)target, (const void*)source, (size_t)size);
+""")
+def copy_bytes(target: wp.uint64, source: wp.uint64, size: int):
+    """Copies memory: all that a body leaves to the next step, faster than array by array."""
+    ...
 
 
 @wp.func
 def save_world(world: int, worlds: wp.ref[WorldWork]):
     """Copies what a step will overwrite of a world's memory."""
-    for segment in range(worlds.inner.first[world], worlds.inner.first[world + 1]):
-        count = worlds.inner.words[segment]
-        place = worlds.inner.place[segment]
-        address = worlds.inner.address[segment]
-        if count < 0:
-            flags = wp.array(ptr=address, shape=(-count,), dtype=wp.uint8)
-            for k in range(-count):
-                worlds.inner.store[place + k] = wp.int32(flags[k])
-        else:
-            source = wp.array(ptr=address, shape=(count,), dtype=wp.int32)
-            for word in range(count):
-                worlds.inner.store[place + word] = source[word]
+    for k in range(worlds.inner.first[world], worlds.inner.first[world + 1]):
+        segment = worlds.inner.segments[k]
+        copy_bytes(segment.copy, segment.address, segment.size)
 
 
 @wp.func
 def restore_world(world: int, worlds: wp.ref[WorldWork]):
     """Puts it back."""
-    for segment in range(worlds.inner.first[world], worlds.inner.first[world + 1]):
-        count = worlds.inner.words[segment]
-        place = worlds.inner.place[segment]
-        address = worlds.inner.address[segment]
-        if count < 0:
-            flags = wp.array(ptr=address, shape=(-count,), dtype=wp.uint8)
-            for k in range(-count):
-                flags[k] = wp.uint8(worlds.inner.store[place + k])
-        else:
-            target = wp.array(ptr=address, shape=(count,), dtype=wp.int32)
-            for word in range(count):
-                target[word] = worlds.inner.store[place + word]
+    for k in range(worlds.inner.first[world], worlds.inner.first[world + 1]):
+        segment = worlds.inner.segments[k]
+        copy_bytes(segment.address, segment.copy, segment.size)
 
 
 @wp.func
@@ -200,6 +198,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
     @wp.func
     def predict_world(
         world: int,
+        is_predicted: bool,
         h: float,
         share: float,
         model: wp.ref[BodyModel],
@@ -212,29 +211,32 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
     ) -> float:
         """Predicts the bodies of a world for an inner step, which is this share of the call.
 
-        Returns how far one of them moves at most [m]."""
+        They are predicted already for the whole of it. Returns how far one of them moves at most
+        without constraints [m].
+        """
         farthest = float(0.0)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = body_at(i, worlds)
-            predict_body(
-                body,
-                model,
-                worlds.inner.pose,
-                worlds.inner.velocity,
-                worlds.inner.wrench,
-                control,
-                h,
-                worlds,
-                history.falling,
-                tree.joint,
-                work,
-            )
-            if wp.static(effects.put_bodies):
-                work.put[body] = share * worlds.inner.put[body]
-            if wp.static(effects.contact):
-                # rows leave out what is out of reach
-                rows.owned_end[body] = worlds.inner.owned_end[body]
-                rows.other_end[body] = rows.other_start[body]
+            if not is_predicted:
+                predict_body(
+                    body,
+                    model,
+                    worlds.inner.pose,
+                    worlds.inner.velocity,
+                    worlds.inner.wrench,
+                    control,
+                    h,
+                    worlds,
+                    history.falling,
+                    tree.joint,
+                    work,
+                )
+                if wp.static(effects.put_bodies):
+                    work.put[body] = share * worlds.inner.put[body]
+                if wp.static(effects.contact):
+                    # rows leave out what is out of reach
+                    rows.owned_end[body] = worlds.inner.owned_end[body]
+                    rows.other_end[body] = rows.other_start[body]
             if work.inv_mass[body] > 0.0:
                 farthest = wp.max(farthest, moved_by(body, work.target[body], work))
         return wp.sqrt(farthest)
@@ -344,6 +346,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         steps = int(0)
         spent = float(0.0)
         worst = int(-1)
+        why = int(SMOOTHLY)
         worst_ratio = float(0.0)
         is_missed = bool(False)
         held = worlds.held[world]
@@ -372,7 +375,20 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 history.next_side[world] = (home + 1) % THIRD
             else:
                 history.next_side[world] = home
-            move = predict_world(world, h, share, model, control, worlds, work, rows, tree, history)
+            is_predicted = tries == 0 and h == dt
+            move = predict_world(
+                world,
+                is_predicted,
+                h,
+                share,
+                model,
+                control,
+                worlds,
+                work,
+                rows,
+                tree,
+                history,
+            )
             enough = wp.max(CONVERGED * accuracy * h * h, ROUNDED * move)
             solve_world(
                 world,
@@ -406,6 +422,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             error = float(0.0)
             guilty = int(-1)
             is_jump = bool(False)
+            cause = wp.where(is_second_order, SMOOTHLY, BY_EULER)
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
                 body = body_at(i, worlds)
                 if work.inv_mass[body] > 0.0:
@@ -416,6 +433,11 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                         guilty = body
                         before = moved_by(body, history.change[body], work)
                         is_jump = moved_by(body, change, work) > JUMP * JUMP * before
+            residual = worlds.update[world]
+            if residual > wp.max(enough, worlds.settled[world]) and wp.isfinite(residual):
+                # what sweeps leave of forces stays in velocities
+                error += SAVED * residual / h
+                cause = int(UNSETTLED)
             allowed = accuracy * h
             if not is_second_order:
                 allowed += SPENT * history.saved[world]
@@ -448,9 +470,12 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             spent += error
             saved = history.saved[world] + accuracy * h - error
             history.saved[world] = wp.clamp(saved, 0.0, SAVED * accuracy)
+            if is_jump and not is_second_order and cause != UNSETTLED:
+                cause = int(BY_JUMP)
             if ratio > worst_ratio:
                 worst_ratio = ratio
                 worst = guilty
+                why = cause
             if ratio > 1.0:
                 is_missed = bool(True)
             window -= h
@@ -470,6 +495,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         worlds.inner.estimate[world] = spent / dt
         worlds.inner.spent[world] = worlds.inner.spent[world] + spent
         worlds.inner.worst[world] = worst
+        worlds.inner.cause[world] = why
         if is_missed:
             report_missed(world, worst, worlds)
 
