@@ -61,6 +61,9 @@ _KEPT = frozenset(
 )
 """What a repeated step does not have to put back."""
 
+_BY_CALL = ("actuators.", "joint_state.")
+"""How names begin of what only the start and the end of a call write."""
+
 _ROUNDED = 7.0e-6
 """Smallest accuracy, as a share of sqrt(g L): steps in which rounding costs as much as what the
 scheme leaves out have (eps/C)^(1/3) sqrt(L/g), and each rounds a length L by eps/2."""
@@ -139,7 +142,11 @@ def add_history(history: data.History, slots: int, worlds: int) -> None:
 
 def overwritten(remembered: Iterable[tuple[str, wp.array]]) -> list[tuple[str, wp.array]]:
     """What a step overwrites of the arrays that it leaves to the next one, by name."""
-    return [(name, array) for name, array in remembered if name not in _KEPT and array.size]
+    return [
+        (name, array)
+        for name, array in remembered
+        if name not in _KEPT and not name.startswith(_BY_CALL) and array.size
+    ]
 
 
 def add_memory(

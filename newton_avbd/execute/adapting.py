@@ -38,7 +38,7 @@ from .launch import KERNEL
 from .observables import contact_wrench
 from .scale import ROUNDED
 
-TRUNCATED = wp.constant(0.17)
+TRUNCATED = wp.constant(0.14)
 """C above. Positions miss h^3/12 of the jerk with the weights of the scheme, and velocities as much
 of its rate; how far both lead a pendulum astray in a second decides here."""
 SAVED = wp.constant(0.25)
