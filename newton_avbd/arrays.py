@@ -406,11 +406,16 @@ class SolverArrays:
             )
             buffers.add_world_history(self._history, self._world_count, self.settings.second_order)
             if self._flags.adaptive:
-                slots, count = self._solved.body_count + 1, self._world_count
+                assert self.settings.accuracy is not None
                 self._worlds.inner = inner_steps.inner_work(
-                    self.settings.accuracy, self.settings.inner_steps, slots, count
+                    self.settings.accuracy,
+                    self.settings.inner_steps,
+                    self._solved,
+                    groups,
+                    pushing_joints(self._solved),
                 )
-                inner_steps.add_history(self._history, slots, count)
+                slots = self._solved.body_count + 1
+                inner_steps.add_history(self._history, slots, self._world_count)
 
         self._retired.append((self._large,))
         self._large, self._colors = None, None

@@ -618,6 +618,10 @@ class InnerWork:
     """By contact: mean of its wrench over the call [N, N m]."""
     first: wp.array[wp.int32]
     """First of each world's segments of memory that a step overwrites, shape (world_count + 1,)."""
+    pushing: wp.array[wp.int32]
+    """Joints that push more than the child that is predicted with them, world by world."""
+    pushing_start: wp.array[wp.int32]
+    """First of each world's, shape (world_count + 1,)."""
     segments: wp.array[Segment]
     store: wp.array[wp.uint8]
     """What these held at the start of the inner step."""

@@ -78,10 +78,6 @@ _REFUSED = {
         "Leave accuracy out, or effects={'body_actuators': False}.",
     ),
     "adhesion": ("adhesion", "Leave accuracy out, or effects={'adhesion': False}."),
-    "reaction": (
-        "joints of type FREE, DISTANCE or ROD whose joint_f pushes a parent",
-        "Leave accuracy out.",
-    ),
 }
 """What error control does not do: its name, and the remedy."""
 
@@ -114,8 +110,19 @@ def smallest_accuracy(model: newton.Model) -> float:
     return _ROUNDED * max(math.sqrt(max(gravity, 0.1) * far), speed)
 
 
-def inner_work(accuracy: float, budget: int, slots: int, worlds: int) -> data.InnerWork:
-    """Arrays by body and by world."""
+def inner_work(
+    accuracy: float, budget: int, model: newton.Model, groups: np.ndarray, pushing: np.ndarray
+) -> data.InnerWork:
+    """Arrays by body and by world.
+
+    Args:
+        accuracy: What is asked for [m/s].
+        budget: Most inner steps of a call.
+        model: The model as the solver solves it.
+        groups: World of each body.
+        pushing: Joints that push more than the child that is predicted with them.
+    """
+    slots, worlds = model.body_count + 1, int(groups.max(initial=0)) + 1
     inner = data.InnerWork()
     inner.accuracy, inner.budget = accuracy, budget
     inner.pose = wp.zeros(slots, dtype=wp.transform)
@@ -126,6 +133,12 @@ def inner_work(accuracy: float, budget: int, slots: int, worlds: int) -> data.In
     inner.owned_end = wp.zeros(slots, dtype=wp.int32)
     for name in ("steps", "rejected", "missed", "cause"):
         setattr(inner, name, wp.zeros(worlds, dtype=wp.int32))
+    if pushing.size:
+        of_joint = groups[model.joint_child.numpy()[pushing]]
+        order = np.argsort(of_joint, kind="stable")
+        start = np.searchsorted(of_joint[order], np.arange(worlds + 1))
+        inner.pushing = wp.array(pushing[order], dtype=wp.int32)
+        inner.pushing_start = wp.array(start, dtype=wp.int32)
     inner.worst = wp.full(worlds, value=-1, dtype=wp.int32)
     inner.estimate = wp.zeros(worlds, dtype=float)
     inner.spent = wp.zeros(worlds, dtype=float)

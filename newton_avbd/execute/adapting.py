@@ -33,7 +33,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
-from .bodies import MIDPOINT, body_at, make_predict_body, moved_by
+from .bodies import MIDPOINT, body_at, make_predict_body, moved_by, push_by_joint
 from .launch import KERNEL
 from .observables import contact_wrench
 from .scale import ROUNDED
@@ -202,6 +202,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         h: float,
         share: float,
         model: wp.ref[BodyModel],
+        joints: wp.ref[JointModel],
         control: wp.ref[ControlInput],
         worlds: wp.ref[WorldWork],
         work: wp.ref[BodyWork],
@@ -237,6 +238,12 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                     # rows leave out what is out of reach
                     rows.owned_end[body] = worlds.inner.owned_end[body]
                     rows.other_end[body] = rows.other_start[body]
+        if wp.static(effects.reaction):
+            if not is_predicted:
+                for k in range(worlds.inner.pushing_start[world], worlds.inner.pushing_start[world + 1]):
+                    push_by_joint(worlds.inner.pushing[k], h, model, joints, control, work)
+        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
+            body = body_at(i, worlds)
             if work.inv_mass[body] > 0.0:
                 farthest = wp.max(farthest, moved_by(body, work.target[body], work))
         return wp.sqrt(farthest)
@@ -382,6 +389,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 h,
                 share,
                 model,
+                joints,
                 control,
                 worlds,
                 work,
