@@ -120,9 +120,7 @@ def row_work(slots: int) -> Any:
     return rows
 
 
-def history(
-    model: newton.Model, second_order: bool, is_linked: bool, sides: int = SIDES
-) -> Any:
+def history(model: newton.Model, second_order: bool, is_linked: bool, sides: int = SIDES) -> Any:
     """What is remembered of the last step, by body slot, and of joints with ``second_order``.
 
     Of what drives axes only where joints link bodies.

@@ -55,9 +55,7 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
     ),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
     "sleeping": SceneSetting(wp.bool, "newton:avbd:sleeping", False, name="sleeping"),
-    "accuracy": SceneSetting(
-        wp.float32, "newton:avbd:accuracy", 0.0, name="accuracy", unsaid=True
-    ),
+    "accuracy": SceneSetting(wp.float32, "newton:avbd:accuracy", 0.0, name="accuracy", unsaid=True),
     "inner_steps": SceneSetting(wp.int32, "newton:avbd:innerSteps", 100, name="inner_steps"),
 }
 """What a scene may author, by argument of the solver's constructor.

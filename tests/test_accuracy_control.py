@@ -10,7 +10,17 @@ import newton
 import numpy as np
 import pytest
 import warp as wp
-from helpers import IDENTITY, NO_GRAVITY, Array, G, Simulation, add_box, add_ground, add_mass, add_sphere
+from helpers import (
+    IDENTITY,
+    NO_GRAVITY,
+    Array,
+    G,
+    Simulation,
+    add_box,
+    add_ground,
+    add_mass,
+    add_sphere,
+)
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 from workshop import BODIES, add_workshop

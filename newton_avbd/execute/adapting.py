@@ -240,7 +240,9 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                     rows.other_end[body] = rows.other_start[body]
         if wp.static(effects.reaction):
             if not is_predicted:
-                for k in range(worlds.inner.pushing_start[world], worlds.inner.pushing_start[world + 1]):
+                for k in range(
+                    worlds.inner.pushing_start[world], worlds.inner.pushing_start[world + 1]
+                ):
                     push_by_joint(worlds.inner.pushing[k], h, model, joints, control, work)
         for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
             body = body_at(i, worlds)
