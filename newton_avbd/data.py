@@ -13,8 +13,8 @@ Who owns what, and what always holds:
   ``rows[owned_start[b]:owned_end[b]]`` and the rows in which it is ``b`` through
   ``other_rows[other_start[b]:other_end[b]]``.
 - What is kept between steps (the *history*) has two sides; a step reads side ``parity`` and
-  writes side ``1 - parity``, or with error control one of two others. The parity lives on the device, so that a captured graph may hold
-  any number of steps.
+  writes side ``1 - parity``, or with error control one of two others. The parity lives on the
+  device, so that a captured graph may hold any number of steps.
 """
 
 from typing import Any

@@ -51,7 +51,8 @@ class InnerReport:
         lines = [
             f"asked: {self.asked:.1e} m/s; {int(np.sum(self.missed > 0))} of {count} worlds missed "
             "it in some call",
-            f"{'world':>6} {'estimated [m/s]':>15} {'steps':>5} {'repeated':>8} {'missed':>6}  most",
+            f"{'world':>6} {'estimated [m/s]':>15} {'steps':>5} {'repeated':>8} {'missed':>6} "
+            " most",
         ]
         for world in listed:
             most = f"{self.worst[world]!r}, {self.why[world]}" if self.worst[world] else ""

@@ -166,9 +166,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             model: The model. Its arrays are read live in every step; after changing which bodies
                 move, masses, or materials call :meth:`notify_model_changed`.
             iterations: Most sweeps over the bodies in each step, 10 by default, with ``accuracy``
-                40: more for taller stacks and larger mass ratios. The first three steps after a reset, and those in
-                which impacts do not settle, take up to four times as many; the first one, if
-                the world starts from rest, up to twelve times.
+                40: more for taller stacks and larger mass ratios. The first three steps after a
+                reset, and those in which impacts do not settle, take up to four times as many; the
+                first one, if the world starts from rest, up to twelve times.
             tolerance: A world's sweeps end early when one moves no body by more than this [m]; a
                 rotation counts by the radius of gyration. Penetration up to a tenth of it is left
                 alone. With 0, the default, they end only when nothing moves any more.
@@ -1114,7 +1114,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         *,
         of_last_inner_step: bool = False,
     ) -> None:
-        """Wrenches of contacts over the call; with error control of its last inner step, if asked."""
+        """Wrenches of contacts over the call, or with error control of its last inner step."""
         contact_f.zero_()
         if self._capacity and self._flags.adaptive and not of_last_inner_step:
             self._launch_bodies(export_mean_force, [self._worlds, self._rows, contact_f])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""``SolverAVBD(model, accuracy=...)``: what is asked for is achieved, in any driver, to the same bits."""
+"""``SolverAVBD(model, accuracy=...)``: what is asked for is achieved, in any driver alike."""
 
 import math
 from collections.abc import Sequence
@@ -151,7 +151,7 @@ def test_a_fall_takes_one_step_a_call() -> None:
 
 
 def test_an_impact_shrinks_the_step_and_it_grows_at_once() -> None:
-    """A sphere that falls 1 m stays where it lands: one call takes many steps, those around it one."""
+    """A sphere that falls 1 m stays where it lands: one call takes many steps, others one."""
 
     def add(builder: newton.ModelBuilder) -> None:
         add_ground(builder)
@@ -196,7 +196,7 @@ def test_a_sphere_rolls_on_within_a_call() -> None:
 
 
 def test_a_large_accuracy_is_the_plain_step() -> None:
-    """Where no call is divided, and nothing is asked of sweeps that they do not do, nothing changes."""
+    """Where no call is divided nothing changes but rounding."""
     plain, asked = simulation(pendulum), simulation(pendulum, accuracy=100.0, tolerance=0.0)
     for _ in range(30):
         plain.step()

@@ -55,8 +55,8 @@ class Course:
         test: What the scene's own test says; None where it has none.
         step_error: Distance at the end between this run and one at half the step [m], of the body
             that is off most; None where no such run was made.
-        estimated_error: What SolverAVBD estimates of the error that it was asked to keep to [m]; None
-            where it was not.
+        estimated_error: What SolverAVBD estimates of the error that it was asked to keep to [m];
+            None where it was not.
         passed: How far a joint was past its limits at the end of a frame, at most [m or rad], and
             its label; None where all were within.
         started_past: How far a joint was past its limits when the run began [m or rad].
