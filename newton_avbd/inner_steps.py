@@ -4,6 +4,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import newton
 import numpy as np
@@ -211,7 +212,8 @@ def add_memory(
                 address = array.ptr + int(start) * array.strides[0]
                 segments.append((int(owners[start]), address, int(end - start) * array.strides[0]))
     segments.sort(key=lambda segment: segment[0])
-    table = np.zeros(len(segments), dtype=data.Segment.numpy_dtype())
+    segment_type: Any = data.Segment
+    table: Any = np.zeros(len(segments), dtype=segment_type.numpy_dtype())
     owner, table["address"], table["size"] = np.array(segments, dtype=np.int64).reshape(-1, 3).T
     # each copy begins where words of eight bytes do
     room = (table["size"] + 7) // 8 * 8

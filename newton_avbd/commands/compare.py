@@ -98,8 +98,9 @@ class Course:
         self.solver_ms, self.collision_ms = simulation.timer.milliseconds_per_step()
         self.test = simulation.verdict()
         solver = getattr(simulation, "solver", None)
-        if isinstance(solver, SolverAVBD) and solver.settings.accuracy is not None:
-            self.estimated_error = float(solver.report().inner.total.max())
+        inner = solver.report().inner if isinstance(solver, SolverAVBD) else None
+        if inner is not None:
+            self.estimated_error = float(inner.total.max())
 
 
 @dataclass
