@@ -3,6 +3,7 @@
 """What a solver's kernels see of the model, and the arrays they work on: when which are made."""
 
 import dataclasses
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -11,7 +12,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from . import buffers, data, views
+from . import buffers, data, inner_steps, views
 from .actuation import Actuation
 from .actuator_force import ActuatorForce
 from .actuators import ACTING
@@ -75,6 +76,7 @@ class SolverArrays:
     settings: Settings
     iterations: int
     _launch: Launcher
+    _remembered: Callable[[], Iterator[tuple[str, wp.array]]]
     _without: frozenset[str]
     _parallel: str | None
 
@@ -104,6 +106,8 @@ class SolverArrays:
         self._inputs: WeakKeyDictionary[newton.Contacts, data.ContactInput] = WeakKeyDictionary()
         self._buffer_count = 0
         self._moving_surfaces = False
+        self._is_listed = False
+        self._listed: list[tuple[str, int]] = []
         self._mimics: wp.array | None = None
         self._condims: dict[str, wp.array] = {}
         self._boxes: tuple[wp.array, ...] = ()
@@ -165,7 +169,9 @@ class SolverArrays:
             self._work = buffers.body_work(slots, self.settings.second_order)
             self._islands = buffers.island_work(slots)
             self._rows = buffers.row_work(slots)
-            self._history = buffers.history(model, self.settings.second_order, is_linked)
+            self._history = buffers.history(
+                model, self.settings.second_order, is_linked, self._sides
+            )
             self._rest_angle = wp.array(self._initial_angles(), dtype=wp.float64)
 
     def _initial_angles(self) -> np.ndarray:
@@ -298,8 +304,11 @@ class SolverArrays:
             angular_friction=self.settings.angular_friction,
             second_order=self.settings.second_order,
             sleeping=self.settings.sleeping,
+            adaptive=self.settings.accuracy is not None,
             without=self._without,
         )
+        if flags.adaptive:
+            inner_steps.check_effects(flags)
         if flags.cables and (flags.sleeping or flags.ramp):
             what = "sleeping=True" if flags.sleeping else "formulation='ramp'"
             raise NotImplementedError(
@@ -317,6 +326,13 @@ class SolverArrays:
             NotImplementedError: If that is asked for and cannot be.
         """
         if self._parallel == "worlds" or not flags.contact:
+            return False
+        if flags.adaptive:
+            if self._parallel == "bodies":
+                raise NotImplementedError(
+                    "parallel='bodies' does not choose its own steps. Leave parallel or accuracy "
+                    "out."
+                )
             return False
         if self._parallel is None:
             sizes = np.bincount(groups)
@@ -396,6 +412,17 @@ class SolverArrays:
                 topology.idle | (groups == self._solved.world_count), dtype=wp.bool
             )
             buffers.add_world_history(self._history, self._world_count, self.settings.second_order)
+            if self._flags.adaptive:
+                assert self.settings.accuracy is not None
+                self._worlds.inner = inner_steps.inner_work(
+                    self.settings.accuracy,
+                    self.settings.inner_steps,
+                    self._solved,
+                    groups,
+                    pushing_joints(self._solved),
+                )
+                slots = self._solved.body_count + 1
+                inner_steps.add_history(self._history, slots, self._world_count)
 
         self._retired.append((self._large,))
         self._large, self._colors = None, None
@@ -486,10 +513,46 @@ class SolverArrays:
             )
         self._forget_launches()
 
+    @property
+    def _sides(self) -> int:
+        """Of what is kept of contacts: a step reads one and writes another."""
+        return buffers.SIDES if self.settings.accuracy is None else inner_steps.SIDES
+
+    def _list_memory(self) -> None:
+        """Lists what a step overwrites and a repeated one puts back, where arrays are new."""
+        self._is_listed = True
+        memory = inner_steps.overwritten(self._remembered())
+        found = [(name, array.ptr) for name, array in memory]
+        if found == self._listed:
+            return
+        if self.device.is_capturing:
+            raise RuntimeError(
+                "SolverAVBD(accuracy=...) has to take a step before this one is captured in a "
+                "graph: the model has changed."
+            )
+        inner, groups = self._worlds.inner, _solver_worlds(self._solved)
+        # graphs that were captured before go on using the old arrays
+        self._retired.append((inner.first, inner.segments, inner.store))
+        assert self._topology is not None
+        loops = self._loops.joints.numpy() if self._flags.loops else np.zeros(0, dtype=int)
+        with wp.ScopedDevice(self.device):
+            inner_steps.add_memory(
+                inner,
+                memory,
+                self._solved,
+                self._topology,
+                groups,
+                loops,
+                self._world_count,
+            )
+        self._launch.forget()
+        self._listed = found
+
     def _forget_launches(self) -> None:
         """Drops what was packed, after a struct changed its arrays."""
         self._launch.forget()
         self._seen = None
+        self._is_listed = False
 
     def _see_worlds(self) -> SeenWorlds:
         """What the solve sees as worlds: with sleeping, the islands that are awake."""
@@ -535,8 +598,8 @@ class SolverArrays:
                 self._rows.sums = wp.empty(size, dtype=wp.int32)
             # what sleeps keeps its records beyond those of the rows
             room = 2 * capacity if self.settings.sleeping else capacity
-            self._history.records = wp.empty((buffers.SIDES, room), dtype=data.ContactRecord)
-            self._history.row_of_contact = wp.empty((buffers.SIDES, capacity), dtype=wp.int32)
+            self._history.records = wp.empty((self._sides, room), dtype=data.ContactRecord)
+            self._history.row_of_contact = wp.empty((self._sides, capacity), dtype=wp.int32)
         self._allocate_large_contacts()
         self._allocate_contact_effects()
         self._allocate_sleep()
@@ -560,6 +623,7 @@ class SolverArrays:
             (rows, "share", float, effects.compliance),
             (rows, "stiffness", float, effects.ramp),
             (rows, "damping", float, effects.ramp),
+            (self._worlds.inner, "contact_f", wp.spatial_vector, effects.adaptive),
         )
         with wp.ScopedDevice(self.device):
             for owner, name, dtype, is_wanted in by_contact:
@@ -569,7 +633,7 @@ class SolverArrays:
                 if is_wanted and (old is None or old.shape[-1] < room):
                     # graphs that were captured before go on using the old array
                     self._retired.append((old,))
-                    shape = [buffers.SIDES, room] if of_history else [room]
+                    shape = [self._sides, room] if of_history else [room]
                     setattr(owner, name, wp.zeros(shape, dtype=dtype))
             if effects.restitution and rows.struck_qd is None:
                 rows.struck_qd = wp.zeros(self._solved.body_count + 1, dtype=wp.spatial_vector)

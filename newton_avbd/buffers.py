@@ -140,15 +140,15 @@ def row_work(slots: int) -> Any:
     return rows
 
 
-def history(model: newton.Model, second_order: bool, is_linked: bool) -> Any:
+def history(model: newton.Model, second_order: bool, is_linked: bool, sides: int = SIDES) -> Any:
     """What is remembered of the last step, by body slot, and of joints with ``second_order``.
 
     Of what drives axes only where joints link bodies.
     """
     slots = model.body_count + 1
     history = data.History()
-    history.start = wp.zeros((SIDES, slots), dtype=wp.int32)
-    history.end = wp.zeros((SIDES, slots), dtype=wp.int32)
+    history.start = wp.zeros((sides, slots), dtype=wp.int32)
+    history.end = wp.zeros((sides, slots), dtype=wp.int32)
     history.falling = wp.zeros(slots, dtype=float)
     if second_order:
         history.last = wp.zeros(slots, dtype=data.LastStep)

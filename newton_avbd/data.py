@@ -13,8 +13,8 @@ Who owns what, and what always holds:
   ``rows[owned_start[b]:owned_end[b]]`` and the rows in which it is ``b`` through
   ``other_rows[other_start[b]:other_end[b]]``.
 - What is kept between steps (the *history*) has two sides; a step reads side ``parity`` and
-  writes side ``1 - parity``. The parity lives on the device, so that a captured graph may hold
-  any number of steps.
+  writes side ``1 - parity``, or with error control one of two others. The parity lives on the
+  device, so that a captured graph may hold any number of steps.
 """
 
 from typing import Any
@@ -591,6 +591,63 @@ class BodyWork:
 
 
 @wp.struct
+class Segment:
+    """Memory that belongs to one world."""
+
+    address: wp.uint64
+    copy: wp.uint64
+    """Where its copy lies, in :attr:`InnerWork.store`."""
+    size: int
+    """Its length [bytes]."""
+
+
+@wp.struct
+class InnerWork:
+    """Error control: a call in inner steps; see :mod:`.execute.adapting`."""
+
+    accuracy: float
+    """Error that is allowed, per time [m/s]."""
+    budget: int
+    """Most inner steps of a call, with those that are repeated."""
+    pose: wp.array[wp.transform]
+    """By body: state at the start of the inner step."""
+    velocity: wp.array[wp.spatial_vector]
+    wrench: wp.array[wp.spatial_vector]
+    """The call's ``body_f``."""
+    start: wp.array[wp.transform]
+    """Pose at the start of the call."""
+    put: wp.array[wp.spatial_vector]
+    """Put bodies: how far they were put since the last call."""
+    owned_end: wp.array[wp.int32]
+    """By body slot: end of the contacts that it owns, those out of reach with the others."""
+    contact_f: wp.array[wp.spatial_vector]
+    """By contact: mean of its wrench over the call [N, N m]."""
+    first: wp.array[wp.int32]
+    """First of each world's segments of memory that a step overwrites, shape (world_count + 1,)."""
+    pushing: wp.array[wp.int32]
+    """Joints that push more than the child that is predicted with them, world by world."""
+    pushing_start: wp.array[wp.int32]
+    """First of each world's, shape (world_count + 1,)."""
+    segments: wp.array[Segment]
+    store: wp.array[wp.uint8]
+    """What these held at the start of the inner step."""
+    steps: wp.array[wp.int32]
+    """By world: inner steps of the last call."""
+    rejected: wp.array[wp.int32]
+    """How many more were repeated in it."""
+    estimate: wp.array[float]
+    """Error that was estimated in it, per time [m/s]."""
+    worst: wp.array[wp.int32]
+    """Body with the largest share of what was allowed; -1 where nothing moved."""
+    cause: wp.array[wp.int32]
+    """Why, see :data:`.execute.adapting.SMOOTHLY`."""
+    spent: wp.array[float]
+    """Error that was estimated since the last reset [m]."""
+    missed: wp.array[wp.int32]
+    """Calls since then that would have taken more inner steps than they may have."""
+
+
+@wp.struct
 class WorldWork:
     """Per world: which bodies and which contacts it holds, and what became of it."""
 
@@ -638,6 +695,7 @@ class WorldWork:
     """Sleeping: how many threads share the islands."""
     pace: wp.array[float]
     """Sleeping: how far a kinematic body of the world goes in the step [m]."""
+    inner: InnerWork
 
 
 @wp.struct
@@ -1543,6 +1601,16 @@ class History:
     """Second order: what a controller pushed each degree of freedom with."""
     rate: wp.array[AxisMotion]
     """Second order: its velocity [m/s or rad/s], with the lag."""
+    change: wp.array[wp.spatial_vector]
+    """Error control: mean acceleration in the last step, by body slot [m/s^2, rad/s^2]."""
+    wanted: wp.array[float]
+    """Error control: inner step that the world would take next [s], by world."""
+    ratio: wp.array[float]
+    """Error control: error of the last one, as a share of what it aimed at."""
+    saved: wp.array[float]
+    """Error control: allowed error that has not been used [m]."""
+    next_side: wp.array[wp.int32]
+    """Error control: side that the step writes; without, ``1 - parity``."""
     dahl_sigma: wp.array[wp.vec3]
     """Dahl friction: torque of each rod about its bends and its twist [N m], by joint."""
     dahl_kappa: wp.array[wp.vec3]

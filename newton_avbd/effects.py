@@ -89,6 +89,7 @@ CAUSES: dict[str, Cause] = {
     "carried_rounding": Cause(
         "body", "stepped by scheme='generalized_alpha', the default", "execute/carrying.py"
     ),
+    "adaptive": Cause("", "accuracy", "execute/adapting.py", "Leave accuracy out."),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
     "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
     "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
@@ -305,6 +306,8 @@ class Effects:
     """Second order in time where the motion is smooth."""
     carried_rounding: bool = False
     """What rounding takes from poses and velocities goes on to the next step."""
+    adaptive: bool = False
+    """An accuracy was asked for, which decides on inner steps."""
     ramp: bool = False
     """The seed document's formulation, penalties that grow and no multipliers."""
     sleeping: bool = False
@@ -349,6 +352,7 @@ class Effects:
         angular_friction: bool | None,
         second_order: bool,
         sleeping: bool,
+        adaptive: bool = False,
         without: frozenset[str] = frozenset(),
     ) -> tuple["Effects", "Callers"]:
         """Reads from the model which effects it calls for; copies model arrays to the host.
@@ -364,6 +368,7 @@ class Effects:
                 MuJoCo's condim asks for it.
             second_order: Whether the scheme is of second order in time.
             sleeping: Whether islands at rest are to sleep.
+            adaptive: Whether an accuracy was asked for.
             without: Effects that are to be left out.
 
         Returns:
@@ -452,6 +457,7 @@ class Effects:
             second_order=second_order,
             ramp=ramp,
             sleeping=sleeping,
+            adaptive=adaptive,
             friction_mix=friction_mix,
             on_gpu=model.device.is_cuda,
         )

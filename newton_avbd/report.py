@@ -10,6 +10,59 @@ _SHOWN = 20
 """Worlds that the table lists."""
 
 
+CAUSES_OF_ERROR = (
+    "smooth motion",
+    "a step of first order",
+    "a velocity that jumps",
+    "sweeps that did not settle",
+)
+"""What led a body astray, as :mod:`.execute.adapting` counts it."""
+
+
+@dataclass(frozen=True)
+class InnerReport:
+    """How accurate the last call of a solver with ``accuracy`` was, by its estimate.
+
+    All arrays have shape (world_count,), as those of :class:`Report`.
+    """
+
+    asked: float
+    """The solver's ``accuracy`` [m/s]."""
+    estimated: np.ndarray
+    """Local errors of the call, of the body that was off most in each inner step, by time [m/s].
+    Above ``asked`` it is also where a call may spend what earlier ones have left over."""
+    steps: np.ndarray
+    """Inner steps that the world took."""
+    rejected: np.ndarray
+    """Inner steps that were repeated."""
+    worst: list[str]
+    """Body that was off most, compared with what was allowed; empty where nothing moved."""
+    why: list[str]
+    """What led it astray."""
+    total: np.ndarray
+    """Sum of all estimated errors since the last reset [m]."""
+    missed: np.ndarray
+    """Calls since then for which ``inner_steps`` did not do."""
+
+    def __str__(self) -> str:
+        count = self.steps.size
+        # those that miss most, then those that cost most
+        listed = np.lexsort((np.arange(count), -self.steps, -self.missed))[:_SHOWN]
+        lines = [
+            f"asked: {self.asked:.1e} m/s; {int(np.sum(self.missed > 0))} of {count} worlds missed "
+            "it in some call",
+            f"{'world':>6} {'estimated [m/s]':>15} {'steps':>5} {'repeated':>8} {'missed':>6} "
+            " most",
+        ]
+        for world in listed:
+            most = f"{self.worst[world]!r}, {self.why[world]}" if self.worst[world] else ""
+            lines.append(
+                f"{world:6d} {self.estimated[world]:15.1e} {self.steps[world]:5d} "
+                f"{self.rejected[world]:8d} {self.missed[world]:6d}  {most}"
+            )
+        return "\n".join(lines)
+
+
 @dataclass(frozen=True)
 class Report:
     """Sweeps and residual of each world in the last step; printed, a table.
@@ -30,6 +83,9 @@ class Report:
     rest there is no difference."""
     worst: dict[int, str]
     """For each world that has not settled, the contact with the largest error, and that error."""
+    inner: InnerReport | None
+    """How accurate the last call was, where an ``accuracy`` was asked for. What is said of sweeps
+    and of the order is then that of the last inner step."""
 
     @property
     def settled(self) -> np.ndarray:
@@ -56,6 +112,8 @@ class Report:
         if count > _SHOWN:
             rest = np.setdiff1d(np.arange(count), listed)
             lines.append(f"{rest.size} more, at most {int(self.sweeps[rest].max())} sweeps each")
+        if self.inner is not None:
+            lines.append(str(self.inner))
         return "\n".join(lines)
 
 
@@ -106,6 +164,8 @@ class Status:
     """Indices of the joints that broke, shape (count,)."""
     sleeping_bodies: int
     """Bodies that sleep."""
+    missed_accuracy: np.ndarray
+    """Calls for which ``inner_steps`` did not do to be as accurate as asked; by world as above."""
     contact_overflow: int
     """Most contacts by which a buffer overflowed [contacts]; those were not simulated."""
     colors: int

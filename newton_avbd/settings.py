@@ -55,6 +55,8 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
     ),
     "blocks": SceneSetting(str, "newton:avbd:blocks", "articulation", name="blocks"),
     "sleeping": SceneSetting(wp.bool, "newton:avbd:sleeping", False, name="sleeping"),
+    "accuracy": SceneSetting(wp.float32, "newton:avbd:accuracy", 0.0, name="accuracy", unsaid=True),
+    "inner_steps": SceneSetting(wp.int32, "newton:avbd:innerSteps", 100, name="inner_steps"),
 }
 """What a scene may author, by argument of the solver's constructor.
 
@@ -63,6 +65,8 @@ Newton's own ``newton:maxSolverIterations`` of -1 leaves the number to the solve
 
 ITERATIONS = 10
 """Sweeps where neither the user nor the scene asks for a number."""
+MOST_ITERATIONS = 40
+"""The same where an accuracy is asked for, which ends them earlier."""
 
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
@@ -110,6 +114,8 @@ class Settings:
     scheme: str
     blocks: str
     sleeping: bool
+    accuracy: float | None
+    inner_steps: int
 
     @property
     def ramp(self) -> bool:
@@ -133,7 +139,7 @@ class Settings:
             for name, argument in arguments.items()
         }
         if arguments["iterations"] is None and values["iterations"] == -1:
-            values["iterations"] = ITERATIONS
+            values["iterations"] = ITERATIONS if values["accuracy"] is None else MOST_ITERATIONS
 
         def check(name: str, makes_sense: bool, wanted: str) -> None:
             if makes_sense:
@@ -149,6 +155,10 @@ class Settings:
         tolerance = values["tolerance"]
         makes_sense = bool(tolerance >= 0.0 and np.isfinite(tolerance))
         check("tolerance", makes_sense, "a length of at least 0 m")
+        accuracy = values["accuracy"]
+        makes_sense = accuracy is None or bool(accuracy > 0.0 and np.isfinite(accuracy))
+        check("accuracy", makes_sense, "an error a second above 0 m/s")
+        check("inner_steps", values["inner_steps"] >= 1, "at least 1")
         for name, choices in _CHOICES.items():
             is_known = values[name] is None or values[name] in choices
             check(name, is_known, " or ".join(map(repr, choices)))
@@ -163,6 +173,8 @@ class Settings:
             raise ValueError(
                 "formulation='ramp' is backward Euler; leave scheme='generalized_alpha' out."
             )
+        if accuracy is not None and "euler" == values["scheme"]:
+            raise ValueError("accuracy is for scheme='generalized_alpha'; leave scheme out.")
         if values["scheme"] is None:
             values["scheme"] = "euler" if values["formulation"] == "ramp" else "generalized_alpha"
         return cls(**values)

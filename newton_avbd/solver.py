@@ -25,6 +25,7 @@ from .cables import CableViews
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
 from .effects import Effects, SceneEffects, left_out
+from .execute.adapting import export_mean_force
 from .execute.barrier import WARP
 from .execute.bodies import (
     BODIES_PER_THREAD,
@@ -63,9 +64,10 @@ from .execute.sleeping import (
 from .execute.sorting import sort_at_once
 from .execute.workers import Workers
 from .execute.world import make_solve, make_step, make_step_links
+from .inner_steps import smallest_accuracy
 from .joint_state import JointState
 from .memory import bytes_by_effect, members
-from .report import Report, Status, missed
+from .report import CAUSES_OF_ERROR, InnerReport, Report, Status, missed
 from .settings import Settings, register_scene_settings
 from .solved import BodyState, SolvedModel
 
@@ -142,6 +144,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         blocks: Literal["articulation", "body"] | None = None,
         parallel: Literal["worlds", "bodies"] | None = None,
         sleeping: bool | None = None,
+        accuracy: float | None = None,
+        inner_steps: int | None = None,
         effects: Mapping[str, bool] | None = None,
         update_joint_state: bool = False,
         strict: bool = False,
@@ -161,10 +165,10 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         Args:
             model: The model. Its arrays are read live in every step; after changing which bodies
                 move, masses, or materials call :meth:`notify_model_changed`.
-            iterations: Most sweeps over the bodies in each step, 10 by default: more for taller
-                stacks and larger mass ratios. The first three steps after a reset, and those in
-                which impacts do not settle, take up to four times as many; the first one, if
-                the world starts from rest, up to twelve times.
+            iterations: Most sweeps over the bodies in each step, 10 by default, with ``accuracy``
+                40: more for taller stacks and larger mass ratios. The first three steps after a
+                reset, and those in which impacts do not settle, take up to four times as many; the
+                first one, if the world starts from rest, up to twelve times.
             tolerance: A world's sweeps end early when one moves no body by more than this [m]; a
                 rotation counts by the radius of gyration. Penetration up to a tenth of it is left
                 alone. With 0, the default, they end only when nothing moves any more.
@@ -201,6 +205,15 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 bodies have been at rest for half a second, until something touches or drives them
                 or their state, forces or gravity change; see :attr:`status`. Each is solved for
                 itself. None for not.
+            accuracy: Error that a second of simulated time may add [m/s]; None, the default, for
+                steps as long as ``dt``. A call of ``step`` then divides itself into as few inner
+                steps as each world needs. The local errors of the inner steps in a time T, of the
+                body that is off most, add up to at most ``accuracy`` times T + 1/4 s, by their
+                estimates; a rotation counts by the radius of gyration. ``docs/algorithm.md`` has
+                the estimate, ``docs/accuracy_control.md`` how far it is right. Contacts are those
+                of the call, and so are forces and controls.
+            inner_steps: Most inner steps of a call with ``accuracy``, repeated ones included, 100
+                by default. :meth:`report` says where they did not do.
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
                 that are to be there, which raises where nothing calls for them. For their names
                 and what calls for each see :attr:`effects`.
@@ -240,10 +253,17 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             scheme=scheme,
             blocks=blocks,
             sleeping=sleeping,
+            accuracy=accuracy,
+            inner_steps=inner_steps,
         )
         if parallel not in (None, "worlds", "bodies"):
             raise ValueError(f"parallel must be 'worlds', 'bodies' or None, got {parallel!r}.")
         check_model(model, ramp=settings.ramp)
+        if settings.accuracy is not None and settings.accuracy < smallest_accuracy(model):
+            raise ValueError(
+                f"accuracy={settings.accuracy:.1e} m/s is below what single precision leaves room "
+                f"for in a model of this size; the smallest is {smallest_accuracy(model):.1e} m/s."
+            )
         self._report_ignored = functools.partial(
             report_ignored,
             strict=strict,
@@ -272,6 +292,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self.writes_joint_state:
             self._joint_state = JointState(model)
         self._make_arrays()
+        if self._flags.adaptive:
+            self._list_memory()
         self._callers.require((name for name, on in (effects or {}).items() if on), self._flags)
 
     # What a step does, top to bottom.
@@ -339,7 +361,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
-        needs_solve = flags.joints or flags.sleeping or flags.drag
+        needs_solve = flags.joints or flags.sleeping or flags.drag or flags.adaptive
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)
@@ -472,6 +494,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 self._solved.joint_count,
                 [self._solved.joint_enabled, self._history.broken, self._joints.enabled],
             )
+        if effects.adaptive and not self._is_listed:
+            self._list_memory()
         seen = self._see_worlds()
         after_prediction = [
             source,
@@ -620,6 +644,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         - ``newton:avbd:scheme``, ``scheme``: likewise.
         - ``newton:avbd:blocks``, ``blocks``: likewise.
         - ``newton:avbd:sleeping``, ``sleeping``: likewise.
+        - ``newton:avbd:accuracy``, ``accuracy``: likewise [m/s].
+        - ``newton:avbd:innerSteps``, ``inner_steps``: likewise.
 
         and from its joints, into arrays of one value a joint:
 
@@ -734,6 +760,11 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             broken_joints=self._welds.joint[
                 [] if self._history.broken is None else np.flatnonzero(self._history.broken.numpy())
             ],
+            missed_accuracy=(
+                self._worlds.inner.missed.numpy().copy()
+                if self._flags.adaptive
+                else np.zeros_like(self._worlds.sweeps.numpy())
+            ),
             contact_overflow=int(self._worlds.overflow.numpy()[0]),
             dropped_contacts=int(self._worlds.dropped.numpy()[0]),
         )
@@ -754,14 +785,35 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             # every link is part of the static world
             none = np.zeros(max(1, self.model.world_count))
             sweeps = none.astype(np.int32)
-            return Report(sweeps, none, none + self.tolerance, sweeps + 1, {})
+            return Report(sweeps, none, none + self.tolerance, sweeps + 1, {}, None)
         sweeps, update = self._worlds.sweeps.numpy(), self._worlds.update.numpy()
         h, order = self._history.step.numpy(), np.ones_like(sweeps)
         if self.settings.second_order:
             order += self._worlds.step.numpy() < h
         allowed = np.maximum(self.tolerance, self._worlds.settled.numpy())
         worst = self._worst_contacts(np.flatnonzero(update > allowed))
-        return Report(sweeps.copy(), update.copy(), allowed, order, worst)
+        return Report(sweeps.copy(), update.copy(), allowed, order, worst, self._inner_report())
+
+    def _inner_report(self) -> InnerReport | None:
+        """How accurate the last call was; None where no accuracy was asked for."""
+        if not self._flags.adaptive:
+            return None
+        inner = self._worlds.inner
+        links = self._welds.body.tolist()
+        bodies = [
+            self.model.body_label[links.index(body)] if body >= 0 else ""
+            for body in inner.worst.numpy().tolist()
+        ]
+        return InnerReport(
+            asked=inner.accuracy,
+            estimated=inner.estimate.numpy().copy(),
+            steps=inner.steps.numpy().copy(),
+            rejected=inner.rejected.numpy().copy(),
+            worst=bodies,
+            why=[CAUSES_OF_ERROR[cause] for cause in inner.cause.numpy().tolist()],
+            total=inner.spent.numpy().copy(),
+            missed=inner.missed.numpy().copy(),
+        )
 
     def _worst_contacts(self, worlds: np.ndarray) -> dict[int, str]:
         """The contact that misses most in each of some worlds, in words."""
@@ -1061,9 +1113,18 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 f"contacts are on device {contacts.device}, the solver on {self.device}."
             )
 
-    def _export_contact_force(self, contact_f: wp.array, contacts: newton.Contacts | None) -> None:
+    def _export_contact_force(
+        self,
+        contact_f: wp.array,
+        contacts: newton.Contacts | None,
+        *,
+        of_last_inner_step: bool = False,
+    ) -> None:
+        """Wrenches of contacts over the call, or with error control of its last inner step."""
         contact_f.zero_()
-        if self._capacity:
+        if self._capacity and self._flags.adaptive and not of_last_inner_step:
+            self._launch_bodies(export_mean_force, [self._worlds, self._rows, contact_f])
+        elif self._capacity:
             self._launch_bodies(export_contact_force, [self._work, self._rows, contact_f])
         if self._flags.sleeping and contacts is not None:
             source = self._contact_input(contacts)
@@ -1118,7 +1179,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                     shape = (source.capacity,)
                     self._weld_contact_f = wp.zeros(shape, dtype=wp.spatial_vector)
             contact_f = self._weld_contact_f
-            self._export_contact_force(contact_f, contacts)
+            self._export_contact_force(contact_f, contacts, of_last_inner_step=True)
             pose = self._work.pose
             self._launch(
                 load_by_contacts,

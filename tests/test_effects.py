@@ -164,7 +164,7 @@ def test_the_full_scene_calls_for_everything() -> None:
     off = {name for name, effect in effects.items() if not effect.on}
     assert off == {
         *("compliance", "ramp", "matching", "moving_surfaces", "contact_materials"),
-        *("light_roots", "light_links", "sleeping", "limit_impedance"),
+        *("light_roots", "light_links", "sleeping", "adaptive", "limit_impedance"),
     }
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from newton_avbd.io import UserError, read_scene, require
-from newton_avbd.study import accuracy_ask, accuracy_page
+from newton_avbd.study import accuracy_ask, accuracy_control, accuracy_page
 from newton_avbd.study.accuracy import ASK, FULL, QUICK, QUICK_SCENES, Results, run
 from newton_avbd.study.accuracy_front import OURS
 from newton_avbd.study.accuracy_run import Point
@@ -53,6 +53,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what each accuracy costs on a scene of your own: a file, robot:NAME, or what "
         "newton-avbd run takes; two minutes",
     )
+    parser.add_argument(
+        "--control",
+        action="store_true",
+        help="error asked for against error achieved, of SolverAVBD(model, accuracy=...); half an "
+        "hour for all scenes",
+    )
     parser.add_argument("--json", action="store_true", help="with --ask: print all numbers")
     parser.epilog = "scenes:\n" + "\n".join(
         f"  {name:<16} {scene.summary}" for name, scene in ACCURACY_SCENES.items()
@@ -73,6 +79,8 @@ def main(args: argparse.Namespace) -> int:
         require("matplotlib")
     if args.ask is not None:
         return _ask(args)
+    if args.control:
+        return _control(args)
     if args.json:
         raise UserError("--json goes with --ask; without it --output writes all numbers")
     require("scipy")
@@ -102,6 +110,30 @@ def main(args: argparse.Namespace) -> int:
             print(f"wrote {args.output / 'results.md'}", file=sys.stderr)
     except OSError as error:
         raise UserError(f"cannot write to {args.output}: {error}") from error
+    return interruption.status(0)
+
+
+def _control(args: argparse.Namespace) -> int:
+    """Error asked for against error achieved; returns the exit status."""
+    require("scipy")
+    names = chosen("scene", args.scenes, tuple(accuracy_control.CONTROL_SCENES))
+    silence()
+    make_folder(args.output)
+    found: list[accuracy_control.Outcome] = []
+    with gathered_prints(), gathered_warnings(), pinned():
+        with interruptible() as interruption:
+            for outcome in progress(accuracy_control.outcomes(names), None, "accuracies"):
+                found.append(outcome)
+    if found:
+        text = f"{accuracy_control.table(found)}\n\n{accuracy_control.verdict(found)}\n"
+        print(text)
+        if args.output:
+            file = args.output / "control.json"
+            try:
+                file.write_text(json.dumps([dataclasses.asdict(one) for one in found], indent=1))
+            except OSError as error:
+                raise UserError(f"cannot write to {args.output}: {error}") from error
+            print(f"wrote {file}", file=sys.stderr)
     return interruption.status(0)
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from newton_avbd import SolverAVBD
 from newton_avbd.io import Request, Simulation, UserError, open_scene, require
 from newton_avbd.io.controls import CONTROLS
 from newton_avbd.io.solvers import SOLVERS
@@ -54,6 +55,8 @@ class Course:
         test: What the scene's own test says; None where it has none.
         step_error: Distance at the end between this run and one at half the step [m], of the body
             that is off most; None where no such run was made.
+        estimated_error: What SolverAVBD estimates of the error that it was asked to keep to [m];
+            None where it was not.
         passed: How far a joint was past its limits at the end of a frame, at most [m or rad], and
             its label; None where all were within.
         started_past: How far a joint was past its limits when the run began [m or rad].
@@ -68,6 +71,7 @@ class Course:
     collision_ms: float = 0.0
     test: str | None = None
     step_error: float | None = None
+    estimated_error: float | None = None
     passed: tuple[float, str] | None = None
     started_past: float = 0.0
 
@@ -93,6 +97,10 @@ class Course:
         """Add what is known only at the end."""
         self.solver_ms, self.collision_ms = simulation.timer.milliseconds_per_step()
         self.test = simulation.verdict()
+        solver = getattr(simulation, "solver", None)
+        inner = solver.report().inner if isinstance(solver, SolverAVBD) else None
+        if inner is not None:
+            self.estimated_error = float(inner.total.max())
 
 
 @dataclass
@@ -168,11 +176,21 @@ def main(args: argparse.Namespace) -> int:
             return tuple(
                 open_scene(
                     args.scene,
-                    Request(solver, args.iterations, dt, None, args.arguments, args.ctrl),
+                    Request(
+                        solver,
+                        args.iterations,
+                        dt,
+                        None,
+                        args.arguments,
+                        args.ctrl,
+                        args.accuracy,
+                    ),
                 )
                 for solver in names
             )
 
+    if args.accuracy is not None and "avbd" not in names:
+        raise UserError("--accuracy is for SolverAVBD: compare with --solver avbd")
     pair = open_pair(args.dt)
     say_notes(device_notes(args.device))
     with gathered_prints():
@@ -289,6 +307,13 @@ def _report(comparison: Comparison) -> str:
         rows.append(row("the example's own test", lambda c: c.test or "none"))
     if a.step_error is not None and b.step_error is not None:
         rows.append(row("at half the step ends apart by", lambda c: length(c.step_error)))
+    if a.estimated_error is not None or b.estimated_error is not None:
+        rows.append(
+            row(
+                "error, by its own estimate",
+                lambda c: "unknown" if c.estimated_error is None else length(c.estimated_error),
+            )
+        )
     if a.passed or b.passed:
         rows.append(row("past limits of joints, ever", lambda c: _beyond(c)))
     apart = [("apart after", "most", "median")]

@@ -30,6 +30,13 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
     parser.add_argument(
         "--dt", type=positive(float), help="solver step in seconds (default: the scene's own)"
     )
+    parser.add_argument(
+        "--accuracy",
+        type=positive(float),
+        metavar="M/S",
+        help="error that a second may add, in meters: SolverAVBD divides steps as that needs; --dt "
+        "is a frame then, where it is not given",
+    )
     parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
     parser.epilog = f"{list_scenes()}\nArguments after -- go to a Newton example."
 

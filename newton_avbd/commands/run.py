@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
-from newton_avbd.report import Status
+from newton_avbd.report import InnerReport, Status
 from newton_avbd.study.measure import Probe, deepest_penetration
 from newton_avbd.study.overlaps import describe_overlaps
 
@@ -52,7 +52,10 @@ def main(args: argparse.Namespace) -> int:
         dt=args.dt,
         viewer=None if viewer is None else lambda: viewer,
         arguments=args.arguments,
+        accuracy=args.accuracy,
     )
+    if args.accuracy is not None and args.solver != "avbd":
+        raise UserError(f"--accuracy goes with --solver avbd, not with {args.solver}")
     camera = view.camera(viewer) if args.png else None
     with gathered_warnings():
         simulation = open_scene(args.scene, request)
@@ -106,6 +109,17 @@ def _watch(simulation: Simulation, viewer: Any, count: Iterable[int]) -> None:
         simulation.render()
 
 
+def _accuracy(inner: InnerReport) -> list[tuple[str, str]]:
+    """Rows of a table on what an accuracy led to."""
+    rows = [
+        ("accuracy asked for", f"{length(inner.asked)} a second"),
+        ("error, by its own estimate", length(float(inner.total.max()))),
+    ]
+    if inner.missed.any():
+        rows.append(("calls with too few inner steps", f"{int(inner.missed.sum())}"))
+    return rows
+
+
 def _report(simulation: Simulation, probe: Probe, solver: str, verdict: str | None) -> str:
     """Table of what was simulated, what it cost and where it ended."""
     gaps = probe.separations(simulation.state)
@@ -126,6 +140,8 @@ def _report(simulation: Simulation, probe: Probe, solver: str, verdict: str | No
     if isinstance(status, Status) and status.bounded_steps.any():
         lost = f"{np.sum(status.bounded_energy):.3g} J"
         rows.append(("energy bounded", f"{np.sum(status.bounded_steps)} times, {lost}"))
+    if isinstance(status, Status) and simulation.solver.settings.accuracy is not None:
+        rows += _accuracy(simulation.solver.report().inner)
     if isinstance(status, Status) and status.unbounded_steps.any():
         rows.append(("energy not bounded", f"{np.sum(status.unbounded_steps)} times"))
     if verdict is not None:

@@ -412,6 +412,8 @@ def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
                 tree_joint,
                 work,
             )
+            if wp.static(effects.adaptive):
+                worlds.inner.wrench[body] = body_f[body]
 
     @wp.kernel(**KERNEL)
     def predict(
@@ -591,6 +593,29 @@ def push(
         work.wrench[body] = work.wrench[body] + wrench
 
 
+@wp.func
+def push_by_joint(
+    joint: int,
+    h: float,
+    model: wp.ref[BodyModel],
+    joints: wp.ref[JointModel],
+    control: wp.ref[ControlInput],
+    work: wp.ref[BodyWork],
+):
+    """What a joint pushes beyond the child that has been predicted with it."""
+    if joints.enabled[joint]:
+        child = joints.child[joint]
+        parent = joints.parent[joint]
+        wrench = joint_wrench(joints.dof_start[joint], control)
+        force = wp.spatial_top(wrench)
+        torque = wp.spatial_bottom(wrench)
+        if model.free_joint[child] != joint:
+            push(child, force, torque, h, model, work)
+        if parent >= 0:
+            arm = work.com[child] - work.com[parent]
+            push(parent, -force, -torque - wp.cross(arm, force), h, model, work)
+
+
 @wp.kernel(**KERNEL)
 def push_more(
     # Model:
@@ -609,15 +634,4 @@ def push_more(
     lists the joints; one thread, so that the order of sums is always the same.
     """
     for i in range(pushing.shape[0]):
-        joint = pushing[i]
-        if joints.enabled[joint]:
-            child = joints.child[joint]
-            parent = joints.parent[joint]
-            wrench = joint_wrench(joints.dof_start[joint], control)
-            force = wp.spatial_top(wrench)
-            torque = wp.spatial_bottom(wrench)
-            if model.free_joint[child] != joint:
-                push(child, force, torque, h, model, work)
-            if parent >= 0:
-                arm = work.com[child] - work.com[parent]
-                push(parent, -force, -torque - wp.cross(arm, force), h, model, work)
+        push_by_joint(pushing[i], h, model, joints, control, work)

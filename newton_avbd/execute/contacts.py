@@ -6,6 +6,7 @@ import functools
 
 import warp as wp
 
+from ..algebra.so3 import exp_quat
 from ..data import (
     BodyModel,
     BodyWork,
@@ -29,6 +30,7 @@ from .bodies import body_at
 from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
+from .sides import make_written_side
 from .weights import mass_to_stop
 
 NOT_UNIT = wp.constant(0.1)
@@ -312,6 +314,7 @@ def size_of(work: wp.ref[BodyWork], slot: int, arm: wp.vec3) -> float:
 @functools.cache
 def make_linearise_rows(effects: Effects) -> wp.Function:
     """Device function that turns the contacts of a body into rows."""
+    written_side = make_written_side(effects)
 
     @wp.func
     def linearise(
@@ -338,6 +341,19 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
         # both bodies feel the force at one point, half way between the two surfaces
         half = 0.5 * (apart + (margin0 - margin1) * normal)
+        if wp.static(effects.adaptive):
+            # They have moved on since they were found: what moves, or is round, took the point with
+            # it, and the other one is flat there.
+            aside = 0.5 * (apart - wp.dot(apart, normal) * normal)
+            on0 = work.inv_mass[slot1] == 0.0
+            on1 = work.inv_mass[slot0] == 0.0
+            if not on0 and not on1:
+                on0 = margin0 > margin1
+                on1 = margin1 > margin0
+            if on1:
+                half += aside
+            elif on0:
+                half -= aside
         row = ContactRow()
         row.gap = wp.dot(normal, apart) - (margin0 + margin1)
         if wp.static(effects.contact_pairs):
@@ -387,6 +403,7 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
     ):
         """Turns the contacts that a body owns into rows, without those that cannot close."""
         side = history.parity[world]
+        written = written_side(world, history)
         index = int(rows.owned_start[body])
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             contact = rows.contacts[i]
@@ -401,8 +418,17 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
             row = linearise(
                 body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
             )
+            if wp.static(effects.adaptive):
+                # forces are those of the end of the step, and so are their levers
+                if work.inv_mass[row.b] == 0.0:
+                    point = record.point0
+                    if row.contact < 0:
+                        point = record.point1
+                    lever = body_arm(body_q, model, body, scale.static_slot, point)
+                    turn = scale.h * wp.spatial_bottom(worlds.inner.velocity[body])
+                    row.arm += wp.quat_rotate(exp_quat(turn), lever) - lever
             if wp.static(effects.matching):
-                history.row_of_contact[1 - side, contact] = -1
+                history.row_of_contact[written, contact] = -1
             if not is_sound(row):
                 report_dropped(worlds, contact)
                 continue
@@ -426,7 +452,7 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
                 if wp.static(effects.angular_friction):
                     rows.spin[index] = spin
                 rows.rows[index] = row
-                history.records[1 - side, index] = record
+                history.records[written, index] = record
                 if wp.static(effects.pairs):
                     if work.inv_mass[row.b] > 0.0:
                         other = wp.atomic_add(rows.other_end, row.b, 1)
@@ -443,6 +469,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
     mixed_by_condim = condim_rows.make_mixed_friction(effects.friction_mix, effects.contact_pairs)
     linearise_rows = make_linearise_rows(effects)
+    written_side = make_written_side(effects)
 
     @wp.func
     def recall_multipliers(world: int, body: int, rows: wp.ref[RowWork], history: wp.ref[History]):
@@ -452,16 +479,17 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         twice, contacts that merge add up, and the order of the contacts does not matter.
         """
         side = history.parity[world]
+        written = written_side(world, history)
         start = rows.owned_start[body]
         for i in range(history.start[side, body], history.end[side, body]):
             record = history.records[side, i]
             row = int(-1)
             if wp.static(effects.ramp) or wp.length_sq(record.force) > 0.0:
-                row = find_row(record, start, rows.owned_end[body], 1 - side, rows, history)
+                row = find_row(record, start, rows.owned_end[body], written, rows, history)
             if row >= 0:
                 if wp.static(effects.ramp):
-                    history.records[1 - side, row].penalty = wp.max(
-                        history.records[1 - side, row].penalty, record.penalty
+                    history.records[written, row].penalty = wp.max(
+                        history.records[written, row].penalty, record.penalty
                     )
                 else:
                     rows.rows[row].force = rows.rows[row].force + record.force
@@ -483,7 +511,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         history: wp.ref[History],
     ) -> float:
         """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
-        side = 1 - history.parity[world]
+        side = written_side(world, history)
         deepest = float(0.0)
         for i in range(rows.owned_start[body], rows.owned_end[body]):
             row = rows.rows[i]

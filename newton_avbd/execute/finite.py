@@ -129,7 +129,7 @@ def hold_world(
         body_qd_out[body] = body_qd[body]
         rows.owned_end[body] = rows.owned_start[body]
         history.falling[body] = 0.0
-        for side in range(2):
+        for side in range(history.start.shape[0]):
             history.start[side, body] = 0
             history.end[side, body] = 0
         if tree.joint.shape[0] > 0:
@@ -139,4 +139,7 @@ def hold_world(
     history.age[world] = 0
     history.filling[world, 0] = 0
     # all worlds stay on the same side: their records lie in one array
-    history.parity[world] = 1 - history.parity[world]
+    if history.next_side.shape[0] > 0:
+        history.parity[world] = history.next_side[world]
+    else:
+        history.parity[world] = 1 - history.parity[world]

@@ -48,6 +48,19 @@ def row_torque(i: int, rows: wp.ref[RowWork]) -> wp.vec3:
     return rows.spin[i].torque
 
 
+@wp.func
+def contact_wrench(i: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
+    """Index of a row's contact; force [N] on its body 0 and torque [N m] about the COM of that."""
+    row = rows.rows[i]
+    torque = row_torque(i, rows)
+    if row.contact >= 0:
+        torque += wp.cross(row.arm, row.force)
+        return row.contact, wp.spatial_vector(-row.force, -torque)
+    arm = row.arm + (work.com[row.a] - work.com[row.b])
+    torque += wp.cross(arm, row.force)
+    return ~row.contact, wp.spatial_vector(row.force, torque)
+
+
 @wp.kernel(**KERNEL)
 def export_contact_force(
     # Work:
@@ -59,17 +72,9 @@ def export_contact_force(
     """Force [N] on body 0 of each contact and torque [N m] about its COM; one thread a body."""
     body = wp.tid()
     for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        if wp.max(row.contact, ~row.contact) >= contact_f.shape[0]:
-            continue
-        torque = row_torque(i, rows)
-        if row.contact >= 0:
-            torque += wp.cross(row.arm, row.force)
-            contact_f[row.contact] = wp.spatial_vector(-row.force, -torque)
-        else:
-            arm = row.arm + (work.com[row.a] - work.com[row.b])
-            torque += wp.cross(arm, row.force)
-            contact_f[~row.contact] = wp.spatial_vector(row.force, torque)
+        contact, wrench = contact_wrench(i, work, rows)
+        if contact < contact_f.shape[0]:
+            contact_f[contact] = wrench
 
 
 @functools.cache

@@ -39,6 +39,7 @@ from .loops import make_loops, reach_farther
 from .piles import make_piles
 from .scale import (
     LONGER,
+    MUCH_LONGER,
     last_update,
     length_of,
     make_count_passes,
@@ -48,6 +49,7 @@ from .scale import (
     sweeps_at_age,
 )
 from .second_order import lead_spin, make_second_order
+from .sides import make_written_side
 from .sweeps import make_sweep, make_sweep_block, make_sweep_world
 from .tendons import make_join_tendons
 from .trees import is_linked, make_trees, parent_slot
@@ -134,6 +136,8 @@ def make_phases(effects: Effects) -> Phases:
     energy = make_energy(effects) if effects.balanced else ABSENT
     bound_world, gains_settled = energy.bound_world, energy.gains_settled
 
+    written_side = make_written_side(effects)
+
     @wp.func
     def begin_world(
         world: int,
@@ -147,7 +151,7 @@ def make_phases(effects: Effects) -> Phases:
         """How far things may go in the step; takes a much longer step than the last as a start."""
         scale = measure_world(world, h, tolerance, model, worlds, work)
         # forces that stopped something within a short step would push too long in a longer one
-        if h > LONGER * history.step[world]:
+        if h > wp.static(MUCH_LONGER if effects.adaptive else LONGER) * history.step[world]:
             history.age[world] = 0
         if wp.static(effects.second_order):
             if worlds.step[world] < history.step[world]:
@@ -213,7 +217,7 @@ def make_phases(effects: Effects) -> Phases:
             if wp.static(effects.restitution):
                 has_impacts = find_impacts(
                     world,
-                    1 - history.parity[world],
+                    written_side(world, history),
                     scale,
                     body_qd,
                     shapes,
@@ -444,7 +448,7 @@ def make_phases(effects: Effects) -> Phases:
         worlds.settled[world] = settled_update(scale)
         has_islands = bool(False)
         if wp.static(effects.contact):
-            side = 1 - history.parity[world]
+            side = written_side(world, history)
             if wp.static(effects.piles):
                 spend_impacts(world, scale, body_qd, model, worlds, work, rows)
             for i in range(worlds.body_start[world], worlds.body_start[world + 1]):

@@ -116,7 +116,7 @@ def reset_bodies(
         body_q[body] = rest_q[body]
     if (flags & wp.static(int(newton.StateFlags.BODY_QD))) != 0:
         body_qd[body] = rest_qd[body]
-    for side in range(2):
+    for side in range(history.start.shape[0]):
         history.start[side, body] = 0
         history.end[side, body] = 0
     history.falling[body] = 0.0
@@ -147,3 +147,7 @@ def reset_bodies(
     worlds.bounded[worlds.of_body[body]] = 0
     worlds.excess[worlds.of_body[body]] = 0.0
     worlds.unbounded[worlds.of_body[body]] = 0
+    if history.change.shape[0] > 0:
+        history.change[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        worlds.inner.spent[worlds.of_body[body]] = 0.0
+        worlds.inner.missed[worlds.of_body[body]] = 0

@@ -48,6 +48,8 @@ AT_REST = wp.constant(4.0)
 LONGER = wp.constant(1.5)
 """A step this many times as long as the last one is as the first after a reset."""
 
+MUCH_LONGER = wp.constant(2.1)
+"""Likewise where an estimate of its error decides whether a step is repeated."""
 
 STOPPING = wp.constant(1.0e30)
 """Update, squared, of a sweep after which a stop is to hold that did not, or to let go: an impact

@@ -23,6 +23,7 @@ from ..data import (
 )
 from ..effects import Effects
 from ..rows.contact import RECOVERY
+from .adapting import make_adapt_world
 from .bodies import make_predict_body
 from .contacts import make_sort_by_owner
 from .denormals import flush_denormals, restore_denormals
@@ -38,12 +39,14 @@ from .scale import (
     is_unsettled,
     most_rounds,
 )
+from .sides import make_written_side
 
 
 @functools.cache
 def make_solve_worlds(effects: Effects) -> wp.Function:
     """Device function: the whole step of the world of a thread, after prediction."""
     is_world_finite = make_is_world_finite(effects)
+    written_side = make_written_side(effects)
     (
         begin_world,
         build_rows,
@@ -260,7 +263,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                     loops,
                     history,
                 )
-            history.parity[world] = 1 - history.parity[world]
+            history.parity[world] = written_side(world, history)
             history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
             if wp.static(effects.balanced):
                 has_not_settled = is_unsettled(update, scale)
@@ -333,6 +336,11 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             body_qd_out,
         )
 
+    # the same arguments, so that either can stand for the step
+    step_once = solve_world
+    if effects.adaptive:
+        step_once = make_adapt_world(effects, solve_world)
+
     @wp.func
     def solve_worlds(
         thread: int,
@@ -368,7 +376,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 world = worlds.turn[turn]
                 if world < 0:
                     return
-            solve_world(
+            step_once(
                 world,
                 model,
                 shapes,
@@ -500,6 +508,8 @@ def make_step_world(effects: Effects) -> wp.Function:
                 tree.joint,
                 work,
             )
+            if wp.static(effects.adaptive):
+                worlds.inner.wrench[body] = body_f[body]
         if wp.static(effects.contact):
             sort_by_owner(shapes, contacts, worlds, work, rows)
         solve_worlds(

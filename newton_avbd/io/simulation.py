@@ -65,6 +65,8 @@ class Request:
         arguments: Command-line arguments for a Newton example.
         ctrl: What drives the actuators of an MJCF file, one of
             :data:`newton_avbd.io.controls.CONTROLS`; None for nothing.
+        accuracy: Error a second that SolverAVBD is to keep to [m/s], which then steps a frame at a
+            time where ``dt`` is None; None for steps as they are. Other solvers have no such thing.
     """
 
     solver: str = "avbd"
@@ -73,6 +75,13 @@ class Request:
     viewer: Callable[[], Any] | None = None
     arguments: tuple[str, ...] = ()
     ctrl: str | None = None
+    accuracy: float | None = None
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """Further arguments of the solver."""
+        is_asked = self.accuracy is not None and self.solver == "avbd"
+        return {"accuracy": self.accuracy} if is_asked else {}
 
 
 class ModelSimulation:
@@ -101,12 +110,14 @@ class ModelSimulation:
             notes: What the user should know of the scene, a sentence each.
         """
         self.name, self.frames, self.notes = name, frames, notes
-        self.dt = request.dt or dt
+        self.dt = request.dt or (frame_dt if request.options else dt)
         self._substeps = max(1, round(frame_dt / self.dt))
         self.frame_dt = self._substeps * self.dt
         solvers.complete(request.solver, builder)
         self.model = builder.finalize()
-        self.solver = solvers.construct(request.solver, self.model, request.iterations)
+        self.solver = solvers.construct(
+            request.solver, self.model, request.iterations, **request.options
+        )
         self.timer = StepTimer()
         self._pipeline = newton.CollisionPipeline(self.model)
         self._contacts = self._pipeline.contacts()

@@ -89,6 +89,7 @@ class StandIn:
                 kept["effects"] = dict.fromkeys(_NOT_BY_VBD, False)
             if self._original.__name__ in _JOINT_SPACE and model.joint_count:
                 newton.eval_fk(model, model.joint_q, model.joint_qd, model)
+            kept.update(self._request.options)
             solver = solvers.construct(self._request.solver, model, iterations, **kept)
             for name, answer in _ADAPTERS.items():
                 if hasattr(self._original, name) and not hasattr(solver, name):

@@ -97,6 +97,11 @@ class Runner(ABC):
         self.model = model
         self.bodies = Bodies.of(model)
 
+    @property
+    def solver(self) -> Any:
+        """The solver at work; None where it is not one of Newton's."""
+        return None
+
     @abstractmethod
     def restart(self, setting: Setting) -> None:
         """Go back to the start with a new solver."""
@@ -226,6 +231,11 @@ class _NewtonRunner(Runner):
             times.append(time.process_time() - begin)
         # The first two load kernels.
         return median(times[2:])
+
+    @property
+    def solver(self) -> newton.solvers.SolverBase:
+        """The solver at work."""
+        return self._solver
 
     def gave_up(self) -> bool:
         status = getattr(self._solver, "status", None)

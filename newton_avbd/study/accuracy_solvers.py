@@ -32,18 +32,21 @@ class Setting:
         iterations: Iterations of a step; None for the solver's own number.
         tolerance: Where iterations end early, in the solver's own units; None for its own.
         scheme: Time integration, or MuJoCo's contacts, where there is a choice; None for its own.
+        accuracy: Error a second that inner steps are to keep to [m/s]; None for steps as they are.
     """
 
     substeps: int
     iterations: int | None = None
     tolerance: float | None = None
     scheme: str | None = None
+    accuracy: float | None = None
 
     def __str__(self) -> str:
         parts = [f"{self.substeps}x"]
         parts += [] if self.iterations is None else [f"{self.iterations} it"]
         parts += [] if self.tolerance is None else [f"tol {self.tolerance:.0e}"]
         parts += [] if self.scheme is None else [self.scheme]
+        parts += [] if self.accuracy is None else [f"accuracy {self.accuracy:.0e}"]
         return " ".join(parts)
 
     def given(self, **names: str) -> dict[str, Any]:
@@ -136,8 +139,8 @@ class MeasuredSolver:
 def _avbd(model: newton.Model, setting: Setting) -> SolverBase:
     from newton_avbd import SolverAVBD
 
-    names = {"iterations": "iterations", "tolerance": "tolerance", "scheme": "scheme"}
-    return SolverAVBD(model, **setting.given(**names))
+    names = ("iterations", "tolerance", "scheme", "accuracy")
+    return SolverAVBD(model, **setting.given(**{name: name for name in names}))
 
 
 def _vbd(model: newton.Model, setting: Setting) -> SolverBase:
