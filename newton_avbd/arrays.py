@@ -550,9 +550,9 @@ class SolverArrays:
 
     def _forget_launches(self) -> None:
         """Drops what was packed, after a struct changed its arrays."""
+        self._is_listed = False
         self._launch.forget()
         self._seen = None
-        self._is_listed = False
 
     def _see_worlds(self) -> SeenWorlds:
         """What the solve sees as worlds: with sleeping, the islands that are awake."""
