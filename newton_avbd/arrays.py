@@ -4,7 +4,6 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -49,14 +48,10 @@ _EXTRA_CONTACT_ARRAYS = ("surface_velocity", "stiffness", "damping", "friction",
 """Some buffers have these."""
 
 
-@dataclass
-class SeenWorlds:
-    """What the solve sees of worlds."""
-
-    worlds: data.WorldWork
-    history: data.History
-    tree: data.TreeWork
-    loops: data.LoopWork
+_STEPS = 4
+"""Steps of which the arguments are kept: states take turns."""
+_GIVEN = ("body_q", "body_qd", "body_f", "control", "contacts", "body_q_out", "body_qd_out")
+"""What a step is made of that is no number."""
 
 
 class SolverArrays:
@@ -75,6 +70,7 @@ class SolverArrays:
     contacts: newton.Contacts | None
     settings: Settings
     iterations: int
+    tolerance: float
     _launch: Launcher
     _remembered: Callable[[], Iterator[tuple[str, wp.array]]]
     _without: frozenset[str]
@@ -100,7 +96,10 @@ class SolverArrays:
         self._large: LargeWorlds | None = None
         self._colors: data.ColorWork | None = None
         self._sleep = data.SleepWork()
-        self._seen: SeenWorlds | None = None
+        self._whole: data.Context | None = None
+        self._seen: data.Context | None = None
+        self._steps: dict[tuple, tuple[Any, list]] = {}
+        self._step: Any = None
         self._seen_worlds = data.WorldWork()
         self._seen_history = data.History()
         self._inputs: WeakKeyDictionary[newton.Contacts, data.ContactInput] = WeakKeyDictionary()
@@ -552,23 +551,81 @@ class SolverArrays:
         """Drops what was packed, after a struct changed its arrays."""
         self._is_listed = False
         self._launch.forget()
-        self._seen = None
+        self._whole, self._seen = None, None
+        self._steps.clear()
 
-    def _see_worlds(self) -> SeenWorlds:
-        """What the solve sees as worlds: with sleeping, the islands that are awake."""
+    def _context(self) -> data.Context:
+        """What the kernels see of the solver."""
+        if self._whole is None:
+            links = self._solved.links if isinstance(self._solved, SolvedModel) else None
+            self._whole = data.Context(
+                self._bodies,
+                self._shapes,
+                self._joints,
+                links,
+                self._worlds,
+                self._work,
+                self._rows,
+                self._tree,
+                self._loops,
+                self._islands,
+                self._history,
+                self._colors,
+                self._sleep,
+            )
+        return self._whole
+
+    def _seen_context(self) -> data.Context:
+        """The same as the solve sees it: with sleeping, islands that are awake are its worlds."""
         if self._seen is None:
-            seen = SeenWorlds(self._worlds, self._history, self._tree, self._loops)
+            seen = self._context()
             if self._flags.sleeping:
-                seen.worlds = data.merged(seen.worlds, self._seen_worlds)
-                seen.history = data.merged(seen.history, self._seen_history)
+                worlds = data.merged(seen.worlds, self._seen_worlds)
+                history = data.merged(seen.history, self._seen_history)
+                seen = seen._replace(worlds=worlds, history=history)
             if self._flags.sleeping and self._flags.loops:
-                seen.loops = data.merged(seen.loops)
-                seen.loops.world_start = self._sleep.seen_loop_start
+                loops = data.merged(seen.loops)
+                loops.world_start = self._sleep.seen_loop_start
+                seen = seen._replace(loops=loops)
             if self._flags.sleeping and self._flags.closures:
-                seen.tree = data.merged(seen.tree)
-                seen.tree.closures.block_of = self._sleep.seen_block_of
+                tree = data.merged(seen.tree)
+                tree.closures.block_of = self._sleep.seen_block_of
+                seen = seen._replace(tree=tree)
             self._seen = seen
         return self._seen
+
+    def _step_of(self, given: Any, result: Any, control: Any, contacts: Any, dt: float) -> Any:
+        """What the kernels see of a step; made once for the same arguments."""
+        arguments = [
+            given.body_q,
+            given.body_qd,
+            given.body_f,
+            control,
+            contacts,
+            result.body_q,
+            result.body_qd,
+        ]
+        key = (*map(id, arguments), dt, self.iterations, self.tolerance)
+        known = self._steps.get(key)
+        if known is None:
+            known = self._steps[key] = self._new_step(arguments, dt)
+        return known[0]
+
+    def _new_step(self, arguments: list, dt: float) -> tuple[Any, list]:
+        """A step with these arguments, of the oldest one where there are enough.
+
+        Launches see what a struct holds that they were given, also where it has changed since.
+        """
+        if len(self._steps) < _STEPS:
+            step, before = data.Step(), [None] * len(arguments)
+        else:
+            step, before = self._steps.pop(next(iter(self._steps)))
+        for name, value, old in zip(_GIVEN, arguments, before, strict=True):
+            if value is not old:
+                setattr(step, name, value)
+        step.h, step.iterations, step.tolerance = dt, self.iterations, self.tolerance
+        # what is named by its id has to stay
+        return step, arguments
 
     def _allocate_contacts(self, capacity: int) -> None:
         """Buffers by contact. Nothing in them needs a start value: what is live is kept by body."""

@@ -17,7 +17,7 @@ Who owns what, and what always holds:
   device, so that a captured graph may hold any number of steps.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -1738,6 +1738,69 @@ class ColorWork:
     """1 for each world whose energy has to be looked at."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
+
+
+@wp.struct
+class Solver:
+    """What lasts from step to step: the model, and what the solver has of it.
+
+    Lies in memory of the device as an array of one, see :mod:`.execute.launch`. What a scene does
+    without is empty.
+    """
+
+    model: BodyModel
+    shapes: ShapeModel
+    joints: JointModel
+    links: LinkModel
+    worlds: WorldWork
+    work: BodyWork
+    rows: RowWork
+    tree: TreeWork
+    loops: LoopWork
+    islands: IslandWork
+    history: History
+    colors: ColorWork
+    sleep: SleepWork
+
+
+@wp.struct
+class Step:
+    """What a step was given, and where it is to leave its result."""
+
+    body_q: wp.array[wp.transform]
+    """Poses at the start; bodies are then put to ``BodyWork.pose``."""
+    body_qd: wp.array[wp.spatial_vector]
+    """Velocities at the start [m/s, rad/s]."""
+    body_f: wp.array[wp.spatial_vector]
+    """Wrenches on bodies [N, N m]."""
+    control: ControlInput
+    contacts: ContactInput
+    h: float
+    """Time step [s]."""
+    iterations: int
+    """Most sweeps."""
+    tolerance: float
+    """[m]"""
+    body_q_out: wp.array[wp.transform]
+    body_qd_out: wp.array[wp.spatial_vector]
+
+
+class Context(NamedTuple):
+    """Structs of which the launcher makes a :class:`Solver`; None for those without arrays."""
+
+    model: Any
+    shapes: Any
+    joints: Any
+    links: Any
+    worlds: Any
+    work: Any
+    rows: Any
+    tree: Any
+    loops: Any
+    islands: Any
+    history: Any
+    colors: Any
+    sleep: Any
 
 
 def merged(*structs: Any) -> Any:

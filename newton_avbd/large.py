@@ -4,9 +4,9 @@
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -45,6 +45,18 @@ def obstacles(effects: Effects) -> list[str]:
     """What of a scene cannot be solved color by color; empty where all can."""
     found = [reason for name, reason in _UNSUPPORTED.items() if getattr(effects, name)]
     return list(dict.fromkeys(found))
+
+
+class _Views(NamedTuple):
+    """The solver with what kernels take for its worlds."""
+
+    whole: data.Context
+    lanes: data.Context
+    measured: data.Context
+    """Lanes, with the loops of each."""
+    by_rank: data.Context
+    """Lanes, whose bodies are in the order of the colors."""
+    islands: data.Context
 
 
 class LargeWorlds:
@@ -132,7 +144,21 @@ class LargeWorlds:
             self._islands.body_start = wp.zeros(slots, dtype=wp.int32)
             self._islands.bodies = wp.zeros(slots, dtype=wp.int32)
             self._islands.of_body = worlds.of_body
+        self._views: _Views | None = None
         self._allocate_sweeps(iterations)
+
+    def _views_of(self, whole: data.Context) -> "_Views":
+        """The solver with what these kernels take for its worlds."""
+        if self._views is None or self._views.whole is not whole:
+            lanes = whole._replace(worlds=self._worlds)
+            self._views = _Views(
+                whole,
+                lanes,
+                lanes._replace(loops=self._loops_by_lane),
+                whole._replace(worlds=self._turns),
+                whole._replace(worlds=self._islands),
+            )
+        return self._views
 
     def _allocate_sweeps(self, iterations: int) -> None:
         shape = (int(COLD_FACTOR) * iterations + 1, self._world_count)
@@ -161,30 +187,30 @@ class LargeWorlds:
         """Prefix sums of the first ``count`` counts."""
         scan.scan(launch, counts, count, self.colors.sums, starts)
 
-    def solve(self, launch: Launcher, effects: Effects, arguments: Sequence[Any]) -> None:
-        """The step after prediction; takes the arguments of the kernel ``solve`` of a world."""
-        (
-            model,
-            shapes,
-            joints,
-            control,
-            body_q,
-            body_qd,
-            contacts,
-            h,
-            iterations,
-            tolerance,
-            _worlds,
-            work,
-            rows,
-            tree,
-            loops,
-            islands,
-            history,
-            body_q_out,
-            body_qd_out,
-        ) = arguments
-        worlds, turns, colors = self._worlds, self._turns, self.colors
+    def solve(
+        self,
+        launch: Launcher,
+        effects: Effects,
+        step: Any,
+        whole: data.Context,
+        places: int,
+        h: float,
+        iterations: int,
+    ) -> None:
+        """The step after prediction.
+
+        Args:
+            launch: Launches.
+            effects: Those of the scene.
+            step: The :class:`.data.Step`.
+            whole: What the kernels see of the solver.
+            places: Contacts that the buffer has room for.
+            h: Time step [s].
+            iterations: Most sweeps of a round.
+        """
+        views = self._views_of(whole)
+        lanes, measured, by_rank = views.lanes, views.measured, views.by_rank
+        islands_as_worlds, colors, rows = views.islands, self.colors, whole.rows
         if h > float(LONGER) * self._h:
             self.may_be_cold = True
         self._h = h
@@ -192,80 +218,58 @@ class LargeWorlds:
         if colors.moved.shape[0] <= most:
             launch.forget()
             self._allocate_sweeps(iterations)
-        bodies, lanes, places = self._body_count, self._lanes, contacts.capacity
+        bodies, lane_count = self._body_count, self._lanes
         kernels = make_colored(effects)
 
         # Which blocks touch, and in what order they move.
         launch(coloring.clear_counts, bodies, [colors])
-        launch(coloring.count_contacts, places, [shapes, contacts, worlds, work, rows, colors])
+        launch(coloring.count_contacts, places, [step, lanes])
         self._scan(launch, colors.count, bodies, colors.incident_start)
-        launch(coloring.list_contacts, places, [shapes, contacts, work, rows, colors])
-        launch(coloring.sort_lists, bodies, [shapes, contacts, work, colors])
+        launch(coloring.list_contacts, places, [step, lanes])
+        launch(coloring.sort_lists, bodies, [step, lanes])
         for i in range(PASSES):
-            numbers = [i % 2, int(i == PASSES - 1)]
-            launch(coloring.color_blocks, bodies, [joints, *numbers, worlds, work, loops, colors])
-        launch(coloring.count_colors, lanes, [worlds, colors])
-        self._scan(launch, colors.table, (COLORS + 1) * lanes, colors.start)
-        launch(coloring.list_colors, lanes, [worlds, turns.rank, colors])
+            launch(coloring.color_blocks, bodies, [i % 2, int(i == PASSES - 1), lanes])
+        launch(coloring.count_colors, lane_count, [lanes])
+        self._scan(launch, colors.table, (COLORS + 1) * lane_count, colors.start)
+        launch(coloring.list_colors, lane_count, [self._turns.rank, lanes])
 
         # Rows: linearised at state_in, warm-started from the last step.
-        launch(
-            kernels.measure_lanes,
-            lanes,
-            [model, joints, control, h, tolerance, worlds, work, tree, self._loops_by_lane, colors],
-        )
-        launch(kernels.begin_step, self._world_count, [h, iterations, worlds, colors, history])
-        launch(coloring.count_owned, bodies, [turns, rows, colors])
+        launch(kernels.measure_lanes, lane_count, [step, measured])
+        launch(kernels.begin_step, self._world_count, [step, lanes])
+        launch(coloring.count_owned, bodies, [by_rank])
         self._scan(launch, colors.count, bodies, rows.owned_start)
-        launch(
-            kernels.build_rows,
-            bodies,
-            [model, shapes, body_q, contacts, turns, work, rows, colors, history],
-        )
-        launch(kernels.recall_rows, bodies, [shapes, turns, work, history, rows])
+        launch(kernels.build_rows, bodies, [step, by_rank])
+        launch(kernels.recall_rows, bodies, [by_rank])
         if effects.light_links:
-            launch(kernels.weigh, bodies, [model, joints, body_q, worlds, work, rows, colors, tree])
-        launch(
-            kernels.penalise, bodies, [shapes, contacts, worlds, work, rows, tree, history, colors]
-        )
+            launch(kernels.weigh, bodies, [lanes])
+        launch(kernels.penalise, bodies, [step, lanes])
 
         # What bounces; without a contact buffer nothing does.
         if effects.restitution and places:
-            launch(kernels.begin_rounds, bodies, [body_qd, rows])
-            launch(kernels.find_impacts, bodies, [shapes, worlds, work, history, rows, colors])
+            launch(kernels.begin_rounds, bodies, [step.body_qd, rows])
+            launch(kernels.find_impacts, bodies, [lanes])
             block = block_size(self._device)
             wave = self._islands.bodies  # of no use before the sweeps have ended
-            launch(
-                kernels.strike_worlds,
-                self._world_count * block,
-                [block, turns, work, rows, colors, wave],
-            )
-            launch(kernels.end_rounds, bodies, [worlds, colors, work, rows])
+            launch(kernels.strike_worlds, self._world_count * block, [block, wave, by_rank])
+            launch(kernels.end_rounds, bodies, [lanes])
 
         if effects.second_order:
-            self._order_step(launch, kernels, effects, arguments)
+            self._order_step(launch, kernels, effects, step, lanes)
 
         # Joints, and the blocks of bodies.
-        start = [model, joints, body_q, body_qd, control, worlds, work]
         if effects.joints:
-            launch(kernels.measure_joints, bodies, [*start, rows, loops, tree, colors, history])
+            launch(kernels.measure_joints, bodies, [step, lanes])
         if effects.loops:
-            launch(kernels.measure_loops, self._loop_count, [*start, tree, loops, colors, history])
+            launch(kernels.measure_loops, self._loop_count, [step, lanes])
         if effects.loops and effects.kinds.distances:
-            pulls = [joints, worlds, work, colors, loops]
-            launch(kernels.widen_loops, self._loop_count, pulls)
+            launch(kernels.widen_loops, self._loop_count, [lanes])
         if effects.joints:
-            launch(
-                kernels.place_joints,
-                bodies,
-                [model, joints, body_q, worlds, work, tree, colors, history],
-            )
+            launch(kernels.place_joints, bodies, [lanes])
         if effects.cables:
-            launch(kernels.begin_clusters, self._cluster_count, [worlds, work, tree, colors])
+            launch(kernels.begin_clusters, self._cluster_count, [lanes])
 
         def assemble(begin: int) -> None:
-            state = [worlds, rows, tree, loops, colors, history, work, islands]
-            launch(kernels.assemble, bodies, [model, joints, control, begin, *state])
+            launch(kernels.assemble, bodies, [begin, step, lanes])
 
         threads = -(-bodies // _SHARE)
 
@@ -279,32 +283,27 @@ class LargeWorlds:
             for sweep in range(first, end):
                 for color in range(COLORS + 1):
                     count = threads if color < COLORS else 1
-                    numbers = [sweep, color, count, recovery, most]
-                    state = [worlds, work, rows, tree, loops, colors, history, moved]
                     launch(
                         kernels.sweep_color,
                         count,
-                        [model, joints, control, body_q, *numbers, *state],
+                        [sweep, color, count, recovery, most, moved, step, lanes],
                     )
                 if effects.loops:
-                    numbers = [sweep, recovery, moved, most]
-                    state = [worlds, work, tree, colors, loops, history]
                     launch(
                         kernels.sweep_loops,
                         self._loop_count,
-                        [model, joints, control, *numbers, *state],
+                        [sweep, recovery, moved, most, step, lanes],
                     )
                 if effects.cables:
-                    state = [worlds, work, colors, history, tree, moved]
                     launch(
                         kernels.solve_clusters,
                         self._cluster_count,
-                        [joints, sweep, recovery, most, *state],
+                        [sweep, recovery, most, moved, lanes],
                     )
 
         def sweep_on(begin: int) -> None:
             if kernels.stiffen is not None:
-                launch(kernels.stiffen, bodies, [begin, worlds, colors, rows])
+                launch(kernels.stiffen, bodies, [begin, lanes])
             assemble(begin)
             sweep(begin, begin + iterations)
 
@@ -318,157 +317,111 @@ class LargeWorlds:
             self._launch_if(colors.has_more, functools.partial(sweep_on, turn * iterations))
         self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)
         self.may_be_cold = False
-        launch(
-            kernels.remember,
-            bodies,
-            [joints, body_qd, worlds, work, rows, tree, loops, islands, colors, history],
-        )
+        launch(kernels.remember, bodies, [step, lanes])
         if effects.second_order and effects.loops:
-            moved = [worlds, work, loops, colors, history]
-            launch(kernels.remember_loops, self._loop_count, [joints, *moved])
+            launch(kernels.remember_loops, self._loop_count, [lanes])
         if effects.second_order and effects.cables:
-            launch(kernels.find_jerked, self._cluster_count, [tree, colors])
+            launch(kernels.find_jerked, self._cluster_count, [lanes])
         if effects.cables and effects.pairs:
-            launch(kernels.join_clusters, self._cluster_count, [worlds, work, tree, islands])
+            launch(kernels.join_clusters, self._cluster_count, [lanes])
         if effects.pairs:
-            launch(joining.find_roots, bodies, [worlds, work, islands, colors])
-            launch(joining.count_members, bodies, [work, islands, colors])
+            launch(joining.find_roots, bodies, [lanes])
+            launch(joining.count_members, bodies, [lanes])
             self._scan(launch, colors.count, bodies, self._islands.body_start)
-            launch(joining.list_members, bodies, [work, islands, self._islands, colors])
-            launch(joining.keep_island, bodies, [model, self._islands, islands, colors, work])
+            launch(joining.list_members, bodies, [islands_as_worlds])
+            launch(joining.keep_island, bodies, [islands_as_worlds])
         if effects.breaking:
-            load = [worlds, work, rows, loops, colors, tree, history]
-            launch(kernels.break_trees, bodies, [model, joints, control, *load])
+            launch(kernels.break_trees, bodies, [step, lanes])
             if effects.loops:
-                launch(
-                    kernels.break_loops,
-                    self._loop_count,
-                    [joints, worlds, work, loops, colors, history],
-                )
-        end = [work, rows, tree, loops, islands, colors]
-        launch(
-            kernels.end_velocities,
-            bodies,
-            [model, joints, body_q, body_qd, worlds, *end, history, body_qd_out],
-        )
+                launch(kernels.break_loops, self._loop_count, [lanes])
+        launch(kernels.end_velocities, bodies, [step, lanes])
         if effects.spinning:
-            spins = [model, joints, worlds, work, tree, loops, colors, body_qd_out]
-            launch(kernels.align_spins, bodies, spins)
+            launch(kernels.align_spins, bodies, [step, lanes])
         if effects.restitution and places:
-            launch(kernels.leave_impacts, bodies, [worlds, colors, work, rows, history])
+            launch(kernels.leave_impacts, bodies, [lanes])
         if effects.axis_rates:
-            armatures = [joints, body_qd, body_qd_out, worlds, work, tree]
-            launch(kernels.end_armatures, bodies, [*armatures, colors, history])
+            launch(kernels.end_armatures, bodies, [step, lanes])
             if effects.loops:
-                launch(
-                    kernels.end_loop_armatures,
-                    self._loop_count,
-                    [*armatures, loops, colors, history],
-                )
+                launch(kernels.end_loop_armatures, self._loop_count, [step, lanes])
 
         # Recovery: old errors go, without entering the velocity.
-        launch(kernels.end_sweeps, self._world_count, [colors, worlds, history])
+        launch(kernels.end_sweeps, self._world_count, [lanes])
         if effects.second_order:
-            motion = [joints, worlds, work, rows, tree, colors, history]
-            launch(kernels.remember_motions, bodies, motion)
+            launch(kernels.remember_motions, bodies, [lanes])
         if effects.loops:
-            launch(kernels.keep_loops, self._loop_count, [history, loops])
+            launch(kernels.keep_loops, self._loop_count, [lanes])
         if effects.joints or not effects.compliance:
             recover(0, 1)
         if effects.joints:
             passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
             self._launch_if(colors.is_apart, lambda: recover(1, passes))
-            closed = [model, joints, worlds, colors, work, tree]
-            launch(kernels.close_joints, bodies, [iterations, *closed])
+            launch(kernels.close_joints, bodies, [step, lanes])
         if effects.loops:
-            back = [joints, worlds, work, loops, colors, history]
-            launch(kernels.give_loops_back, self._loop_count, back)
+            launch(kernels.give_loops_back, self._loop_count, [lanes])
         if effects.cables:
-            launch(kernels.give_cables_back, self._cluster_count, [work, tree])
-        launch(
-            kernels.end_poses,
-            bodies,
-            [model, joints, body_q, *end, worlds, history, body_q_out],
-        )
+            launch(kernels.give_cables_back, self._cluster_count, [lanes])
+        launch(kernels.end_poses, bodies, [step, lanes])
         if effects.gyroscopic and effects.pairs and not effects.drag:
-            launch(
-                joining.keep_island_spin,
-                bodies,
-                [
-                    model,
-                    body_q,
-                    self._islands,
-                    work,
-                    colors,
-                    history,
-                    islands,
-                    body_q_out,
-                    body_qd_out,
-                ],
-            )
+            launch(joining.keep_island_spin, bodies, [step, islands_as_worlds])
 
         if effects.balanced:
-            bound = functools.partial(self._bound_energy, launch, kernels, effects, arguments)
+            bound = functools.partial(self._bound_energy, launch, kernels, effects, step, lanes)
             self._launch_if(colors.is_excessive, bound)
         if effects.second_order:
-            state = [worlds, work, colors, history, body_q_out, body_qd_out]
-            launch(kernels.remember_states, bodies, [model, body_q, *state])
+            launch(kernels.remember_states, bodies, [step, lanes])
 
     def _order_step(
-        self, launch: Launcher, kernels: Colored, effects: Effects, arguments: Sequence[Any]
+        self,
+        launch: Launcher,
+        kernels: Colored,
+        effects: Effects,
+        step: Any,
+        lanes: data.Context,
     ) -> None:
         """Second order: which worlds go on as they went, and where their bodies start."""
-        model, _, joints, _, body_q, body_qd, *_rest = arguments
-        work, rows, tree, loops, _, history, _, _ = arguments[-8:]
-        worlds, colors, bodies = self._worlds, self.colors, self._body_count
-        state = [worlds, rows, tree, loops, work, colors, history]
-        launch(kernels.find_flying, bodies, [body_qd, *state])
-        state = [worlds, work, rows, tree, history, colors]
-        launch(kernels.find_jumps, bodies, [model, joints, body_q, body_qd, *state])
+        bodies = self._body_count
+        launch(kernels.find_flying, bodies, [step, lanes])
+        launch(kernels.find_jumps, bodies, [step, lanes])
         if effects.loops:
-            state = [worlds, work, loops, history, colors]
-            launch(kernels.find_loop_jumps, self._loop_count, [joints, *state])
+            launch(kernels.find_loop_jumps, self._loop_count, [lanes])
         if effects.cables:
-            launch(kernels.find_jerks, self._cluster_count, [work, tree, colors])
-        launch(kernels.order_worlds, self._world_count, [worlds, colors, history])
-        state = [worlds, colors, work, history]
-        launch(kernels.start_bodies, bodies, [model, body_q, body_qd, *state])
+            launch(kernels.find_jerks, self._cluster_count, [lanes])
+        launch(kernels.order_worlds, self._world_count, [lanes])
+        launch(kernels.start_bodies, bodies, [step, lanes])
         if effects.contact:
-            launch(kernels.lead_all_rows, bodies, [worlds, work, colors, rows])
+            launch(kernels.lead_all_rows, bodies, [lanes])
 
     def _bound_energy(
-        self, launch: Launcher, kernels: Colored, effects: Effects, arguments: Sequence[Any]
+        self,
+        launch: Launcher,
+        kernels: Colored,
+        effects: Effects,
+        step: Any,
+        lanes: data.Context,
     ) -> None:
         """Slows islands that did not settle down to the energy that they may have."""
-        model, _, joints, control, *_rest = arguments
-        work, rows, tree, loops, islands, history, body_q_out, body_qd_out = arguments[-8:]
-        worlds, colors, energy = self._worlds, self.colors, kernels.energy
-        bodies, lanes, count = self._body_count, self._lanes, self._world_count
-        result = [body_q_out, body_qd_out]
+        energy = kernels.energy
+        bodies, lane_count, count = self._body_count, self._lanes, self._world_count
         assert energy is not None
-        launch(energy.measure_moves, lanes, [joints, worlds, work, tree, colors])
-        launch(energy.find_unbalanced, count, [worlds, colors])
-        launch(energy.begin_balances, bodies, [worlds, work, colors, islands])
+        launch(energy.measure_moves, lane_count, [lanes])
+        launch(energy.find_unbalanced, count, [lanes])
+        launch(energy.begin_balances, bodies, [lanes])
         if energy.join_bodies is not None:
-            linked = [joints, worlds, work, tree, loops, colors, islands]
-            launch(energy.join_bodies, bodies, [bodies, *linked])
+            launch(energy.join_bodies, bodies, [bodies, lanes])
         if energy.join_clusters is not None:
-            launch(energy.join_clusters, self._cluster_count, [worlds, work, tree, islands])
+            launch(energy.join_clusters, self._cluster_count, [lanes])
         if effects.cables:
-            launch(energy.add_all_cables, count, [work, tree, colors, islands])
-        state = [worlds, work, rows, tree, loops, colors, history, *result, islands]
-        launch(energy.add_bodies, bodies, [model, joints, control, *state])
-        launch(energy.add_runs, lanes, [worlds, work, islands, colors])
-        launch(energy.add_lanes, count, [worlds, work, colors, islands])
-        launch(energy.add_momenta, lanes, [model, worlds, work, colors, *result, islands])
-        launch(energy.settle_islands, count, [worlds, work, colors, islands, history])
-        state = [worlds, work, tree, loops, colors, islands, history, *result]
-        launch(energy.slow_bodies, bodies, [model, joints, *state])
+            launch(energy.add_all_cables, count, [lanes])
+        launch(energy.add_bodies, bodies, [step, lanes])
+        launch(energy.add_runs, lane_count, [lanes])
+        launch(energy.add_lanes, count, [lanes])
+        launch(energy.add_momenta, lane_count, [step, lanes])
+        launch(energy.settle_islands, count, [lanes])
+        launch(energy.slow_bodies, bodies, [step, lanes])
         if effects.axis_rates:
-            state = [worlds, work, tree, loops, colors, islands, body_qd_out, history]
-            launch(energy.slow_all_rotors, bodies, [joints, *state])
+            launch(energy.slow_all_rotors, bodies, [step, lanes])
         if effects.cables:
-            launch(energy.drop_all_tensions, count, [work, colors, islands, tree])
+            launch(energy.drop_all_tensions, count, [lanes])
 
     def _launch_if(
         self, condition: wp.array, launches: Callable[[], None], *, is_due: bool = True

@@ -19,7 +19,7 @@ from newton.solvers import SolverBase
 
 from . import data
 from .actuator_force import ActuatorForce
-from .arrays import SeenWorlds, SolverArrays
+from .arrays import SolverArrays
 from .attributes import register_joint_attributes
 from .cables import CableViews
 from .checks import check_model, report_ignored
@@ -390,9 +390,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             observables and observables.body_parent_f, state_out.body_parent_f
         ):
             if self._flags.welds:
-                self._export_weld_force(body_parent_f, start, control_input, contacts, dt)
+                self._export_weld_force(body_parent_f, start, contacts, dt)
             else:
-                self._export_parent_force(body_parent_f, state_out, control_input, contacts, dt)
+                self._export_parent_force(body_parent_f, contacts)
         if self.writes_joint_state:
             joints, count = self._joints, self._solved.joint_count
             self._joint_state.write(self._launch, state_out, joints, count, self._history)
@@ -461,21 +461,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         dt: float,
     ) -> None:
         """The step where nothing touches: one kernel, exact."""
-        self._launch_bodies(
-            make_integrate(self._flags),
-            [
-                self._bodies,
-                state_in.body_q,
-                state_in.body_qd,
-                state_in.body_f,
-                control,
-                dt,
-                self._worlds,
-                self._history.flights,
-                state_out.body_q,
-                state_out.body_qd,
-            ],
-        )
+        self._step = self._step_of(state_in, state_out, control, self._no_contacts, dt)
+        self._launch_bodies(make_integrate(self._flags), [self._step, self._context()])
 
     def _solve(
         self,
@@ -496,74 +483,46 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             )
         if effects.adaptive and not self._is_listed:
             self._list_memory()
-        seen = self._see_worlds()
-        after_prediction = [
-            source,
-            dt,
-            self.iterations,
-            self.tolerance,
-            seen.worlds,
-            self._work,
-            self._rows,
-            seen.tree,
-            seen.loops,
-            self._islands,
-            seen.history,
-            state_out.body_q,
-            state_out.body_qd,
-        ]
-        model = [self._bodies, self._shapes, self._joints, control]
-        if self._at_once:
+        whole, seen = self._context(), self._seen_context()
+        if self._at_once and effects.welds:
+            solved = self._solved
+            self._step = self._step_of(solved.given, solved.result, control, source, dt)
             given = [state_in.body_q, state_in.body_qd, state_in.body_f]
-            if effects.welds:
-                model.insert(0, self._solved.links)
-            make = make_step_links if effects.welds else make_step
-            self._launch(make(effects), 1, [*model, *given, *after_prediction])
+            result = [state_out.body_q, state_out.body_qd]
+            self._launch(make_step_links(effects), 1, [*given, *result, self._step, seen])
+            return
+        self._step = step = self._step_of(state_in, state_out, control, source, dt)
+        if self._at_once:
+            self._launch(make_step(effects), 1, [step, seen])
             return
         if effects.sleeping:
-            self._form_islands(seen, effects, state_in, state_out, control, source, dt)
+            self._form_islands(effects, control)
         each = BODIES_PER_THREAD if self.device.is_cpu else 1
         self._launch(
             make_predict(self._flags, each),
             -(-self._solved.body_count // each),
-            [
-                0,
-                self._bodies,
-                state_in.body_q,
-                state_in.body_qd,
-                state_in.body_f,
-                control,
-                dt,
-                self._worlds,
-                self._history.falling,
-                self._tree.joint,
-                self._work,
-            ],
+            [0, step, whole],
             self._predictors if self._world_count > 1 else None,
         )
         if effects.reaction:
-            self._launch(
-                push_more,
-                1,
-                [self._bodies, self._joints, control, dt, self._pushing, self._work],
-            )
-        arguments = [*model, self._work.pose, state_in.body_qd, *after_prediction]
+            self._launch(push_more, 1, [self._pushing, step, whole])
         if self._large is not None:
-            self._large.solve(self._launch, effects, arguments)
+            self._large.solve(
+                self._launch, effects, step, seen, source.capacity, dt, self.iterations
+            )
             return
         if contacts is not None:
-            to_sort = [self._shapes, source, seen.worlds, self._work, self._rows]
             if effects.on_gpu and not effects.sleeping:
-                sort_at_once(self._launch, *to_sort)
+                sort_at_once(self._launch, step, seen, source.capacity)
             else:
-                self._launch(make_sort_contacts(effects.sleeping), 1, to_sort)
+                self._launch(make_sort_contacts(effects.sleeping), 1, [step, seen])
         threads = self._world_count
         if effects.sleeping:
             threads = seen.worlds.threads
         elif effects.on_gpu:
             threads = seen.worlds.turn.shape[0]
         workers = None if effects.sleeping else self._workers
-        self._launch(make_solve(effects), threads, [0, *arguments], workers, WARP)
+        self._launch(make_solve(effects), threads, [0, step, seen], workers, WARP)
         if effects.sleeping:
             self._launch(
                 make_end_islands(effects),
@@ -571,32 +530,10 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 [self._worlds, seen.worlds, self._history, seen.history],
             )
 
-    def _form_islands(
-        self,
-        seen: SeenWorlds,
-        effects: Effects,
-        state_in: newton.State | BodyState,
-        state_out: newton.State | BodyState,
-        control: data.ControlInput,
-        contacts: data.ContactInput,
-        dt: float,
-    ) -> None:
+    def _form_islands(self, effects: Effects, control: data.ControlInput) -> None:
         """Finds out what sleeps, passes it on, and lists the rest island by island."""
-        self._launch_bodies(
-            make_watch_bodies(self._flags),
-            [
-                self._bodies,
-                state_in.body_q,
-                state_in.body_qd,
-                state_in.body_f,
-                control,
-                dt,
-                self._worlds,
-                self._sleep,
-                state_out.body_q,
-                state_out.body_qd,
-            ],
-        )
+        whole, seen = self._context(), self._seen_context()
+        self._launch_bodies(make_watch_bodies(self._flags), [self._step, whole])
         if effects.joints:
             self._launch(
                 watch_joints,
@@ -610,20 +547,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         self._launch(
             make_form_islands(effects),
             1,
-            [
-                self._bodies,
-                self._shapes,
-                state_in.body_q,
-                contacts,
-                self._worlds,
-                seen.worlds,
-                self._rows,
-                self._sleep,
-                self._history,
-                seen.history,
-                state_out.body_q,
-                state_out.body_qd,
-            ],
+            [seen.worlds, seen.history, self._step, whole],
         )
 
     # What a user may do besides stepping.
@@ -877,21 +801,14 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         self._launch_bodies(
             reset_bodies,
             [
-                model.body_world,
                 model.body_q,
                 model.body_qd,
                 selected,
                 wanted,
-                self._worlds,
-                self._joints,
-                self._tree,
-                self._loops,
                 self._rest_angle,
-                self._sleep,
-                self._work,
-                self._history,
                 bodies.body_q,
                 bodies.body_qd,
+                self._context(),
             ],
         )
 
@@ -1131,16 +1048,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             self._launch(
                 export_sleeping_force,
                 source.capacity,
-                [
-                    self._bodies,
-                    self._shapes,
-                    source,
-                    self._worlds,
-                    self._work,
-                    self._sleep,
-                    self._history,
-                    contact_f,
-                ],
+                [source, contact_f, self._context()],
             )
         if self._flags.welds and contacts is not None:
             source = self._contact_input(contacts)
@@ -1155,7 +1063,6 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         self,
         body_parent_f: wp.array,
         state_in: newton.State | BodyState,
-        control: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,
     ) -> None:
@@ -1168,7 +1075,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 self._weld_joint_f = wp.zeros(solved.joint_count, dtype=wp.spatial_vector)
         loads, links = self._weld_loads, solved.links
         self._weld_joint_f.zero_()
-        self._export_parent_force(self._weld_joint_f, solved.result, control, contacts, dt)
+        self._export_parent_force(self._weld_joint_f, contacts)
         given = [model.body_world, model.gravity, state_in.body_f, dt, self._worlds]
         self._launch_links(load_links, [links, *given, loads, body_parent_f])
         if contacts is not None:
@@ -1191,55 +1098,23 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         self._launch(
             load_by_joints,
             solved.joint_count,
-            [
-                self._bodies,
-                self._joints,
-                links,
-                *ends,
-                control,
-                pose,
-                self._weld_joint_f,
-                self._worlds,
-                loads,
-                body_parent_f,
-            ],
+            [*ends, pose, self._weld_joint_f, loads, body_parent_f, self._step, self._context()],
         )
         self._launch(
-            load_welds,
-            1,
-            [links, model.joint_child, pose, self._worlds, loads, body_parent_f],
+            load_welds, 1, [links, model.joint_child, pose, self._worlds, loads, body_parent_f]
         )
 
     def _export_parent_force(
-        self,
-        body_parent_f: wp.array,
-        state_out: newton.State | BodyState,
-        control: data.ControlInput,
-        contacts: newton.Contacts | None,
-        dt: float,
+        self, body_parent_f: wp.array, contacts: newton.Contacts | None
     ) -> None:
         if not self._flags.sleeping:
             body_parent_f.zero_()
         if not self._flags.joints:
             return
-        seen = self._see_worlds()
         self._launch(
             make_export_parent_force(self._flags_with(contacts)),
             self._solved.body_count if self._flags.sleeping else self._world_count,
-            [
-                self._bodies,
-                self._joints,
-                control,
-                dt,
-                seen.worlds,
-                self._work,
-                self._rows,
-                seen.tree,
-                seen.loops,
-                seen.history,
-                state_out.body_qd,
-                body_parent_f,
-            ],
+            [body_parent_f, self._step, self._seen_context()],
         )
 
     def _export_actuator_force(

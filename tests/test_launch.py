@@ -2,11 +2,20 @@
 # SPDX-License-Identifier: Apache-2.0
 """Structs that lie in memory: launches see what they hold, graphs what they held."""
 
+import ctypes
 import gc
 
 import warp as wp
 
-from newton_avbd.execute.launch import INLINING, KERNEL, Launcher, putting, uncollected
+from newton_avbd import data
+from newton_avbd.execute.launch import (
+    INLINING,
+    KERNEL,
+    Launcher,
+    put_members,
+    putting,
+    uncollected,
+)
 
 
 @wp.struct
@@ -46,6 +55,36 @@ def test_a_kernel_puts_a_struct_where_it_lies() -> None:
     wp.launch(putting(Counter), dim=1, inputs=[counter, place], device="cpu")
     wp.launch(count_up, dim=1, inputs=[place], device="cpu")
     assert counter.count.numpy()[0] == 3.0
+
+
+@wp.kernel(enable_backward=False)
+def read_context(step: data.Step, s: wp.array[data.Solver], read: wp.array[float]):
+    read[0] = s[0].work.inv_mass[0]
+    read[1] = s[0].tree.cables.tension[0]
+    read[2] = step.h
+
+
+def test_structs_lie_in_one_as_a_kernel_reads_them() -> None:
+    """However they are put there; a struct within one of them, too."""
+    work, tree = data.BodyWork(), data.TreeWork()
+    work.inv_mass = wp.array([2.0], dtype=float, device="cpu")
+    tree.cables.tension = wp.array([3.0], dtype=float, device="cpu")
+    context = data.Context(*[None] * 13)._replace(work=work, tree=tree)
+    step, read = data.Step(), wp.zeros(3, dtype=float, device="cpu")
+    step.h = 0.5
+    launch = Launcher(wp.get_device("cpu"))
+    launch(read_context, 1, [step, context, read])
+    assert read.numpy().tolist() == [2.0, 3.0, 0.5]
+    # a launch sees what a struct holds that it was given
+    step.h = 0.25
+    launch(read_context, 1, [step, context, read])
+    assert read.numpy()[2] == 0.25
+    place = wp.zeros(1, dtype=data.Solver, device="cpu")
+    put_members(data.Solver, context, place)
+    wp.launch(read_context, 1, [step, place, wp.zeros_like(read)], device="cpu")
+    size = ctypes.sizeof(data.Solver.ctype)
+    (resident,) = (known[2] for known in launch._resident.values())
+    assert ctypes.string_at(place.ptr, size) == ctypes.string_at(resident.ptr, size)
 
 
 def test_the_garbage_collector_pauses_and_is_left_as_it_was() -> None:

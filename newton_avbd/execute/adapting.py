@@ -19,17 +19,8 @@ import functools
 import warp as wp
 
 from ..data import (
-    BodyModel,
-    BodyWork,
-    ContactInput,
-    ControlInput,
-    History,
-    IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
-    ShapeModel,
-    TreeWork,
+    Solver,
+    Step,
     WorldWork,
 )
 from ..effects import Effects
@@ -142,27 +133,26 @@ def make_local_error(effects: Effects) -> wp.Function:
         last_h: float,
         is_second_order: bool,
         change: wp.spatial_vector,
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> float:
         """By its mean acceleration in the step [m/s^2, rad/s^2]; a turn counts by the radius of
         gyration [m]."""
         is_smooth = is_second_order
-        changed = change - history.change[body]
-        if history.flying[body] != 0:
+        changed = change - s.history.change[body]
+        if s.history.flying[body] != 0:
             # a parabola is exact
             changed = wp.spatial_vector(wp.vec3(0.0), wp.spatial_bottom(changed))
             is_smooth = bool(True)
             if wp.static(effects.gyroscopic):
-                turn = wp.spatial_bottom(work.increment[body])
+                turn = wp.spatial_bottom(s.work.increment[body])
                 if wp.length_sq(turn) > MIDPOINT * MIDPOINT:
                     is_smooth = bool(False)
                     changed = change
         if is_smooth:
             # from the middle of the last step to that of this one
             apart = 2.0 * h / (h + last_h)
-            return TRUNCATED * h * h * apart * wp.sqrt(moved_by(body, changed, work))
-        return 0.5 * h * h * wp.sqrt(moved_by(body, change, work))
+            return TRUNCATED * h * h * apart * wp.sqrt(moved_by(body, changed, s.work))
+        return 0.5 * h * h * wp.sqrt(moved_by(body, change, s.work))
 
     return local_error
 
@@ -174,26 +164,19 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
     local_error = make_local_error(effects)
 
     @wp.func
-    def begin_call(
-        world: int,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-    ):
+    def begin_call(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]):
         """State of the first inner step; the end may take the place of the start."""
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            worlds.inner.pose[body] = body_q[body]
-            worlds.inner.velocity[body] = body_qd[body]
-            worlds.inner.start[body] = body_q[body]
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            s.worlds.inner.pose[body] = s.work.pose[body]
+            s.worlds.inner.velocity[body] = body_qd[body]
+            s.worlds.inner.start[body] = s.work.pose[body]
             if wp.static(effects.put_bodies):
-                worlds.inner.put[body] = work.put[body]
+                s.worlds.inner.put[body] = s.work.put[body]
             if wp.static(effects.contact):
-                worlds.inner.owned_end[body] = rows.owned_end[body]
-                for k in range(rows.owned_start[body], rows.owned_end[body]):
-                    worlds.inner.contact_f[rows.contacts[k]] = wp.spatial_vector()
+                s.worlds.inner.owned_end[body] = s.rows.owned_end[body]
+                for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+                    s.worlds.inner.contact_f[s.rows.contacts[k]] = wp.spatial_vector()
 
     @wp.func
     def predict_world(
@@ -201,14 +184,8 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         is_predicted: bool,
         h: float,
         share: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> float:
         """Predicts the bodies of a world for an inner step, which is this share of the call.
 
@@ -216,137 +193,96 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         without constraints [m].
         """
         farthest = float(0.0)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
             if not is_predicted:
                 predict_body(
                     body,
-                    model,
-                    worlds.inner.pose,
-                    worlds.inner.velocity,
-                    worlds.inner.wrench,
-                    control,
+                    s.worlds.inner.pose,
+                    s.worlds.inner.velocity,
+                    s.worlds.inner.wrench,
                     h,
-                    worlds,
-                    history.falling,
-                    tree.joint,
-                    work,
+                    step,
+                    s,
                 )
                 if wp.static(effects.put_bodies):
-                    work.put[body] = share * worlds.inner.put[body]
+                    s.work.put[body] = share * s.worlds.inner.put[body]
                 if wp.static(effects.contact):
                     # rows leave out what is out of reach
-                    rows.owned_end[body] = worlds.inner.owned_end[body]
-                    rows.other_end[body] = rows.other_start[body]
+                    s.rows.owned_end[body] = s.worlds.inner.owned_end[body]
+                    s.rows.other_end[body] = s.rows.other_start[body]
         if wp.static(effects.reaction):
             if not is_predicted:
                 for k in range(
-                    worlds.inner.pushing_start[world], worlds.inner.pushing_start[world + 1]
+                    s.worlds.inner.pushing_start[world], s.worlds.inner.pushing_start[world + 1]
                 ):
-                    push_by_joint(worlds.inner.pushing[k], h, model, joints, control, work)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0:
-                farthest = wp.max(farthest, moved_by(body, work.target[body], work))
+                    push_by_joint(s.worlds.inner.pushing[k], h, step, s)
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                farthest = wp.max(farthest, moved_by(body, s.work.target[body], s.work))
         return wp.sqrt(farthest)
 
     @wp.func
-    def accept_step(
-        world: int,
-        h: float,
-        share: float,
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def accept_step(world: int, h: float, share: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """The end of an inner step is the start of the next."""
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] == 0.0:
-                velocity = worlds.inner.velocity[body]
-                pose = worlds.inner.pose[body]
-                worlds.inner.pose[body] = led_pose(pose, model.com[body], velocity, h)
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] == 0.0:
+                velocity = s.worlds.inner.velocity[body]
+                pose = s.worlds.inner.pose[body]
+                s.worlds.inner.pose[body] = led_pose(pose, s.model.com[body], velocity, h)
                 continue
-            velocity = body_qd_out[body]
-            history.change[body] = (velocity - worlds.inner.velocity[body]) / h
-            worlds.inner.pose[body] = body_q_out[body]
-            worlds.inner.velocity[body] = velocity
+            velocity = step.body_qd_out[body]
+            s.history.change[body] = (velocity - s.worlds.inner.velocity[body]) / h
+            s.worlds.inner.pose[body] = step.body_q_out[body]
+            s.worlds.inner.velocity[body] = velocity
             if wp.static(effects.contact):
-                for k in range(rows.owned_start[body], rows.owned_end[body]):
-                    contact, force = contact_wrench(k, work, rows)
-                    mean = worlds.inner.contact_f[contact] + share * force
-                    worlds.inner.contact_f[contact] = mean
+                for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+                    contact, force = contact_wrench(k, s.work, s.rows)
+                    mean = s.worlds.inner.contact_f[contact] + share * force
+                    s.worlds.inner.contact_f[contact] = mean
 
     @wp.func
-    def end_call(
-        world: int,
-        home: int,
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-    ):
+    def end_call(world: int, home: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """Puts back what the user moves, and what is kept of contacts on the side of all worlds."""
-        side = history.parity[world]
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] == 0.0:
-                body_q_out[body] = worlds.inner.start[body]
+        side = s.history.parity[world]
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] == 0.0:
+                step.body_q_out[body] = s.worlds.inner.start[body]
             if wp.static(effects.contact):
                 if side != home:
-                    history.start[home, body] = history.start[side, body]
-                    history.end[home, body] = history.end[side, body]
-                    for k in range(history.start[side, body], history.end[side, body]):
-                        history.records[home, k] = history.records[side, k]
+                    s.history.start[home, body] = s.history.start[side, body]
+                    s.history.end[home, body] = s.history.end[side, body]
+                    for k in range(s.history.start[side, body], s.history.end[side, body]):
+                        s.history.records[home, k] = s.history.records[side, k]
                         if wp.static(effects.angular_friction):
-                            history.torque[home, k] = history.torque[side, k]
+                            s.history.torque[home, k] = s.history.torque[side, k]
                     if wp.static(effects.matching):
-                        for k in range(rows.owned_start[body], worlds.inner.owned_end[body]):
-                            contact = rows.contacts[k]
-                            known = history.row_of_contact[side, contact]
-                            history.row_of_contact[home, contact] = known
-        history.parity[world] = home
+                        for k in range(s.rows.owned_start[body], s.worlds.inner.owned_end[body]):
+                            contact = s.rows.contacts[k]
+                            known = s.history.row_of_contact[side, contact]
+                            s.history.row_of_contact[home, contact] = known
+        s.history.parity[world] = home
 
     @wp.func
     def adapt_world(
         world: int,
-        # Model:
-        model: wp.ref[BodyModel],
-        shapes: wp.ref[ShapeModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        # State in:
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        contacts: wp.ref[ContactInput],
         dt: float,
-        iterations: int,
         tolerance: float,
-        # Work:
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-        # State out:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """A call of a world, in as many inner steps as its accuracy takes, or as it may take."""
-        begin_call(world, body_q, body_qd, worlds, work, rows)
-        accuracy = worlds.inner.accuracy
-        home = (history.parity[world] + 1) % THIRD
-        if history.age[world] == 0:
-            history.wanted[world] = dt
-            history.ratio[world] = 1.0
-            history.saved[world] = SAVED * accuracy
+        begin_call(world, body_qd, s)
+        accuracy = s.worlds.inner.accuracy
+        home = (s.history.parity[world] + 1) % THIRD
+        if s.history.age[world] == 0:
+            s.history.wanted[world] = dt
+            s.history.ratio[world] = 1.0
+            s.history.saved[world] = SAVED * accuracy
         left = float(dt)
         # time in which a jump is known to be, and the step that finds it
         window = float(0.0)
@@ -358,13 +294,13 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         why = int(SMOOTHLY)
         worst_ratio = float(0.0)
         is_missed = bool(False)
-        held = worlds.held[world]
+        held = s.worlds.held[world]
         while left > 0.0:
             # what is left has to be done by the steps that are left
-            least = left / float(wp.max(worlds.inner.budget - tries, 1))
-            last_h = history.step[world]
-            h = wp.min(history.wanted[world], left)
-            if history.age[world] > 0:
+            least = left / float(wp.max(s.worlds.inner.budget - tries, 1))
+            last_h = s.history.step[world]
+            h = wp.min(s.history.wanted[world], left)
+            if s.history.age[world] > 0:
                 h = wp.min(h, GROWTH * last_h)
             if window > 0.0:
                 h = wp.min(h, wp.max(0.5 * window, finest))
@@ -378,79 +314,45 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             if last_h == 0.0:
                 last_h = h
 
-            save_world(world, worlds)
-            side = history.parity[world]
+            save_world(world, s.worlds)
+            side = s.history.parity[world]
             if side == home:
-                history.next_side[world] = (home + 1) % THIRD
+                s.history.next_side[world] = (home + 1) % THIRD
             else:
-                history.next_side[world] = home
+                s.history.next_side[world] = home
             is_predicted = tries == 0 and h == dt
-            move = predict_world(
-                world,
-                is_predicted,
-                h,
-                share,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                history,
-            )
+            move = predict_world(world, is_predicted, h, share, step, s)
             enough = wp.max(CONVERGED * accuracy * h * h, ROUNDED * move)
-            solve_world(
-                world,
-                model,
-                shapes,
-                joints,
-                control,
-                work.pose,
-                worlds.inner.velocity,
-                contacts,
-                h,
-                iterations,
-                wp.max(tolerance, enough),
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                islands,
-                history,
-                body_q_out,
-                body_qd_out,
-            )
+            solve_world(world, s.worlds.inner.velocity, h, wp.max(tolerance, enough), step, s)
             tries += 1
-            if worlds.held[world] != held:
+            if s.worlds.held[world] != held:
                 # what is not finite has no error; it was held for the whole call
                 break
 
             # how far it went astray, and which body most of all
-            is_second_order = worlds.step[world] < h
+            is_second_order = s.worlds.step[world] < h
             error = float(0.0)
             guilty = int(-1)
             is_jump = bool(False)
             cause = wp.where(is_second_order, SMOOTHLY, BY_EULER)
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = body_at(i, worlds)
-                if work.inv_mass[body] > 0.0:
-                    change = (body_qd_out[body] - worlds.inner.velocity[body]) / h
-                    e = local_error(body, h, last_h, is_second_order, change, work, history)
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                body = body_at(i, s.worlds)
+                if s.work.inv_mass[body] > 0.0:
+                    change = (step.body_qd_out[body] - s.worlds.inner.velocity[body]) / h
+                    e = local_error(body, h, last_h, is_second_order, change, s)
                     if e > error:
                         error = e
                         guilty = body
-                        before = moved_by(body, history.change[body], work)
-                        is_jump = moved_by(body, change, work) > JUMP * JUMP * before
-            residual = worlds.update[world]
-            if residual > wp.max(enough, worlds.settled[world]) and wp.isfinite(residual):
+                        before = moved_by(body, s.history.change[body], s.work)
+                        is_jump = moved_by(body, change, s.work) > JUMP * JUMP * before
+            residual = s.worlds.update[world]
+            if residual > wp.max(enough, s.worlds.settled[world]) and wp.isfinite(residual):
                 # what sweeps leave of forces stays in velocities
                 error += SAVED * residual / h
                 cause = int(UNSETTLED)
             allowed = accuracy * h
             if not is_second_order:
-                allowed += SPENT * history.saved[world]
+                allowed += SPENT * s.history.saved[world]
             ratio = error / allowed
 
             if ratio > 1.0 and h > 1.001 * least:
@@ -461,25 +363,23 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                     is_jump = bool(False)
                 elif not is_jump:
                     factor = wp.sqrt(factor)
-                if is_jump and history.age[world] > 1:
+                if is_jump and s.history.age[world] > 1:
                     window = h
                     finest = factor * h
                     factor = 0.5
-                restore_world(world, worlds)
-                history.wanted[world] = h * wp.clamp(factor, SHRINKING, 0.9)
-                history.ratio[world] = 1.0
+                restore_world(world, s.worlds)
+                s.history.wanted[world] = h * wp.clamp(factor, SHRINKING, 0.9)
+                s.history.ratio[world] = 1.0
                 continue
 
-            accept_step(
-                world, h, share, model, worlds, work, rows, history, body_q_out, body_qd_out
-            )
+            accept_step(world, h, share, step, s)
             steps += 1
             left -= h
             if parts < 2.0:
                 left = 0.0
             spent += error
-            saved = history.saved[world] + accuracy * h - error
-            history.saved[world] = wp.clamp(saved, 0.0, SAVED * accuracy)
+            saved = s.history.saved[world] + accuracy * h - error
+            s.history.saved[world] = wp.clamp(saved, 0.0, SAVED * accuracy)
             if is_jump and not is_second_order and cause != UNSETTLED:
                 cause = int(BY_JUMP)
             if ratio > worst_ratio:
@@ -495,34 +395,28 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             now = wp.max(error / (AIM * allowed), 1.0e-6)
             factor = wp.pow(now, -0.5)
             if is_second_order:
-                factor = wp.pow(now, -INTEGRAL) * wp.pow(history.ratio[world] / now, PROPORTIONAL)
-            history.ratio[world] = now
-            history.wanted[world] = wp.min(h * wp.clamp(factor, SHRINKING, MOST), MOST * dt)
+                factor = wp.pow(now, -INTEGRAL) * wp.pow(s.history.ratio[world] / now, PROPORTIONAL)
+            s.history.ratio[world] = now
+            s.history.wanted[world] = wp.min(h * wp.clamp(factor, SHRINKING, MOST), MOST * dt)
 
-        end_call(world, home, worlds, work, rows, history, body_q_out)
-        worlds.inner.steps[world] = steps
-        worlds.inner.rejected[world] = tries - steps
-        worlds.inner.estimate[world] = spent / dt
-        worlds.inner.spent[world] = worlds.inner.spent[world] + spent
-        worlds.inner.worst[world] = worst
-        worlds.inner.cause[world] = why
+        end_call(world, home, step, s)
+        s.worlds.inner.steps[world] = steps
+        s.worlds.inner.rejected[world] = tries - steps
+        s.worlds.inner.estimate[world] = spent / dt
+        s.worlds.inner.spent[world] = s.worlds.inner.spent[world] + spent
+        s.worlds.inner.worst[world] = worst
+        s.worlds.inner.cause[world] = why
         if is_missed:
-            report_missed(world, worst, worlds)
+            report_missed(world, worst, s.worlds)
 
     return adapt_world
 
 
 @wp.kernel(**KERNEL)
-def export_mean_force(
-    # Work:
-    worlds: wp.array[WorldWork],
-    rows: wp.array[RowWork],
-    # Out:
-    contact_f: wp.array[wp.spatial_vector],
-):
+def export_mean_force(contact_f: wp.array[wp.spatial_vector], s: wp.array[Solver]):
     """Mean wrenches of contacts over a call, for the contacts that a body owns; a thread a body."""
     body = wp.tid()
-    for k in range(rows[0].owned_start[body], worlds[0].inner.owned_end[body]):
-        contact = rows[0].contacts[k]
+    for k in range(s[0].rows.owned_start[body], s[0].worlds.inner.owned_end[body]):
+        contact = s[0].rows.contacts[k]
         if contact < contact_f.shape[0]:
-            contact_f[contact] = worlds[0].inner.contact_f[contact]
+            contact_f[contact] = s[0].worlds.inner.contact_f[contact]

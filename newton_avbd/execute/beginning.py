@@ -11,18 +11,12 @@ from ..algebra.block import factor_block
 from ..algebra.so3 import exp_quat
 from ..data import (
     NO_JOINT,
-    BodyModel,
     BodyWork,
     ContactRow,
-    ControlInput,
-    History,
-    IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
+    Solver,
+    Step,
     TreeWork,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
@@ -44,12 +38,12 @@ def is_tree(first: int, end: int, body: int, tree: wp.ref[TreeWork]) -> bool:
 
 
 @wp.func
-def is_in_tree(rank: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
+def is_in_tree(rank: int, s: wp.ref[Solver]) -> bool:
     """As :func:`is_tree`, for any place in visiting order."""
     first = int(rank)
     if rank > 0:
-        first = wp.where(worlds.block_end[rank - 1] == worlds.block_end[rank], rank - 1, rank)
-    return is_tree(first, worlds.block_end[rank], body_at(rank, worlds), tree)
+        first = wp.where(s.worlds.block_end[rank - 1] == s.worlds.block_end[rank], rank - 1, rank)
+    return is_tree(first, s.worlds.block_end[rank], body_at(rank, s.worlds), s.tree)
 
 
 def make_coasting(effects: Effects) -> wp.Function:
@@ -99,38 +93,32 @@ def pushes_on(
 
 
 @wp.func
-def rest_on_fixed(
-    body: int,
-    step: float,
-    has_pairs: bool,
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-):
+def rest_on_fixed(body: int, step: float, has_pairs: bool, s: wp.ref[Solver]):
     """Guesses that what fixed bodies push a body with stays as it was, where no others touch it.
 
     Without friction a guess slides, and friction that is at its cone there says little of how far
     to go back. Nor does a contact that a guess has opened, or has made slide: where it would, there
     is no such guess.
     """
-    if has_pairs and rows.other_start[body] < rows.other_end[body]:
+    if has_pairs and s.rows.other_start[body] < s.rows.other_end[body]:
         return  # bodies that move own these rows
     force = wp.vec3(0.0)
     torque = wp.vec3(0.0)
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        if work.inv_mass[row.b] > 0.0:
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        row = s.rows.rows[i]
+        if s.work.inv_mass[row.b] > 0.0:
             return
         force -= row.force
         torque -= wp.cross(row.arm, row.force)
     if wp.length_sq(force) == 0.0:
         return
-    moved = wp.spatial_vector(work.inv_mass[body] * force, work.inv_inertia[body] * torque)
-    guess = work.target[body] + (step * step) * moved
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        if not pushes_on(row, guess, work.increment[row.b], work.com[body] - work.com[row.b]):
+    moved = wp.spatial_vector(s.work.inv_mass[body] * force, s.work.inv_inertia[body] * torque)
+    guess = s.work.target[body] + (step * step) * moved
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        row = s.rows.rows[i]
+        if not pushes_on(row, guess, s.work.increment[row.b], s.work.com[body] - s.work.com[row.b]):
             return
-    work.increment[body] = guess
+    s.work.increment[body] = guess
 
 
 def make_begin(
@@ -164,14 +152,7 @@ def make_begin(
 
     @wp.func
     def begin_armature(
-        joint: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
+        joint: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
         """Velocities of a joint's coordinates at the start of the step.
 
@@ -179,63 +160,44 @@ def make_begin(
         the bodies' velocities since: the axes have turned in the step, and along them as they stand
         now its momenta are others.
         """
-        first = joints.dof_start[joint]
-        end = joints.dof_start[joint + 1]
+        first = s.joints.dof_start[joint]
+        end = s.joints.dof_start[joint + 1]
         if first == end:
             return
-        child = joints.child[joint]
-        parent = parent_slot(joints, joint, scale.static_slot)
+        child = s.joints.child[joint]
+        parent = parent_slot(s.joints, joint, scale.static_slot)
         velocity = body_qd[child]
         velocity_p = wp.spatial_vector()
         if parent != scale.static_slot:
             velocity_p = body_qd[parent]
-        is_known = not wp.isinf(history.axis_velocity[first])
-        is_known = is_known and (tree.is_left[child] or work.inv_mass[child] == 0.0)
-        is_known = is_known and (tree.is_left[parent] or work.inv_mass[parent] == 0.0)
+        is_known = not wp.isinf(s.history.axis_velocity[first])
+        is_known = is_known and (s.tree.is_left[child] or s.work.inv_mass[child] == 0.0)
+        is_known = is_known and (s.tree.is_left[parent] or s.work.inv_mass[parent] == 0.0)
         if is_known:
-            velocity -= history.joined_qd[joint, 0]
-            velocity_p -= history.joined_qd[joint, 1]
+            velocity -= s.history.joined_qd[joint, 0]
+            velocity_p -= s.history.joined_qd[joint, 1]
         is_new = wp.length_sq(velocity) + wp.length_sq(velocity_p) > 0.0
         if is_new:
-            measure_velocity(
-                joint,
-                scale.static_slot,
-                velocity,
-                velocity_p,
-                model,
-                joints,
-                work,
-                tree,
-                history,
-                tree.start_velocity,
-            )
+            measure_velocity(joint, scale.static_slot, velocity, velocity_p, s)
         for dof in range(first, end):
             rate = float(0.0)
             if is_new:
-                rate = tree.start_velocity[dof]
+                rate = s.tree.start_velocity[dof]
             if is_known:
-                rate += history.axis_velocity[dof]
-            tree.start_velocity[dof] = rate
+                rate += s.history.axis_velocity[dof]
+            s.tree.start_velocity[dof] = rate
             if wp.static(effects.second_order):
-                led = begin_axis(dof, wp.float64(rate), scale, history.rate)
-                tree.start_velocity[dof] = wp.float32(led)
+                led = begin_axis(dof, wp.float64(rate), scale, s.history.rate)
+                s.tree.start_velocity[dof] = wp.float32(led)
 
     @wp.func(inline=effects.inline)
     def measure_blocks(
         first: int,
         end: int,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> bool:
         """Measures the joints of the trees of blocks at the start of the step.
 
@@ -249,84 +211,75 @@ def make_begin(
         is_closed = bool(False)
         is_fast = bool(False)
         for i in range(first, end):
-            body = body_at(i, worlds)
-            tree.rotation[body] = wp.transform_get_rotation(body_q[body])
+            body = body_at(i, s.worlds)
+            s.tree.rotation[body] = wp.transform_get_rotation(s.work.pose[body])
             # a pose that the user has changed has lost nothing
-            tree.is_left[body] = body_q[body] == history.left_q[body]
-            if not tree.is_left[body]:
-                history.lost[body] = wp.vec3(0.0)
+            s.tree.is_left[body] = s.work.pose[body] == s.history.left_q[body]
+            if not s.tree.is_left[body]:
+                s.history.lost[body] = wp.vec3(0.0)
             # the guess is put aside: joints are measured at the start first
-            tree.update[body] = work.increment[body]
-            work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-            tree.turn[body] = wp.vec3(0.0)
-            tree.swing[body] = wp.quat_identity()
-            if block_end != worlds.block_end[i]:
-                block_end = worlds.block_end[i]
-                is_free = is_tree(i, block_end, body, tree)
+            s.tree.update[body] = s.work.increment[body]
+            s.work.increment[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            s.tree.turn[body] = wp.vec3(0.0)
+            s.tree.swing[body] = wp.quat_identity()
+            if block_end != s.worlds.block_end[i]:
+                block_end = s.worlds.block_end[i]
+                is_free = is_tree(i, block_end, body, s.tree)
                 if wp.static(effects.closures):
-                    is_closed = tree.closures.block_of[i] >= 0
+                    is_closed = s.tree.closures.block_of[i] >= 0
                 is_fast = bool(False)
                 for k in range(i, block_end):
                     if wp.static(effects.tilting):
-                        spin = work.spin_momentum[body_at(k, worlds)]
+                        spin = s.work.spin_momentum[body_at(k, s.worlds)]
                         is_fast = is_fast or wp.length_sq(spin) > 0.0
                     if wp.static(effects.contact):
-                        is_free = is_free and not has_rows(rows, body_at(k, worlds))
+                        is_free = is_free and not has_rows(s.rows, body_at(k, s.worlds))
                     if wp.static(effects.loops):
-                        is_free = is_free and not has_outer_loops(body_at(k, worlds), loops)
+                        is_free = is_free and not has_outer_loops(body_at(k, s.worlds), s.loops)
             if wp.static(effects.second_order):
                 # a taut rope, which nothing drives, is no such tree: see below
                 is_exact = is_free and not is_closed
                 if wp.static(not may_be_exact):
                     is_exact = False
-                work.input_energy[body] = wp.where(is_exact, wp.inf, 0.0)
-            if work.inv_mass[body] > 0.0:
-                coasting = coasting_increment(work, body_qd, body, h)
+                s.work.input_energy[body] = wp.where(is_exact, wp.inf, 0.0)
+            if s.work.inv_mass[body] > 0.0:
+                coasting = coasting_increment(s.work, body_qd, body, h)
                 if is_free:
                     # keeps joints closed to the third order of h
-                    tree.update[body] = coasting + (h * h) * history.acceleration[body]
+                    s.tree.update[body] = coasting + (h * h) * s.history.acceleration[body]
                 elif is_closed:
                     # keeps a mechanism in its plane, where some of its rows say nothing
-                    tree.update[body] = coasting
+                    s.tree.update[body] = coasting
                 if wp.static(effects.tilting):
-                    tree.is_fast[body] = is_fast
+                    s.tree.is_fast[body] = is_fast
                 if wp.static(effects.spinning):
-                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                        shift = wp.spatial_top(tree.update[body])
-                        turn = wp.spatial_bottom(work.target[body])
-                        tree.update[body] = wp.spatial_vector(shift, turn)
+                    if wp.length_sq(s.work.spin_momentum[body]) > 0.0:
+                        shift = wp.spatial_top(s.tree.update[body])
+                        turn = wp.spatial_bottom(s.work.target[body])
+                        s.tree.update[body] = wp.spatial_vector(shift, turn)
         given = float(0.0)
         is_driven = bool(True)
         for i in range(first, end):
-            body = body_at(i, worlds)
-            radius = wp.sqrt(wp.trace(work.inertia[body]) * work.inv_mass[body])
-            tree.rounding[body] = ROUNDING * radius
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                given += begin_inputs(joint, scale, joints, control, history)
+            body = body_at(i, s.worlds)
+            radius = wp.sqrt(wp.trace(s.work.inertia[body]) * s.work.inv_mass[body])
+            s.tree.rounding[body] = ROUNDING * radius
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                joint = s.tree.joint[body]
+                given += begin_inputs(joint, scale, step, s)
                 if wp.static(may_be_exact):
-                    is_driven = is_driven and resists_everywhere(joint, joints, history)
-                if measure_start(body, scale, body_q, model, joints, work, tree, history):
+                    is_driven = is_driven and resists_everywhere(joint, s)
+                if measure_start(body, scale, s):
                     is_open = True
                 if wp.static(effects.axis_rates):
-                    begin_armature(
-                        joint,
-                        scale,
-                        body_qd,
-                        model,
-                        joints,
-                        work,
-                        tree,
-                        history,
-                    )
+                    begin_armature(joint, scale, body_qd, s)
             if wp.static(effects.second_order):
-                if i + 1 == worlds.block_end[i]:
+                if i + 1 == s.worlds.block_end[i]:
                     k = int(i)
-                    while k >= first and worlds.block_end[k] == i + 1:
-                        other = body_at(k, worlds)
+                    while k >= first and s.worlds.block_end[k] == i + 1:
+                        other = body_at(k, s.worlds)
                         if not is_driven:
-                            work.input_energy[other] = 0.0
-                        work.input_energy[other] = work.input_energy[other] + given
+                            s.work.input_energy[other] = 0.0
+                        s.work.input_energy[other] = s.work.input_energy[other] + given
                         k -= 1
                     given = 0.0
                     is_driven = True
@@ -336,45 +289,19 @@ def make_begin(
     def measure_loop(
         i: int,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> bool:
         """Measures a joint outside of the trees, once the blocks are; whether it is open."""
-        joint = loops.joints[i]
-        begin_inputs(joint, scale, joints, control, history)
+        joint = s.loops.joints[i]
+        begin_inputs(joint, scale, step, s)
         if wp.static(effects.axis_rates):
-            begin_armature(
-                joint,
-                scale,
-                body_qd,
-                model,
-                joints,
-                work,
-                tree,
-                history,
-            )
-        return begin_loop(i, scale, body_q, model, joints, work, tree, loops, history)
+            begin_armature(joint, scale, body_qd, s)
+        return begin_loop(i, scale, s)
 
     @wp.func(inline=effects.inline)
-    def place_blocks(
-        first: int,
-        end: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def place_blocks(first: int, end: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Puts blocks to the guess of their increments.
 
         Returns whether a mimic joint is open, or a tendon beyond its limits.
@@ -382,96 +309,71 @@ def make_begin(
         is_open = bool(False)
         if wp.static(effects.tendons):
             for i in range(first, end):
-                if begin_tendons(i, scale, body_q, model, joints, work, tree, history):
+                if begin_tendons(i, scale, s):
                     is_open = True
         if wp.static(effects.mimics):
             for i in range(first, end):
-                if begin_closures(i, joints, tree, history):
+                if begin_closures(i, s):
                     is_open = True
         for i in range(first, end):
-            body = body_at(i, worlds)
-            work.increment[body] = tree.update[body]
-            if work.inv_mass[body] > 0.0:
+            body = body_at(i, s.worlds)
+            s.work.increment[body] = s.tree.update[body]
+            if s.work.inv_mass[body] > 0.0:
                 turn = wp.vec3(0.0)
                 if wp.static(effects.spinning):
-                    if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                        turn = wp.spatial_bottom(work.increment[body])
-                begin_turn(body, turn, body_q, work, tree)
+                    if wp.length_sq(s.work.spin_momentum[body]) > 0.0:
+                        turn = wp.spatial_bottom(s.work.increment[body])
+                begin_turn(body, turn, s)
             else:
-                tree.swing[body] = exp_quat(wp.spatial_bottom(work.increment[body]))
-                tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+                s.tree.swing[body] = exp_quat(wp.spatial_bottom(s.work.increment[body]))
+                s.tree.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.coordinates):
             for i in range(first, end):
-                body = body_at(i, worlds)
-                if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                    measure_guess(body, scale.static_slot, model, joints, work, tree, history)
+                body = body_at(i, s.worlds)
+                if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                    measure_guess(body, scale.static_slot, s)
         return is_open
 
     @wp.func
-    def begin_body(
-        rank: int,
-        step: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def begin_body(rank: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]) -> bool:
         """Sums the block of the body of this rank, or puts the body to its target.
 
         Returns whether sweeps are to move it.
         """
-        body = body_at(rank, worlds)
+        body = body_at(rank, s.worlds)
         is_touched = bool(False)
         is_jointed = bool(False)
         if wp.static(effects.pairs):
-            begin_island(islands, body)
+            begin_island(s.islands, body)
         if wp.static(effects.contact):
-            is_touched = has_rows(rows, body)
+            is_touched = has_rows(s.rows, body)
         if wp.static(effects.loops):
-            is_touched = is_touched or has_loops(loops, body)
+            is_touched = is_touched or has_loops(s.loops, body)
         if wp.static(effects.joints):
-            tree.is_touched[body] = is_touched
-            is_jointed = is_in_tree(rank, worlds, tree)
+            s.tree.is_touched[body] = is_touched
+            is_jointed = is_in_tree(rank, s)
         if is_touched and wp.static(not effects.ramp):
-            h_ll, h_al, h_aa = assemble_body(
-                body,
-                step,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
-            )
+            h_ll, h_al, h_aa = assemble_body(body, h, step, s)
             if is_jointed:
                 if wp.static(effects.joints):
-                    tree.own_ll[body] = h_ll
-                    tree.own_al[body] = h_al
-                    tree.own_aa[body] = h_aa
+                    s.tree.own_ll[body] = h_ll
+                    s.tree.own_al[body] = h_al
+                    s.tree.own_aa[body] = h_aa
             else:
                 is_alone = bool(True)
                 if wp.static(effects.piles):
-                    if in_pile(rows, body):
+                    if in_pile(s.rows, body):
                         is_alone = False
-                        rows.piles.ll[body] = h_ll
-                        rows.piles.al[body] = h_al
-                        rows.piles.aa[body] = h_aa
+                        s.rows.piles.ll[body] = h_ll
+                        s.rows.piles.al[body] = h_al
+                        s.rows.piles.aa[body] = h_aa
                 if is_alone:
-                    work.factor[body] = factor_block(h_ll, h_al, h_aa)
+                    s.work.factor[body] = factor_block(h_ll, h_al, h_aa)
                 if wp.static(may_rest):
-                    if wp.static(not effects.loops) or not has_loops(loops, body):
-                        rest_on_fixed(body, step, wp.static(effects.pairs), work, rows)
+                    if wp.static(not effects.loops) or not has_loops(s.loops, body):
+                        rest_on_fixed(body, h, wp.static(effects.pairs), s)
         if not is_touched and not is_jointed:
-            work.increment[body] = work.target[body]
+            s.work.increment[body] = s.work.target[body]
             return False
         return True
 

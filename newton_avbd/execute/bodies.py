@@ -21,9 +21,9 @@ from ..data import (
     BodyModel,
     BodyWork,
     ControlInput,
-    Flight,
-    JointModel,
     RowWork,
+    Solver,
+    Step,
     WorldWork,
 )
 from ..effects import Effects
@@ -174,28 +174,22 @@ def forget_pose(body: int, work: wp.ref[BodyWork]):
 
 
 @wp.func
-def watch_pose(
-    body: int,
-    model: wp.ref[BodyModel],
-    pose: wp.transform,
-    velocity: wp.spatial_vector,
-    work: wp.ref[BodyWork],
-):
+def watch_pose(body: int, pose: wp.transform, velocity: wp.spatial_vector, s: wp.ref[Solver]):
     """How far a body that the solver does not move was put since the last step.
 
     It moves at its velocity. Where that was zero then and is zero now, its pose says how it moves.
     """
-    before = work.put_from[body]
+    before = s.work.put_from[body]
     rotation = wp.transform_get_rotation(before)
-    forget_pose(body, work)
-    if work.finite[body] == 0 or wp.length_sq(velocity) > 0.0:
+    forget_pose(body, s.work)
+    if s.work.finite[body] == 0 or wp.length_sq(velocity) > 0.0:
         return
-    work.put_from[body] = pose
+    s.work.put_from[body] = pose
     if wp.dot(rotation, rotation) > 0.0:
         end = wp.transform_get_rotation(pose)
-        arm = wp.quat_rotate(end, model.com[body]) - wp.quat_rotate(rotation, model.com[body])
+        arm = wp.quat_rotate(end, s.model.com[body]) - wp.quat_rotate(rotation, s.model.com[body])
         moved = wp.transform_get_translation(pose) - wp.transform_get_translation(before)
-        work.put[body] = wp.spatial_vector(moved + arm, rotation_between(rotation, end))
+        s.work.put[body] = wp.spatial_vector(moved + arm, rotation_between(rotation, end))
 
 
 @wp.func(inline=True)
@@ -302,74 +296,67 @@ def make_predict_body(effects: Effects) -> wp.Function:
     @wp.func
     def predict_body(
         body: int,
-        # Model:
-        model: wp.ref[BodyModel],
-        # State in:
         body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
         body_f: wp.array[wp.spatial_vector],
-        control: wp.ref[ControlInput],
         h: float,
-        worlds: wp.ref[WorldWork],
-        falling: wp.array[float],
-        tree_joint: wp.array[wp.int32],
-        # Work out:
-        work: wp.ref[BodyWork],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
-        pose = unit_pose(body_q[body], body, worlds)
+        pose = unit_pose(body_q[body], body, s.worlds)
         velocity = body_qd[body]
-        wrench = external_wrench(model, body, body_f, control)
-        work.pose[body] = pose
-        work.finite[body] = int(is_finite(model, body, pose, velocity, wrench))
-        work.com[body] = wp.transform_point(pose, model.com[body])
+        wrench = external_wrench(s.model, body, body_f, step.control)
+        s.work.pose[body] = pose
+        s.work.finite[body] = int(is_finite(s.model, body, pose, velocity, wrench))
+        s.work.com[body] = wp.transform_point(pose, s.model.com[body])
 
-        if not is_mobile(model, body):
+        if not is_mobile(s.model, body):
             # moves as prescribed: contacts feel its velocity, nothing moves it
-            work.inv_mass[body] = 0.0
-            work.inv_inertia[body] = wp.mat33(0.0)
-            work.target[body] = h * velocity
-            work.increment[body] = h * velocity
+            s.work.inv_mass[body] = 0.0
+            s.work.inv_inertia[body] = wp.mat33(0.0)
+            s.work.target[body] = h * velocity
+            s.work.increment[body] = h * velocity
             if wp.static(effects.put_bodies):
-                watch_pose(body, model, pose, velocity, work)
+                watch_pose(body, pose, velocity, s)
             return
         if wp.static(effects.put_bodies):
-            forget_pose(body, work)
+            forget_pose(body, s.work)
 
         rotation = wp.transform_get_rotation(pose)
-        dx = target_shift(model, body, velocity, wrench, h)
+        dx = target_shift(s.model, body, velocity, wrench, h)
         dtheta = wp.vec3(0.0)
-        work.inv_mass[body] = model.inv_mass[body]
+        s.work.inv_mass[body] = s.model.inv_mass[body]
         if wp.static(effects.second_order):
-            work.wrench[body] = wrench
+            s.work.wrench[body] = wrench
         if wp.static(effects.gyroscopic):
-            w, momentum = mean_spin(model, body, rotation, velocity, wrench, h)
+            w, momentum = mean_spin(s.model, body, rotation, velocity, wrench, h)
             dtheta = h * w
-            work.momentum[body] = momentum
+            s.work.momentum[body] = momentum
             if wp.static(effects.spinning):
-                rank = worlds.rank[body]
-                is_linked = tree_joint[body] != NO_JOINT or worlds.block_end[rank] > rank + 1
+                rank = s.worlds.rank[body]
+                is_linked = s.tree.joint[body] != NO_JOINT or s.worlds.block_end[rank] > rank + 1
                 is_fast = is_linked and wp.length_sq(dtheta) > FAST * FAST
-                work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
-            work.inertia[body] = world_inertia(rotation, model.inertia[body])
+                s.work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
+            s.work.inertia[body] = world_inertia(rotation, s.model.inertia[body])
             if wp.static(effects.contact or effects.loops or effects.reaction):
-                work.inv_inertia[body] = world_inertia(rotation, model.inv_inertia[body])
+                s.work.inv_inertia[body] = world_inertia(rotation, s.model.inv_inertia[body])
         else:
-            dtheta = target_turn(model, body, rotation, velocity, wrench, h)
+            dtheta = target_turn(s.model, body, rotation, velocity, wrench, h)
             # equal principal moments look the same from all sides
-            work.inertia[body] = model.inertia[body]
-            work.inv_inertia[body] = model.inv_inertia[body]
-        work.target[body] = wp.spatial_vector(dx, dtheta)
+            s.work.inertia[body] = s.model.inertia[body]
+            s.work.inv_inertia[body] = s.model.inv_inertia[body]
+        s.work.target[body] = wp.spatial_vector(dx, dtheta)
         if wp.static(effects.drag):
-            feel_drag(body, rotation, velocity, wp.spatial_vector(), h, model, work)
-        target = work.target[body]
+            feel_drag(body, rotation, velocity, wp.spatial_vector(), h, s)
+        target = s.work.target[body]
         if wp.static(effects.ramp):
-            work.increment[body] = target
+            s.work.increment[body] = target
             return
         # Start from the share of its free acceleration that the body had in the last step (VBD,
         # section 3.7): a resting body starts at rest, a falling one at its target. Of one that
         # others hold the share counts as none (:mod:`.ending`).
         coasting = h * velocity
-        work.increment[body] = coasting + falling[body] * (target - coasting)
+        s.work.increment[body] = coasting + s.history.falling[body] * (target - coasting)
 
     return predict_body
 
@@ -381,71 +368,20 @@ def make_predict(effects: Effects, bodies_per_thread: int = 1) -> wp.Kernel:
     predict_body = make_predict_body(effects)
 
     @wp.func
-    def predict_bodies(
-        thread: int,
-        model: wp.ref[BodyModel],
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        body_f: wp.array[wp.spatial_vector],
-        control: wp.ref[ControlInput],
-        h: float,
-        worlds: wp.ref[WorldWork],
-        falling: wp.array[float],
-        tree_joint: wp.array[wp.int32],
-        work: wp.ref[BodyWork],
-    ):
+    def predict_bodies(thread: int, step: wp.ref[Step], s: wp.ref[Solver]):
         each = wp.static(bodies_per_thread)
-        for body in range(thread * each, wp.min((thread + 1) * each, body_q.shape[0])):
+        for body in range(thread * each, wp.min((thread + 1) * each, step.body_q.shape[0])):
             if wp.static(effects.sleeping):
-                if worlds.island[body] >= 0:
+                if s.worlds.island[body] >= 0:
                     continue
-            predict_body(
-                body,
-                model,
-                body_q,
-                body_qd,
-                body_f,
-                control,
-                h,
-                worlds,
-                falling,
-                tree_joint,
-                work,
-            )
+            predict_body(body, step.body_q, step.body_qd, step.body_f, step.h, step, s)
             if wp.static(effects.adaptive):
-                worlds.inner.wrench[body] = body_f[body]
+                s.worlds.inner.wrench[body] = step.body_f[body]
 
     @wp.kernel(**KERNEL)
-    def predict(
-        first: int,
-        # Model:
-        model: wp.array[BodyModel],
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
-        h: float,
-        worlds: wp.array[WorldWork],
-        falling: wp.array[float],
-        tree_joint: wp.array[wp.int32],
-        # Work out:
-        work: wp.array[BodyWork],
-    ):
+    def predict(first: int, step: Step, s: wp.array[Solver]):
         mode = flush_denormals()
-        predict_bodies(
-            first + wp.tid(),
-            model[0],
-            body_q,
-            body_qd,
-            body_f,
-            control,
-            h,
-            worlds[0],
-            falling,
-            tree_joint,
-            work[0],
-        )
+        predict_bodies(first + wp.tid(), step, s[0])
         restore_denormals(mode)
 
     return predict
@@ -458,180 +394,121 @@ def make_integrate(effects: Effects) -> wp.Kernel:
     external_wrench = make_wrench(effects)
 
     @wp.func(inline=True)  # a call would copy all that it takes, for each body
-    def integrate_body(
-        body: int,
-        model: wp.ref[BodyModel],
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        body_f: wp.array[wp.spatial_vector],
-        control: wp.ref[ControlInput],
-        h: float,
-        worlds: wp.ref[WorldWork],
-        flights: wp.array[Flight],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def integrate_body(body: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """The step of a body."""
-        pose = unit_pose(body_q[body], body, worlds)
-        velocity = body_qd[body]
-        wrench = external_wrench(model, body, body_f, control)
-        finite = is_finite(model, body, pose, velocity, wrench)
+        pose = unit_pose(step.body_q[body], body, s.worlds)
+        velocity = step.body_qd[body]
+        wrench = external_wrench(s.model, body, step.body_f, step.control)
+        finite = is_finite(s.model, body, pose, velocity, wrench)
         if not finite:
-            report_held(worlds, worlds.of_body[body])
-        if not finite or not is_mobile(model, body):
-            body_q_out[body] = pose
-            body_qd_out[body] = velocity
+            report_held(s.worlds, s.worlds.of_body[body])
+        if not finite or not is_mobile(s.model, body):
+            step.body_q_out[body] = pose
+            step.body_qd_out[body] = velocity
             return
-        dx = target_shift(model, body, velocity, wrench, h)
-        end_velocity = dx / h
+        dx = target_shift(s.model, body, velocity, wrench, step.h)
+        end_velocity = dx / step.h
         rotation = wp.transform_get_rotation(pose)
         spin = wp.vec3(0.0)
         further = wp.quat(0.0, 0.0, 0.0, 0.0)
         gained = wp.spatial_vector()
         if wp.static(effects.second_order):
             # the trapezoidal rule, which makes a parabola
-            dx = 0.5 * (dx + h * wp.spatial_top(velocity))
+            dx = 0.5 * (dx + step.h * wp.spatial_top(velocity))
         if wp.static(effects.gyroscopic):
-            ahead = float(h)
+            ahead = float(step.h)
             if wp.static(effects.second_order):
-                if takes_midpoint(h * wp.spatial_bottom(velocity)):
-                    ahead = 0.5 * h
-            turn, own_spin = free_turn_of(model, body, rotation, velocity, wrench, h, ahead)
+                if takes_midpoint(step.h * wp.spatial_bottom(velocity)):
+                    ahead = 0.5 * step.h
+            turn, own_spin = free_turn_of(s.model, body, rotation, velocity, wrench, step.h, ahead)
             if wp.static(effects.carried_rounding):
-                if is_short(h):
+                if is_short(step.h):
                     further = rotation * less_one(turn)
-                    gained = gained_in_flight(model, body, rotation, velocity, wrench, turn, h)
+                    gained = gained_in_flight(
+                        s.model, body, rotation, velocity, wrench, turn, step.h
+                    )
             rotation = rotation * turn
             spin = wp.quat_rotate(rotation, own_spin)
         else:
-            dtheta = target_turn(model, body, rotation, velocity, wrench, h)
-            spin = dtheta / h
+            dtheta = target_turn(s.model, body, rotation, velocity, wrench, step.h)
+            spin = dtheta / step.h
             if wp.static(effects.second_order):
-                dtheta = 0.5 * (dtheta + h * wp.spatial_bottom(velocity))
+                dtheta = 0.5 * (dtheta + step.h * wp.spatial_bottom(velocity))
             if wp.static(effects.carried_rounding):
-                if is_short(h):
+                if is_short(step.h):
                     own = exp_quat(wp.quat_rotate_inv(rotation, dtheta))
                     further = rotation * less_one(own)
-                    gained = gained_in_flight(model, body, rotation, velocity, wrench, own, h)
+                    gained = gained_in_flight(
+                        s.model, body, rotation, velocity, wrench, own, step.h
+                    )
             rotation = exp_quat(dtheta) * rotation
         rotation = renormalised(rotation)
         increment = wp.spatial_vector(dx, wp.vec3(0.0))
-        shift = origin_shift(pose, model.com[body], increment, rotation)
+        shift = origin_shift(pose, s.model.com[body], increment, rotation)
         after = wp.transform(wp.transform_get_translation(pose) + shift, rotation)
         left = wp.spatial_vector(end_velocity, spin)
         if wp.static(effects.carried_rounding):
-            if is_short(h):
-                flight = flight_from(body, pose, velocity, flights)
+            if is_short(step.h):
+                flight = flight_from(body, pose, velocity, s.history.flights)
                 gained += flight.lost
                 left = velocity + gained
                 flight.lost = gained - (left - velocity)
                 flight.velocity = left
-                flights[body] = flight
-                after = carry_flight(body, pose, after, shift, further, flights)
-        body_q_out[body] = after
-        body_qd_out[body] = left
+                s.history.flights[body] = flight
+                after = carry_flight(body, pose, after, shift, further, s.history.flights)
+        step.body_q_out[body] = after
+        step.body_qd_out[body] = left
 
     @wp.kernel(**KERNEL)
-    def integrate(
-        # Model:
-        model: wp.array[BodyModel],
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
-        h: float,
-        # Work:
-        worlds: wp.array[WorldWork],
-        flights: wp.array[Flight],
-        # State out:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
-        integrate_body(
-            wp.tid(),
-            model[0],
-            body_q,
-            body_qd,
-            body_f,
-            control,
-            h,
-            worlds[0],
-            flights,
-            body_q_out,
-            body_qd_out,
-        )
+    def integrate(step: Step, s: wp.array[Solver]):
+        integrate_body(wp.tid(), step, s[0])
 
     return integrate
 
 
 @wp.func
-def push(
-    body: int,
-    force: wp.vec3,
-    torque: wp.vec3,
-    h: float,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-):
+def push(body: int, force: wp.vec3, torque: wp.vec3, h: float, s: wp.ref[Solver]):
     """Adds a wrench at the body's COM to those that it has been predicted with."""
-    if work.inv_mass[body] == 0.0:
+    if s.work.inv_mass[body] == 0.0:
         return
     wrench = wp.spatial_vector(force, torque)
     kick = torque
-    if work.drag.shape[0] > 0:
-        drag = work.drag[body]
-        moved = response(body, wrench, h, model, drag, work)
-        work.target[body] = work.target[body] + moved
+    if s.work.drag.shape[0] > 0:
+        drag = s.work.drag[body]
+        moved = response(body, wrench, h, drag, s)
+        s.work.target[body] = s.work.target[body] + moved
         kick -= wp.spatial_bottom(resistance(drag, moved / h))
     else:
-        shift = model.inv_mass[body] * force
-        spin = work.inv_inertia[body] * torque
-        work.target[body] = work.target[body] + (h * h) * wp.spatial_vector(shift, spin)
-    work.momentum[body] = work.momentum[body] + h * kick
-    if work.wrench.shape[0] > 0:
-        work.wrench[body] = work.wrench[body] + wrench
+        shift = s.model.inv_mass[body] * force
+        spin = s.work.inv_inertia[body] * torque
+        s.work.target[body] = s.work.target[body] + (h * h) * wp.spatial_vector(shift, spin)
+    s.work.momentum[body] = s.work.momentum[body] + h * kick
+    if s.work.wrench.shape[0] > 0:
+        s.work.wrench[body] = s.work.wrench[body] + wrench
 
 
 @wp.func
-def push_by_joint(
-    joint: int,
-    h: float,
-    model: wp.ref[BodyModel],
-    joints: wp.ref[JointModel],
-    control: wp.ref[ControlInput],
-    work: wp.ref[BodyWork],
-):
+def push_by_joint(joint: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
     """What a joint pushes beyond the child that has been predicted with it."""
-    if joints.enabled[joint]:
-        child = joints.child[joint]
-        parent = joints.parent[joint]
-        wrench = joint_wrench(joints.dof_start[joint], control)
+    if s.joints.enabled[joint]:
+        child = s.joints.child[joint]
+        parent = s.joints.parent[joint]
+        wrench = joint_wrench(s.joints.dof_start[joint], step.control)
         force = wp.spatial_top(wrench)
         torque = wp.spatial_bottom(wrench)
-        if model.free_joint[child] != joint:
-            push(child, force, torque, h, model, work)
+        if s.model.free_joint[child] != joint:
+            push(child, force, torque, h, s)
         if parent >= 0:
-            arm = work.com[child] - work.com[parent]
-            push(parent, -force, -torque - wp.cross(arm, force), h, model, work)
+            arm = s.work.com[child] - s.work.com[parent]
+            push(parent, -force, -torque - wp.cross(arm, force), h, s)
 
 
 @wp.kernel(**KERNEL)
-def push_more(
-    # Model:
-    model: BodyModel,
-    joints: JointModel,
-    control: ControlInput,
-    h: float,
-    # In:
-    pushing: wp.array[wp.int32],
-    # Work out:
-    work: BodyWork,
-):
+def push_more(pushing: wp.array[wp.int32], step: Step, s: wp.array[Solver]):
     """Wrenches of joints beyond those that bodies have been predicted with.
 
     These are reactions on parents, and what further joints of a body push it with. ``pushing``
     lists the joints; one thread, so that the order of sums is always the same.
     """
     for i in range(pushing.shape[0]):
-        push_by_joint(pushing[i], h, model, joints, control, work)
+        push_by_joint(pushing[i], step.h, step, s[0])

@@ -8,15 +8,8 @@ import warp as wp
 
 from ..blocks.tree import handed_down
 from ..data import (
-    BodyModel,
-    BodyWork,
-    ControlInput,
-    History,
-    JointModel,
-    LoopWork,
-    RowWork,
-    TreeWork,
-    WorldWork,
+    Solver,
+    Step,
 )
 from ..effects import Effects
 from ..rows import joint as joint_rows
@@ -39,18 +32,12 @@ def enable_joints(
 
 
 @wp.func
-def break_joint(
-    joint: int,
-    force: wp.vec3,
-    torque: wp.vec3,
-    joints: wp.ref[JointModel],
-    history: wp.ref[History],
-):
+def break_joint(joint: int, force: wp.vec3, torque: wp.vec3, s: wp.ref[Solver]):
     """Breaks a joint that carries more than it may."""
-    most_force = joints.break_force[joint]
-    most_torque = joints.break_torque[joint]
+    most_force = s.joints.break_force[joint]
+    most_torque = s.joints.break_torque[joint]
     if wp.length(force) > most_force or wp.length(torque) > most_torque:
-        history.broken[joint] = True
+        s.history.broken[joint] = True
 
 
 class BreakFunctions(NamedTuple):
@@ -75,93 +62,57 @@ def make_break_joints(
     angular_lock = joint_functions.angular_lock
 
     @wp.func
-    def carried_load(
-        body: int,
-        load: wp.spatial_vector,
-        static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        tree: wp.ref[TreeWork],
-    ):
+    def carried_load(body: int, load: wp.spatial_vector, static_slot: int, s: wp.ref[Solver]):
         """Force and torque at its anchor with which a joint holds a load, along what it locks."""
-        joint = tree.joint[body]
-        child = joints.child[joint]
-        frame = joints.child_frame[joint]
-        parent = tree.parent[body]
+        joint = s.tree.joint[body]
+        child = s.joints.child[joint]
+        frame = s.joints.child_frame[joint]
+        parent = s.tree.parent[body]
         if child != body:
-            frame = joints.parent_frame[joint]
+            frame = s.joints.parent_frame[joint]
             parent = body
-        arm = anchor_arm(model, tree, body, frame, static_slot)
-        q_p = anchor_rotation(tree, parent, joints.parent_frame[joint])
-        q_c = anchor_rotation(tree, child, joints.child_frame[joint])
+        arm = anchor_arm(body, frame, static_slot, s)
+        q_p = anchor_rotation(s.tree, parent, s.joints.parent_frame[joint])
+        q_c = anchor_rotation(s.tree, child, s.joints.child_frame[joint])
         force = wp.spatial_top(load)
         torque = wp.spatial_bottom(load) - wp.cross(arm, force)
         return (
-            linear_misfit(joints, joint, q_p, force),
-            angular_lock(joints, joint, q_p, q_c) * torque,
+            linear_misfit(s.joints, joint, q_p, force),
+            angular_lock(s.joints, joint, q_p, q_c) * torque,
         )
 
     @wp.func(inline=effects.inline)
-    def break_blocks(
-        first: int,
-        end: int,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def break_blocks(first: int, end: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """Breaks joints of the trees of the bodies from ``first`` to ``end``.
 
         What a joint of a tree holds is what all bodies above it lack: momentum that no other force
         gave.
         """
-        static_slot = work.inv_mass.shape[0] - 1
+        static_slot = s.work.inv_mass.shape[0] - 1
         if wp.static(effects.spatial_tendons):
             for i in range(first, end):
-                load_tendons(i, 1.0, work, tree)
+                load_tendons(i, 1.0, s)
         for i in range(end - first):
-            body = worlds.bodies[end - 1 - i]
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                load = tree.load[body] + gather(
-                    body,
-                    False,
-                    0.0,
-                    0.0,
-                    h,
-                    model,
-                    joints,
-                    control,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                )
+            body = s.worlds.bodies[end - 1 - i]
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                load = s.tree.load[body] + gather(body, False, 0.0, 0.0, h, step, s)
                 if wp.static(effects.closures and effects.loops):
-                    held, _ = held_by_loops(body, loops, history)
+                    held, _ = held_by_loops(body, s)
                     load += held
-                parent = tree.parent[body]
-                if work.inv_mass[parent] > 0.0:
-                    handed = handed_down(tree.span[body], load)
-                    tree.load[parent] = tree.load[parent] + handed
-                force, torque = carried_load(body, load, static_slot, model, joints, tree)
-                break_joint(tree.joint[body], force, torque, joints, history)
+                parent = s.tree.parent[body]
+                if s.work.inv_mass[parent] > 0.0:
+                    handed = handed_down(s.tree.span[body], load)
+                    s.tree.load[parent] = s.tree.load[parent] + handed
+                force, torque = carried_load(body, load, static_slot, s)
+                break_joint(s.tree.joint[body], force, torque, s)
             # the sweeps start from zero
-            tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            s.tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
 
     @wp.func
-    def break_loop(
-        i: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork], history: wp.ref[History]
-    ):
+    def break_loop(i: int, s: wp.ref[Solver]):
         """Breaks a joint outside of trees, which holds its multiplier."""
-        joint = loops.joints[i]
-        if loops.k_l[i] > 0.0:
-            break_joint(joint, history.loop_force[i], history.loop_torque[i], joints, history)
+        joint = s.loops.joints[i]
+        if s.loops.k_l[i] > 0.0:
+            break_joint(joint, s.history.loop_force[i], s.history.loop_torque[i], s)
 
     return BreakFunctions(break_blocks, break_loop)

@@ -28,12 +28,8 @@ from ..data import (
     BodyWork,
     CableGuide,
     CableWork,
-    History,
-    IslandWork,
-    JointModel,
-    TreeWork,
+    Solver,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import cable as law
@@ -118,17 +114,17 @@ class CableFunctions(NamedTuple):
 
 
 @wp.func
-def guide_pose(guide: CableGuide, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> GuidePose:
+def guide_pose(guide: CableGuide, s: wp.ref[Solver]) -> GuidePose:
     """Where a guide is after the increments; on a kinematic body where that is put."""
     slot = guide.slot
     pose = GuidePose()
-    pose.center = law.as_double(work.com[slot])
+    pose.center = law.as_double(s.work.com[slot])
     pose.rotation = wp.quatd(NONE, NONE, NONE, wp.float64(1.0))
-    if work.inv_mass[slot] > 0.0:
-        pose.center += law.as_double(wp.spatial_top(work.increment[slot]))
-        pose.rotation = law.unit_quat(tree.rotation[slot])
-    elif slot < work.inv_mass.shape[0] - 1:
-        pose.rotation = law.unit_quat(wp.transform_get_rotation(work.pose[slot]))
+    if s.work.inv_mass[slot] > 0.0:
+        pose.center += law.as_double(wp.spatial_top(s.work.increment[slot]))
+        pose.rotation = law.unit_quat(s.tree.rotation[slot])
+    elif slot < s.work.inv_mass.shape[0] - 1:
+        pose.rotation = law.unit_quat(wp.transform_get_rotation(s.work.pose[slot]))
     pose.center += wp.quat_rotate(pose.rotation, law.as_double(guide.arm))
     pose.rotation = pose.rotation * law.unit_quat(guide.turn)
     return pose
@@ -155,9 +151,7 @@ def set_way(
 
 
 @wp.func
-def measure_cable(
-    cable: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork], cables: wp.ref[CableWork]
-):
+def measure_cable(cable: int, cables: wp.ref[CableWork], s: wp.ref[Solver]):
     """Stretch and directions of the segments of a cable after the increments; ratios at guides."""
     last = int(-1)
     for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
@@ -165,8 +159,8 @@ def measure_cable(
             continue
         guide_l = cables.guides[cables.left[seg]]
         guide_r = cables.guides[cables.right[seg]]
-        pose_l = guide_pose(guide_l, work, tree)
-        pose_r = guide_pose(guide_r, work, tree)
+        pose_l = guide_pose(guide_l, s)
+        pose_r = guide_pose(guide_r, s)
         span = law.span_between(guide_l, guide_r, pose_l, pose_r, cables.base_left[seg])
         cables.stretch[seg] = beyond_rest(seg, span, pose_l, pose_r, cables)
         direction = law.as_single(span.direction)
@@ -176,8 +170,8 @@ def measure_cable(
         cables.spoke_right[seg] = law.as_single(span.right)
         point_l = pose_l.center + span.left
         point_r = pose_r.center + span.right
-        set_way(2 * seg, guide_l.slot, point_l, direction, work, cables)
-        set_way(2 * seg + 1, guide_r.slot, point_r, -direction, work, cables)
+        set_way(2 * seg, guide_l.slot, point_l, direction, s.work, cables)
+        set_way(2 * seg + 1, guide_r.slot, point_r, -direction, s.work, cables)
         guide = cables.left[seg]
         if last >= 0:
             angle = wp.float64(0.0)
@@ -269,21 +263,23 @@ def reach_of(move: wp.spatial_vector, arm: wp.vec3) -> float:
 
 
 @wp.func
-def may_jerk(cluster: int, work: wp.ref[BodyWork], cables: wp.ref[CableWork]) -> bool:
+def may_jerk(cluster: int, s: wp.ref[Solver]) -> bool:
     """Whether a cable of a cluster that did not pull in the last step may do so in this one."""
-    for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
-        cable = cables.cables[i]
+    for i in range(s.tree.cables.cluster_start[cluster], s.tree.cables.cluster_start[cluster + 1]):
+        cable = s.tree.cables.cables[i]
         reach = float(0.0)
-        for guide in range(cables.guide_start[cable], cables.guide_start[cable + 1]):
-            reach += reach_of(work.target[cables.guides[guide].slot], cables.guides[guide].arm)
+        for guide in range(s.tree.cables.guide_start[cable], s.tree.cables.guide_start[cable + 1]):
+            reach += reach_of(
+                s.work.target[s.tree.cables.guides[guide].slot], s.tree.cables.guides[guide].arm
+            )
         sum = wp.float64(0.0)
         pull = float(0.0)
-        for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
-            if cables.active[seg] == 1:
-                sum += cables.start[seg]
-                pull = wp.max(pull, cables.tension[seg])
-                if not is_joined(cables.right[seg], cables) or seg + 1 == end_segment(
-                    cable, cables
+        for seg in range(first_segment(cable, s.tree.cables), end_segment(cable, s.tree.cables)):
+            if s.tree.cables.active[seg] == 1:
+                sum += s.tree.cables.start[seg]
+                pull = wp.max(pull, s.tree.cables.tension[seg])
+                if not is_joined(s.tree.cables.right[seg], s.tree.cables) or seg + 1 == end_segment(
+                    cable, s.tree.cables
                 ):
                     if pull == 0.0 and sum > -wp.float64(2.0 * reach):
                         return True
@@ -299,22 +295,18 @@ def make_cables(effects: Effects) -> CableFunctions:
     angular_count = joint_functions.angular_count
 
     @wp.func
-    def begin_cluster(
-        cluster: int,
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ) -> bool:
+    def begin_cluster(cluster: int, s: wp.ref[Solver]) -> bool:
         """Pulls with the tensions of the last step, where the bodies are guessed to be.
 
         Returns whether an inextensible cable is too long at the start of the step, which the sweeps
         leave to the recovery. Of what a kinematic body stretches, they leave nothing.
         """
-        cables = tree.cables
+        cables = s.tree.cables
         is_open = bool(False)
         for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
             cable = cables.cables[i]
             is_rigid = is_inextensible(cable, cables)
-            measure_cable(cable, work, tree, cables)
+            measure_cable(cable, cables, s)
             for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
                 cables.before[seg] = cables.tension[seg]
                 cables.misfit[seg] = NONE
@@ -323,8 +315,8 @@ def make_cables(effects: Effects) -> CableFunctions:
                     is_left = bool(True)
                     for side in range(2):
                         slot = slot_at(seg, side, cables)
-                        if work.inv_mass[slot] > 0.0:
-                            is_left = is_left and tree.is_left[slot]
+                        if s.work.inv_mass[slot] > 0.0:
+                            is_left = is_left and s.tree.is_left[slot]
                     if is_left:
                         misfit = wp.min(misfit, wp.float64(wp.max(cables.left_over[seg], 0.0)))
                         rounded = ROUNDED * wp.float64(cables.rest[seg])
@@ -334,57 +326,50 @@ def make_cables(effects: Effects) -> CableFunctions:
                     cables.misfit[seg] = misfit
                     if misfit > OPEN * wp.float64(cables.rest[seg]):
                         is_open = True
-        pull_cluster(cluster, work, cables)
+        pull_cluster(cluster, s.work, cables)
         return is_open
 
     @wp.func
-    def answer(
-        first: int,
-        end: int,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def answer(first: int, end: int, s: wp.ref[Solver]):
         """How a block moves under the wrenches in ``push``, by its last elimination."""
-        cables = tree.cables
+        cables = s.tree.cables
         for k in range(end - first):
-            body = worlds.bodies[end - 1 - k]
+            body = s.worlds.bodies[end - 1 - k]
             push = cables.push[body]
-            if work.inv_mass[body] == 0.0:
+            if s.work.inv_mass[body] == 0.0:
                 continue
-            if is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-                    axis = tree.axes[tree.axis_start[body] + dof]
+            if is_linked(body, s):
+                joint = s.tree.joint[body]
+                for dof in range(linear_count(s.joints, joint) + angular_count(s.joints, joint)):
+                    axis = s.tree.axes[s.tree.axis_start[body] + dof]
                     if axis.pivot == 0.0:
                         along = wp.dot(axis.linear, wp.spatial_top(push))
                         along += wp.dot(axis.angular, wp.spatial_bottom(push))
-                        cables.axis_push[tree.axis_start[body] + dof] = along
+                        cables.axis_push[s.tree.axis_start[body] + dof] = along
                         taken = axis.inv_pivot * along
                         push -= taken * wp.spatial_vector(axis.force, axis.torque)
-                parent = tree.parent[body]
-                if work.inv_mass[parent] > 0.0:
-                    handed = handed_down(tree.span[body], push)
+                parent = s.tree.parent[body]
+                if s.work.inv_mass[parent] > 0.0:
+                    handed = handed_down(s.tree.span[body], push)
                     cables.push[parent] = cables.push[parent] + handed
             else:
                 cables.update[body] = half_solve(
-                    work.factor[body], wp.spatial_top(push), wp.spatial_bottom(push)
+                    s.work.factor[body], wp.spatial_top(push), wp.spatial_bottom(push)
                 )
         for i in range(first, end):
-            body = worlds.bodies[i]
-            if work.inv_mass[body] == 0.0:
+            body = s.worlds.bodies[i]
+            if s.work.inv_mass[body] == 0.0:
                 continue
-            if is_linked(joints, tree, body):
-                parent = tree.parent[body]
-                joint = tree.joint[body]
+            if is_linked(body, s):
+                parent = s.tree.parent[body]
+                joint = s.tree.joint[body]
                 update = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-                if work.inv_mass[parent] > 0.0:
-                    update = carried(tree.span[body], cables.update[parent])
-                dofs = linear_count(joints, joint) + angular_count(joints, joint)
+                if s.work.inv_mass[parent] > 0.0:
+                    update = carried(s.tree.span[body], cables.update[parent])
+                dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
                 for k in range(dofs):
-                    place = tree.axis_start[body] + dofs - 1 - k
-                    axis = tree.axes[place]
+                    place = s.tree.axis_start[body] + dofs - 1 - k
+                    axis = s.tree.axes[place]
                     if axis.pivot == 0.0:
                         met = wp.dot(axis.force, wp.spatial_top(update))
                         met += wp.dot(axis.torque, wp.spatial_bottom(update))
@@ -392,19 +377,12 @@ def make_cables(effects: Effects) -> CableFunctions:
                         update += q * wp.spatial_vector(axis.linear, axis.angular)
                 cables.update[body] = update
             else:
-                cables.update[body] = other_half(work.factor[body], cables.update[body])
+                cables.update[body] = other_half(s.work.factor[body], cables.update[body])
 
     @wp.func
-    def measure_row(
-        cluster: int,
-        seg: int,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def measure_row(cluster: int, seg: int, s: wp.ref[Solver]):
         """How far a unit of tension of a segment shortens those of its cluster."""
-        cables = tree.cables
+        cables = s.tree.cables
         size = cables.size[cluster]
         place = cables.matrix_start[cluster] + cables.row[seg] * size
         for k in range(size):
@@ -412,22 +390,22 @@ def make_cables(effects: Effects) -> CableFunctions:
         done = int(-1)
         for side in range(2):
             body = slot_at(seg, side, cables)
-            if work.inv_mass[body] == 0.0:
+            if s.work.inv_mass[body] == 0.0:
                 continue
-            end = worlds.block_end[worlds.rank[body]]
+            end = s.worlds.block_end[s.worlds.rank[body]]
             if end == done:
                 continue
             done = end
-            first = int(worlds.rank[body])
-            while first > 0 and worlds.block_end[wp.max(first - 1, 0)] == end:
+            first = int(s.worlds.rank[body])
+            while first > 0 and s.worlds.block_end[wp.max(first - 1, 0)] == end:
                 first -= 1
             for i in range(first, end):
-                cables.push[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+                cables.push[s.worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             for at in range(2):
                 slot = slot_at(seg, at, cables)
-                if work.inv_mass[slot] > 0.0 and worlds.block_end[worlds.rank[slot]] == end:
+                if s.work.inv_mass[slot] > 0.0 and s.worlds.block_end[s.worlds.rank[slot]] == end:
                     cables.push[slot] = cables.push[slot] + cables.way[2 * seg + at]
-            answer(first, end, joints, worlds, work, tree)
+            answer(first, end, s)
             for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
                 cable = cables.cables[i]
                 for other in range(first_segment(cable, cables), end_segment(cable, cables)):
@@ -436,7 +414,10 @@ def make_cables(effects: Effects) -> CableFunctions:
                     moved = float(0.0)
                     for at in range(2):
                         slot = slot_at(other, at, cables)
-                        if work.inv_mass[slot] > 0.0 and worlds.block_end[worlds.rank[slot]] == end:
+                        if (
+                            s.work.inv_mass[slot] > 0.0
+                            and s.worlds.block_end[s.worlds.rank[slot]] == end
+                        ):
                             moved += wp.dot(cables.way[2 * other + at], cables.update[slot])
                     k = place + cables.row[other]
                     cables.mobility[k] = cables.mobility[k] + wp.float64(moved)
@@ -667,29 +648,21 @@ def make_cables(effects: Effects) -> CableFunctions:
         return is_changed
 
     @wp.func
-    def solve_cluster(
-        cluster: int,
-        recovery: float,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> float:
+    def solve_cluster(cluster: int, recovery: float, s: wp.ref[Solver]) -> float:
         """After a sweep: the tensions with which the next one closes what it has left.
 
         With a ``recovery`` above zero cables that were too long at the start of the step shorten,
         too. Returns the square of the largest change of a segment to come [m^2]; zero where
         rounding hides it.
         """
-        cables = tree.cables
-        h = history.step[cables.world[cluster]]
+        cables = s.tree.cables
+        h = s.history.step[cables.world[cluster]]
         first = cables.first_row[cluster]
         for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
-            measure_cable(cables.cables[i], work, tree, cables)
+            measure_cable(cables.cables[i], cables, s)
         count = list_rows(cluster, recovery, cables)
         for k in range(count):
-            measure_row(cluster, cables.chain[first + k], joints, worlds, work, tree)
+            measure_row(cluster, cables.chain[first + k], s)
         for k in range(count):
             seg = cables.chain[first + k]
             # how far it would be beyond its target if none of them pulled
@@ -724,8 +697,8 @@ def make_cables(effects: Effects) -> CableFunctions:
             reach = float(0.0)
             for side in range(2):
                 slot = slot_at(seg, side, cables)
-                if work.inv_mass[slot] > 0.0:
-                    reach += reach_of(work.increment[slot], cables.arm[2 * seg + side])
+                if s.work.inv_mass[slot] > 0.0:
+                    reach += reach_of(s.work.increment[slot], cables.arm[2 * seg + side])
             if moved > ROUNDING * wp.float64(reach):
                 is_new = True
         for k in range(count):
@@ -733,7 +706,7 @@ def make_cables(effects: Effects) -> CableFunctions:
             cables.tension[seg] = wp.float32(cables.pull[seg])
             if recovery == 0.0:
                 cables.kept[seg] = cables.tension[seg]
-        pull_cluster(cluster, work, cables)
+        pull_cluster(cluster, s.work, cables)
         if is_new:
             return wp.float32(largest * largest)
         return 0.0
@@ -755,14 +728,14 @@ def make_cables(effects: Effects) -> CableFunctions:
         return False
 
     @wp.func
-    def give_back(cluster: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
+    def give_back(cluster: int, s: wp.ref[Solver]):
         """After the recovery: the tensions of the motion."""
-        cables = tree.cables
+        cables = s.tree.cables
         for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
             cable = cables.cables[i]
             for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
                 cables.tension[seg] = cables.kept[seg]
-        pull_cluster(cluster, work, cables)
+        pull_cluster(cluster, s.work, cables)
 
     return CableFunctions(begin_cluster, solve_cluster, has_jerked, give_back)
 
@@ -771,23 +744,17 @@ def make_join(join: Any) -> wp.Function:
     """Device function: makes one island of bodies that the cables of a cluster pull."""
 
     @wp.func
-    def join_cluster(
-        cluster: int,
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        islands: wp.ref[IslandWork],
-    ):
-        cables = tree.cables
+    def join_cluster(cluster: int, s: wp.ref[Solver]):
+        cables = s.tree.cables
         for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
             cable = cables.cables[i]
             for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
                 if cables.active[seg] == 1 and cables.tension[seg] > 0.0:
                     a = slot_at(seg, 0, cables)
                     b = slot_at(seg, 1, cables)
-                    if work.inv_mass[a] > 0.0:
-                        join(islands, worlds, work, a, b)
-                    elif work.inv_mass[b] > 0.0:
-                        join(islands, worlds, work, b, a)
+                    if s.work.inv_mass[a] > 0.0:
+                        join(a, b, s)
+                    elif s.work.inv_mass[b] > 0.0:
+                        join(b, a, s)
 
     return join_cluster

@@ -19,7 +19,7 @@ Numerical Integration", section VIII.5.)
 import warp as wp
 
 from ..algebra.so3 import turned_by, turned_from
-from ..data import BodyModel, BodyWork, Flight, History, TreeWork, WorldScale
+from ..data import BodyModel, Flight, Solver, WorldScale
 
 SHORT = wp.constant(1.0e-3)
 """Steps below which rounding is carried [s]: longer ones are off by more than it adds up to."""
@@ -93,8 +93,7 @@ def carry_velocity(
     rounded: wp.spatial_vector,
     scale: WorldScale,
     body_qd: wp.array[wp.spatial_vector],
-    work: wp.ref[BodyWork],
-    history: wp.ref[History],
+    s: wp.ref[Solver],
 ) -> wp.spatial_vector:
     """Velocity of a body by what it has gained; other steps than those of second order begin anew.
 
@@ -103,20 +102,20 @@ def carry_velocity(
     """
     lost = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     more = lost
-    is_flying = history.flying[body] != 0
+    is_flying = s.history.flying[body] != 0
     if is_flying or scale.step < scale.h:
         before = body_qd[body]
-        pulled = (work.increment[body] - work.target[body]) + rounded
-        gained = work.gained[body] + (1.0 / scale.step) * pulled
+        pulled = (s.work.increment[body] - s.work.target[body]) + rounded
+        gained = s.work.gained[body] + (1.0 / scale.step) * pulled
         velocity = before + gained
         lost = gained - (velocity - before)
         if is_flying:
-            history.flights[body].velocity = velocity
-            history.flights[body].lost = lost
+            s.history.flights[body].velocity = velocity
+            s.history.flights[body].lost = lost
             return velocity
-        more = lost - history.last[body].lost
-    history.last[body].lost = lost
-    work.gained[body] = more
+        more = lost - s.history.last[body].lost
+    s.history.last[body].lost = lost
+    s.work.gained[body] = more
     return velocity
 
 
@@ -144,19 +143,13 @@ def sum_turn(before: wp.quat, further: wp.quat, after: wp.quat, lost: wp.quat):
 
 
 @wp.func
-def carry_turn(
-    body: int,
-    before: wp.quat,
-    after: wp.quat,
-    tree: wp.ref[TreeWork],
-    history: wp.ref[History],
-) -> wp.quat:
+def carry_turn(body: int, before: wp.quat, after: wp.quat, s: wp.ref[Solver]) -> wp.quat:
     """Orientation of a body of a tree, from ``after``, which is rounded."""
     lost = wp.quat(0.0, 0.0, 0.0, 0.0)
-    if tree.is_left[body]:
-        lost = history.lost_turn[body]
-    after, lost = sum_turn(before, less_one(tree.swing[body]) * before, after, lost)
-    history.lost_turn[body] = lost
+    if s.tree.is_left[body]:
+        lost = s.history.lost_turn[body]
+    after, lost = sum_turn(before, less_one(s.tree.swing[body]) * before, after, lost)
+    s.history.lost_turn[body] = lost
     return after
 
 

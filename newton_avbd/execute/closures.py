@@ -10,15 +10,12 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..data import (
-    BodyModel,
     BodyWork,
     Closure,
-    History,
     JointModel,
-    LoopWork,
+    Solver,
     TreeWork,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import joint as joint_rows
@@ -32,16 +29,12 @@ from .trees import ROUNDING, anchor_shift, is_linked, is_put, parent_slot, relat
 
 @wp.func
 def mimic_misfit(
-    closure: Closure,
-    dof: int,
-    coordinate: wp.array[wp.float64],
-    joints: wp.ref[JointModel],
-    tree: wp.ref[TreeWork],
+    closure: Closure, dof: int, coordinate: wp.array[wp.float64], s: wp.ref[Solver]
 ) -> float:
     """q - (offset + multiplier q_leader) of a mimic joint [m or rad]."""
-    coefficients = joints.mimic_coefficients[closure.joint]
-    leader = coordinate[tree.axis_start[closure.leader_body] + dof]
-    follower = coordinate[tree.axis_start[closure.body] + dof]
+    coefficients = s.joints.mimic_coefficients[closure.joint]
+    leader = coordinate[s.tree.axis_start[closure.leader_body] + dof]
+    follower = coordinate[s.tree.axis_start[closure.body] + dof]
     lead = wp.float64(coefficients[1]) * leader
     return wp.float32(follower - wp.float64(coefficients[0]) - lead)
 
@@ -67,37 +60,29 @@ def led_to(closure: Closure, leader: wp.float64, joints: wp.ref[JointModel]) -> 
 
 @wp.func
 def equality_misfit(
-    closure: Closure,
-    coordinate: wp.array[wp.float64],
-    joints: wp.ref[JointModel],
-    tree: wp.ref[TreeWork],
+    closure: Closure, coordinate: wp.array[wp.float64], s: wp.ref[Solver]
 ) -> wp.vec2:
     """How far a joint is from where its equality constraint leads it [m or rad], and the slope."""
     leader = wp.float64(0.0)
     if closure.leader_dof >= 0:
-        leader = coordinate[tree.axis_start[closure.leader_body] + closure.leader_dof]
-    led = led_to(closure, leader, joints)
-    left = coordinate[tree.axis_start[closure.body] + closure.dof] - led[0]
+        leader = coordinate[s.tree.axis_start[closure.leader_body] + closure.leader_dof]
+    led = led_to(closure, leader, s.joints)
+    left = coordinate[s.tree.axis_start[closure.body] + closure.dof] - led[0]
     return wp.vec2(wp.float32(left), wp.float32(led[1]))
 
 
 @wp.func
-def equality_start(
-    closure: Closure,
-    joints: wp.ref[JointModel],
-    tree: wp.ref[TreeWork],
-    history: wp.ref[History],
-) -> float:
+def equality_start(closure: Closure, s: wp.ref[Solver]) -> float:
     """How far it was from there at the start of a step of second order [m or rad].
 
     The coordinates of such a step start ahead of that, where a curve leads elsewhere.
     """
     leader = wp.float64(0.0)
     if closure.leader_dof >= 0:
-        first = joints.dof_start[tree.joint[closure.leader_body]]
-        leader = history.coordinate[first + closure.leader_dof].start
-    follower = history.coordinate[joints.dof_start[closure.joint] + closure.dof].start
-    return wp.float32(follower - led_to(closure, leader, joints)[0])
+        first = s.joints.dof_start[s.tree.joint[closure.leader_body]]
+        leader = s.history.coordinate[first + closure.leader_dof].start
+    follower = s.history.coordinate[s.joints.dof_start[closure.joint] + closure.dof].start
+    return wp.float32(follower - led_to(closure, leader, s.joints)[0])
 
 
 @wp.func
@@ -107,9 +92,9 @@ def is_mimic(closure: Closure) -> bool:
 
 
 @wp.func
-def is_mimicking(closure: Closure, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> bool:
+def is_mimicking(closure: Closure, s: wp.ref[Solver]) -> bool:
     """Whether a mimic joint and its leader are enabled."""
-    return is_linked(joints, tree, closure.body) and is_linked(joints, tree, closure.leader_body)
+    return is_linked(closure.body, s) and is_linked(closure.leader_body, s)
 
 
 @wp.func
@@ -191,17 +176,12 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     end_tendon = tendons.end_tendon
 
     @wp.func
-    def begin_closures(
-        first: int,
-        joints: wp.ref[JointModel],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def begin_closures(first: int, s: wp.ref[Solver]) -> bool:
         """Misfit of the mimics of a block, which starts at ``first``, at the start of the step.
 
         Returns whether one is beyond rounding.
         """
-        closures = tree.closures
+        closures = s.tree.closures
         number = closures.block_of[first]
         if number < 0:
             return False
@@ -209,73 +189,66 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         block = closures.blocks[number]
         for c in range(block.first, block.end):
             closure = closures.closures[c]
-            if is_mimic(closure) and is_mimicking(closure, joints, tree):
+            if is_mimic(closure) and is_mimicking(closure, s):
                 for dof in range(closure.rows):
                     axis = int(dof)
-                    misfit = mimic_misfit(closure, dof, tree.start_coordinate, joints, tree)
+                    misfit = mimic_misfit(closure, dof, s.tree.start_coordinate, s)
                     if wp.static(effects.equalities):
                         if closure.equality >= 0:
                             axis = closure.dof
                             if wp.static(effects.second_order):
-                                misfit = equality_start(closure, joints, tree, history)
+                                misfit = equality_start(closure, s)
                             else:
-                                misfit = equality_misfit(
-                                    closure, tree.start_coordinate, joints, tree
-                                )[0]
+                                misfit = equality_misfit(closure, s.tree.start_coordinate, s)[0]
                     closures.misfit[closure.row + dof] = misfit
-                    reach = wp.float32(tree.start_coordinate[tree.axis_start[closure.body] + axis])
-                    rounding = tree.rounding[closure.body] + 2.0 * ROUNDING * (2.0 + wp.abs(reach))
+                    reach = wp.float32(
+                        s.tree.start_coordinate[s.tree.axis_start[closure.body] + axis]
+                    )
+                    rounding = s.tree.rounding[closure.body] + 2.0 * ROUNDING * (
+                        2.0 + wp.abs(reach)
+                    )
                     if wp.abs(misfit) > rounding:
                         is_open = True
         return is_open
 
     @wp.func(inline=effects.inline)
-    def loop_rows(
-        closure: Closure,
-        recovery: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def loop_rows(closure: Closure, recovery: float, s: wp.ref[Solver]):
         """The rows of a joint that closes a loop: what it locks, linear rows first."""
-        closures = tree.closures
+        closures = s.tree.closures
         i = closure.loop
-        if loops.k_l[i] == 0.0:
+        if s.loops.k_l[i] == 0.0:
             return
-        joint = loops.joints[i]
-        static_slot = work.inv_mass.shape[0] - 1
-        child = joints.child[joint]
-        parent = parent_slot(joints, joint, static_slot)
-        moves_c = wp.where(work.inv_mass[child] > 0.0, 1.0, 0.0)
-        moves_p = wp.where(work.inv_mass[parent] > 0.0, 1.0, 0.0)
-        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
-        shift = linear_misfit(joints, joint, q_p, offset)
-        turn = angular_misfit(joints, joint, q_p, q_c)
-        linear = 3 - linear_count(joints, joint)
+        joint = s.loops.joints[i]
+        static_slot = s.work.inv_mass.shape[0] - 1
+        child = s.joints.child[joint]
+        parent = parent_slot(s.joints, joint, static_slot)
+        moves_c = wp.where(s.work.inv_mass[child] > 0.0, 1.0, 0.0)
+        moves_p = wp.where(s.work.inv_mass[parent] > 0.0, 1.0, 0.0)
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, s)
+        shift = linear_misfit(s.joints, joint, q_p, offset)
+        turn = angular_misfit(s.joints, joint, q_p, q_c)
+        linear = 3 - linear_count(s.joints, joint)
         if wp.static(effects.kinds.distances):
-            if is_point(joints, joint):
+            if is_point(s.joints, joint):
                 linear = int(3)
-        kept = wp.where(recovery > 0.0, 0.0, 1.0) * loops.misfit[i]
+        kept = wp.where(recovery > 0.0, 0.0, 1.0) * s.loops.misfit[i]
         left = shift - wp.spatial_top(kept)
         turn -= wp.spatial_bottom(kept)
-        if not is_put(child, work) and not is_put(parent, work):
-            moved = anchor_shift(child, parent, arm_c, arm_p, work, tree)
+        if not is_put(child, s.work) and not is_put(parent, s.work):
+            moved = anchor_shift(child, parent, arm_c, arm_p, s)
             if linear == 3:
-                left = moved + wp.spatial_top(loops.misfit[i] - kept)
+                left = moved + wp.spatial_top(s.loops.misfit[i] - kept)
             elif recovery == 0.0:
-                left = locked_shift(joints, joint, q_p, tree.swing[parent], moved, offset)
+                left = locked_shift(s.joints, joint, q_p, s.tree.swing[parent], moved, offset)
             if recovery == 0.0:
-                turned = relative_turn(child, parent, tree)
-                turn = locked_turn(joints, joint, q_p, q_c, turned)
+                turned = relative_turn(child, parent, s.tree)
+                turn = locked_turn(s.joints, joint, q_p, q_c, turned)
         arm_p += offset - shift
-        loops.arms[2 * i] = arm_c
-        loops.arms[2 * i + 1] = arm_p
+        s.loops.arms[2 * i] = arm_c
+        s.loops.arms[2 * i + 1] = arm_p
         angular = closure.rows - linear
-        lock_l = linear_lock(joints, joint, q_p)
-        lock_a = angular_lock(joints, joint, q_p, q_c)
+        lock_l = linear_lock(s.joints, joint, q_p)
+        lock_a = angular_lock(s.joints, joint, q_p, q_c)
         # along the axis of a hinge, too: in a planar mechanism the others imply just that row
         axis_a = wp.quat_rotate(q_p, wp.vec3(0.0, 0.0, 1.0))
         if angular == 1 or angular == 2:
@@ -290,67 +263,58 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.direction[row] = n
                 closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
-                closures.held[row] = wp.dot(n, loops.kept_force[i])
+                closures.held[row] = wp.dot(n, s.loops.kept_force[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, left))
-                closures.least[row] = PENALTY / loops.k_l[i]
+                closures.least[row] = PENALTY / s.loops.k_l[i]
             else:
                 n = direction_about(axis_a, wp.where(angular == 1, 2, k - linear))
                 closures.direction[row] = n
                 closures.way[2 * row] = moves_c * wp.spatial_vector(wp.vec3(0.0), n)
                 closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(wp.vec3(0.0), n)
-                closures.held[row] = wp.dot(n, loops.kept_torque[i])
+                closures.held[row] = wp.dot(n, s.loops.kept_torque[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, turn))
-                closures.least[row] = PENALTY / loops.k_a[i]
+                closures.least[row] = PENALTY / s.loops.k_a[i]
 
     @wp.func(inline=effects.inline)
-    def string_rows(
-        closure: Closure,
-        recovery: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def string_rows(closure: Closure, recovery: float, s: wp.ref[Solver]):
         """The rows of a DISTANCE joint while a bound holds it: along the string, and square to it.
 
         What pulls, T, turns with the string of length L: square to it that is a spring of T/L, a
         row of the softness L/T.
         """
-        closures = tree.closures
+        closures = s.tree.closures
         i = closure.loop
-        loops.side[i] = 0
-        if loops.k_l[i] == 0.0:
+        s.loops.side[i] = 0
+        if s.loops.k_l[i] == 0.0:
             return
-        joint = loops.joints[i]
-        static_slot = work.inv_mass.shape[0] - 1
-        child = joints.child[joint]
-        parent = parent_slot(joints, joint, static_slot)
-        moves_c = wp.where(work.inv_mass[child] > 0.0, 1.0, 0.0)
-        moves_p = wp.where(work.inv_mass[parent] > 0.0, 1.0, 0.0)
-        q_p, _q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
-        loops.arms[2 * i] = arm_c
-        loops.arms[2 * i + 1] = arm_p
+        joint = s.loops.joints[i]
+        static_slot = s.work.inv_mass.shape[0] - 1
+        child = s.joints.child[joint]
+        parent = parent_slot(s.joints, joint, static_slot)
+        moves_c = wp.where(s.work.inv_mass[child] > 0.0, 1.0, 0.0)
+        moves_p = wp.where(s.work.inv_mass[parent] > 0.0, 1.0, 0.0)
+        q_p, _q_c, arm_p, arm_c, offset = loop_geometry(i, s)
+        s.loops.arms[2 * i] = arm_c
+        s.loops.arms[2 * i + 1] = arm_p
         length = wp.length(offset)
         along = string_direction(q_p, arm_c, offset)
-        held = wp.dot(history.loop_force[i], along)
-        push = distance_force(i, length, held, recovery, joints, loops)
+        held = wp.dot(s.history.loop_force[i], along)
+        push = distance_force(i, length, held, recovery, s)
         closures.direction[closure.row] = offset
         if push == 0.0:
             return
-        dof = joints.dof_start[joint]
-        start = wp.float32(loops.start_coordinate[dof])
-        upper = joints.limit_upper[dof]
-        stop = bound_of(i, upper, wp.max(start, upper), recovery, loops)
+        dof = s.joints.dof_start[joint]
+        start = wp.float32(s.loops.start_coordinate[dof])
+        upper = s.joints.limit_upper[dof]
+        stop = bound_of(i, upper, wp.max(start, upper), recovery, s.loops)
         side = int(1)
         if push > 0.0:
-            lower = joints.limit_lower[dof]
-            stop = bound_of(i, lower, wp.min(start, lower), recovery, loops)
+            lower = s.joints.limit_lower[dof]
+            stop = bound_of(i, lower, wp.min(start, lower), recovery, s.loops)
             side = -1
-        if joints.limit_lower[dof] == joints.limit_upper[dof]:
+        if s.joints.limit_lower[dof] == s.joints.limit_upper[dof]:
             side = 2
-        loops.side[i] = side
+        s.loops.side[i] = side
         for k in range(closure.rows):
             row = closure.row + k
             n = along
@@ -361,23 +325,18 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 softness = wp.float64(-length / held)
                 closures.gram[closures.gram_row[row] + row] = softness
             else:
-                closures.held[row] = wp.dot(n, loops.kept_force[i])
+                closures.held[row] = wp.dot(n, s.loops.kept_force[i])
                 closures.multiplier[row] = wp.float64(length - stop)
             closures.direction[row] = n
             closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
             closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
-            closures.least[row] = PENALTY / loops.k_l[i]
+            closures.least[row] = PENALTY / s.loops.k_l[i]
 
     @wp.func
-    def equality_row(
-        closure: Closure,
-        recovery: float,
-        joints: wp.ref[JointModel],
-        tree: wp.ref[TreeWork],
-    ):
+    def equality_row(closure: Closure, recovery: float, s: wp.ref[Solver]):
         """The row of an equality constraint, linear in the leader about where that is now."""
-        closures = tree.closures
-        misfit = equality_misfit(closure, tree.coordinate, joints, tree)
+        closures = s.tree.closures
+        misfit = equality_misfit(closure, s.tree.coordinate, s)
         if closure.leader_dof >= 0:
             met = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             met[closure.leader_dof] = -misfit[1]
@@ -392,47 +351,30 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         closures.multiplier[closure.row] = wp.float64(left)
 
     @wp.func
-    def mimic_rows(
-        closure: Closure,
-        recovery: float,
-        joints: wp.ref[JointModel],
-        tree: wp.ref[TreeWork],
-    ):
+    def mimic_rows(closure: Closure, recovery: float, s: wp.ref[Solver]):
         """The rows of a mimic joint, one for each of its coordinates."""
-        closures = tree.closures
-        if not is_mimicking(closure, joints, tree):
+        closures = s.tree.closures
+        if not is_mimicking(closure, s):
             return
         if wp.static(effects.equalities):
             if closure.equality >= 0:
-                equality_row(closure, recovery, joints, tree)
+                equality_row(closure, recovery, s)
                 return
         for dof in range(closure.rows):
             met = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             met[dof] = 1.0
             closures.met[closure.place + dof] = met
-            met[dof] = -joints.mimic_coefficients[closure.joint][1]
+            met[dof] = -s.joints.mimic_coefficients[closure.joint][1]
             closures.met[closure.leader_place + dof] = met
-            left = mimic_misfit(closure, dof, tree.coordinate, joints, tree)
+            left = mimic_misfit(closure, dof, s.tree.coordinate, s)
             if recovery == 0.0:
                 left -= closures.misfit[closure.row + dof]
             closures.multiplier[closure.row + dof] = wp.float64(left)
 
     @wp.func(inline=effects.inline)
-    def begin_rows(
-        first: int,
-        end: int,
-        recovery: float,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def begin_rows(first: int, end: int, recovery: float, h: float, s: wp.ref[Solver]):
         """Before elimination: the rows of a block where they start their ways."""
-        closures = tree.closures
+        closures = s.tree.closures
         number = closures.block_of[first]
         if number < 0:
             return
@@ -441,16 +383,18 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         for k in range(block.gram, block.gram_end):
             closures.gram[k] = wp.float64(0.0)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = s.worlds.bodies[i]
             node = closures.nodes[body]
             for p in range(node.start, node.stop):
                 closures.met[p] = none
             if wp.static(effects.spatial_tendons):
-                tree.tendons.root_curvature[body] = none
-                if tree.joint[body] >= 0:
-                    joint = tree.joint[body]
-                    for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-                        tree.tendons.curvature[tree.axis_start[body] + dof] = 0.0
+                s.tree.tendons.root_curvature[body] = none
+                if s.tree.joint[body] >= 0:
+                    joint = s.tree.joint[body]
+                    for dof in range(
+                        linear_count(s.joints, joint) + angular_count(s.joints, joint)
+                    ):
+                        s.tree.tendons.curvature[s.tree.axis_start[body] + dof] = 0.0
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             for row in range(closure.row, closure.row + closure.rows):
@@ -463,105 +407,83 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             if closure.loop >= 0:
                 is_bound = bool(False)
                 if wp.static(effects.kinds.distances):
-                    is_bound = is_string(joints, loops.joints[closure.loop])
+                    is_bound = is_string(s.joints, s.loops.joints[closure.loop])
                     if is_bound:
-                        string_rows(closure, recovery, model, joints, work, tree, loops, history)
+                        string_rows(closure, recovery, s)
                 if wp.static(effects.loops):
                     if not is_bound:
-                        loop_rows(closure, recovery, model, joints, work, tree, loops, history)
+                        loop_rows(closure, recovery, s)
             else:
                 is_cord = bool(False)
                 if wp.static(effects.tendons):
                     is_cord = closure.tendon >= 0
                     if is_cord:
-                        rank = worlds.rank
-                        tendon_row(closure, recovery, h, rank, model, joints, work, tree, history)
+                        rank = s.worlds.rank
+                        tendon_row(closure, recovery, h, rank, s)
                 if wp.static(effects.mimics):
                     if not is_cord:
-                        mimic_rows(closure, recovery, joints, tree)
+                        mimic_rows(closure, recovery, s)
 
     @wp.func
-    def string_move(
-        closure: Closure,
-        static_slot: int,
-        joints: wp.ref[JointModel],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-    ) -> wp.vec3:
+    def string_move(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> wp.vec3:
         """How far the sweep has moved the ends of a DISTANCE joint against each other [m]."""
         i = closure.loop
-        joint = loops.joints[i]
-        c = tree.update[joints.child[joint]]
-        p = tree.update[parent_slot(joints, joint, static_slot)]
-        moved = wp.spatial_top(c) + wp.cross(wp.spatial_bottom(c), loops.arms[2 * i])
-        return moved - wp.spatial_top(p) - wp.cross(wp.spatial_bottom(p), loops.arms[2 * i + 1])
+        joint = s.loops.joints[i]
+        c = s.tree.update[s.joints.child[joint]]
+        p = s.tree.update[parent_slot(s.joints, joint, static_slot)]
+        moved = wp.spatial_top(c) + wp.cross(wp.spatial_bottom(c), s.loops.arms[2 * i])
+        return moved - wp.spatial_top(p) - wp.cross(wp.spatial_bottom(p), s.loops.arms[2 * i + 1])
 
     @wp.func
-    def string_misses(
-        closure: Closure,
-        static_slot: int,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-    ) -> float:
+    def string_misses(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> float:
         """What a sweep leaves of a DISTANCE joint to the next one, as a share of what it moved.
 
         Infinity where a bound pushes or pulls the wrong way, or none holds what has gone beyond it.
         """
         i = closure.loop
         row = closure.row
-        joint = loops.joints[i]
-        side = loops.side[i]
-        moved = string_move(closure, static_slot, joints, tree, loops)
-        direction = tree.closures.direction[row]
+        joint = s.loops.joints[i]
+        side = s.loops.side[i]
+        moved = string_move(closure, static_slot, s)
+        direction = s.tree.closures.direction[row]
         if side == 0:
             length = wp.length(direction + moved)
-            force = distance_force(i, length, 0.0, 0.0, joints, loops)
-            rounding = ROUNDING * (wp.length(work.com[joints.child[joint]]) + length)
-            return wp.where(wp.abs(force) > loops.k_l[i] * rounding, wp.inf, 0.0)
-        pull = tree.closures.multiplier[row]
+            force = distance_force(i, length, 0.0, 0.0, s)
+            rounding = ROUNDING * (wp.length(s.work.com[s.joints.child[joint]]) + length)
+            return wp.where(wp.abs(force) > s.loops.k_l[i] * rounding, wp.inf, 0.0)
+        pull = s.tree.closures.multiplier[row]
         if side < 2 and pull * wp.float64(side) < wp.float64(0.0):
             return wp.inf
         # as of turns of bodies: Newton's method leaves half of the angle times the update
         across = wp.length(wp.cross(direction, moved))
-        length = wp.max(wp.float32(loops.start_coordinate[joints.dof_start[joint]]), across)
+        length = wp.max(wp.float32(s.loops.start_coordinate[s.joints.dof_start[joint]]), across)
         return 0.5 * across / wp.max(length, 1.0e-12)
 
     @wp.func
-    def keep_forces(
-        first: int,
-        is_kept: bool,
-        h: float,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ) -> float:
+    def keep_forces(first: int, is_kept: bool, h: float, s: wp.ref[Solver]) -> float:
         """After substitution: what the joints of a block that close loops push with.
 
         Returns how far off their geometric stiffness was, as a share of the block.
         """
-        closures = tree.closures
+        closures = s.tree.closures
         mismatch = float(0.0)
         number = closures.block_of[first]
         if number < 0:
             return mismatch
         block = closures.blocks[number]
-        static_slot = work.inv_mass.shape[0] - 1
+        static_slot = s.work.inv_mass.shape[0] - 1
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             i = closure.loop
             if i >= 0:
-                linear = 3 - linear_count(joints, loops.joints[i])
+                linear = 3 - linear_count(s.joints, s.loops.joints[i])
                 if wp.static(effects.kinds.distances):
-                    if is_string(joints, loops.joints[i]):
+                    if is_string(s.joints, s.loops.joints[i]):
                         linear = 3
-                        off = string_misses(closure, static_slot, joints, work, tree, loops)
+                        off = string_misses(closure, static_slot, s)
                         mismatch = wp.max(mismatch, off)
-                        if loops.side[i] == 0 or off == wp.inf:
-                            history.loop_force[i] = wp.vec3(0.0)
+                        if s.loops.side[i] == 0 or off == wp.inf:
+                            s.history.loop_force[i] = wp.vec3(0.0)
                             continue
                 force = wp.vec3(0.0)
                 torque = wp.vec3(0.0)
@@ -572,37 +494,31 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         force += along
                     else:
                         torque += along
-                change = wp.length(force + history.loop_force[i])
-                history.loop_force[i] = -force
-                history.loop_torque[i] = -torque
+                change = wp.length(force + s.history.loop_force[i])
+                s.history.loop_force[i] = -force
+                s.history.loop_torque[i] = -torque
                 if is_kept:
-                    loops.kept_force[i] = -force
-                    loops.kept_torque[i] = -torque
-                joint = loops.joints[i]
+                    s.loops.kept_force[i] = -force
+                    s.loops.kept_torque[i] = -torque
+                joint = s.loops.joints[i]
                 held = wp.length(force)
                 for end in range(2):
-                    body = parent_slot(joints, joint, static_slot)
+                    body = parent_slot(s.joints, joint, static_slot)
                     if end == 0:
-                        body = joints.child[joint]
-                    reach = wp.length(loops.arms[2 * i + end])
-                    off = stiffness_off(body, reach, change, held, h, work)
+                        body = s.joints.child[joint]
+                    reach = wp.length(s.loops.arms[2 * i + end])
+                    off = stiffness_off(body, reach, change, held, h, s.work)
                     mismatch = wp.max(mismatch, off)
         return mismatch
 
     @wp.func
-    def missed_by_lines(
-        first: int,
-        recovery: float,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ) -> float:
+    def missed_by_lines(first: int, recovery: float, s: wp.ref[Solver]) -> float:
         """After a sweep: what the equality constraints of a block are off by since they bend.
 
         Returns the largest square of it [m^2], of a hinge times the radius of gyration of its body;
         zero where rounding hides it.
         """
-        closures = tree.closures
+        closures = s.tree.closures
         largest = float(0.0)
         number = closures.block_of[first]
         if number < 0:
@@ -611,36 +527,27 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             is_own = closure.equality >= 0 and is_mimic(closure)
-            if is_own and is_mimicking(closure, joints, tree):
-                missed = equality_misfit(closure, tree.coordinate, joints, tree)[0]
+            if is_own and is_mimicking(closure, s):
+                missed = equality_misfit(closure, s.tree.coordinate, s)[0]
                 if recovery == 0.0:
                     missed -= closures.misfit[closure.row]
-                axis = tree.axis_start[closure.body] + closure.dof
-                moved = wp.float32(tree.coordinate[axis] - tree.start_coordinate[axis])
+                axis = s.tree.axis_start[closure.body] + closure.dof
+                moved = wp.float32(s.tree.coordinate[axis] - s.tree.start_coordinate[axis])
                 if wp.abs(missed) > 2.0 * ROUNDING * wp.abs(moved) + LEAST_MISSED:
                     size = float(1.0)
-                    if closure.dof >= joints.dof_dim[closure.joint, 0]:
+                    if closure.dof >= s.joints.dof_dim[closure.joint, 0]:
                         body = closure.body
-                        size = wp.trace(work.inertia[body]) * work.inv_mass[body]
+                        size = wp.trace(s.work.inertia[body]) * s.work.inv_mass[body]
                     largest = wp.max(largest, size * missed * missed)
         return largest
 
     @wp.func
-    def begin_tendons(
-        first: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def begin_tendons(first: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Lengths of the tendons of a block at the start of the step, where bodies are there.
 
         Returns whether one is beyond its limits, or off what an equality constraint says.
         """
-        closures = tree.closures
+        closures = s.tree.closures
         number = closures.block_of[first]
         is_open = bool(False)
         if number < 0:
@@ -650,23 +557,14 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             for c in range(block.first, block.end):
                 closure = closures.closures[c]
                 if closure.tendon >= 0 and (closure.other >= 0) == (turn == 1):
-                    if begin_tendon(closure, scale, body_q, model, joints, work, tree, history):
+                    if begin_tendon(closure, scale, s):
                         is_open = True
         return is_open
 
     @wp.func
-    def settle_tendons(
-        first: int,
-        recovery: float,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> float:
+    def settle_tendons(first: int, recovery: float, h: float, s: wp.ref[Solver]) -> float:
         """After a sweep: what the tendons of a block are off by, the largest square of it [m^2]."""
-        closures = tree.closures
+        closures = s.tree.closures
         largest = float(0.0)
         number = closures.block_of[first]
         if number < 0:
@@ -675,20 +573,20 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             if closure.tendon >= 0:
-                off = settle_tendon(closure, recovery, h, model, joints, work, tree, history)
+                off = settle_tendon(closure, recovery, h, s)
                 largest = wp.max(largest, off)
         return largest
 
     @wp.func
-    def load_tendons(first: int, sign: float, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
+    def load_tendons(first: int, sign: float, s: wp.ref[Solver]):
         """Adds what spatial tendons of a block pull its bodies with to their loads."""
-        closures = tree.closures
+        closures = s.tree.closures
         number = closures.block_of[first]
         if number >= 0:
             block = closures.blocks[number]
             for c in range(block.first, block.end):
                 if closures.closures[c].tendon >= 0:
-                    tendon_wrench(closures.closures[c], sign, work, tree)
+                    tendon_wrench(closures.closures[c], sign, s)
 
     @wp.func
     def end_tendons(first: int, scale: WorldScale, tree: wp.ref[TreeWork]):

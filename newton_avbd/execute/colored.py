@@ -17,20 +17,10 @@ from typing import NamedTuple
 import warp as wp
 
 from ..data import (
-    BodyModel,
-    BodyWork,
     ColorWork,
-    ContactInput,
-    ControlInput,
-    History,
-    IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
-    ShapeModel,
-    TreeWork,
+    Solver,
+    Step,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
@@ -166,52 +156,37 @@ def count_sweeps(world: int, moved: wp.array2d[float]) -> int:
 
 
 @wp.func
-def loop_world(
-    i: int,
-    joints: wp.ref[JointModel],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    loops: wp.ref[LoopWork],
-) -> int:
+def loop_world(i: int, s: wp.ref[Solver]) -> int:
     """World of a joint outside of the trees: that of its body that moves."""
-    joint = loops.joints[i]
-    child = joints.child[joint]
-    if work.inv_mass[child] > 0.0 or joints.parent[joint] < 0:
-        return worlds.of_body[child]
-    return worlds.of_body[joints.parent[joint]]
+    joint = s.loops.joints[i]
+    child = s.joints.child[joint]
+    if s.work.inv_mass[child] > 0.0 or s.joints.parent[joint] < 0:
+        return s.worlds.of_body[child]
+    return s.worlds.of_body[s.joints.parent[joint]]
 
 
 @wp.func
-def recall(
-    body: int,
-    side: int,
-    static_slot: int,
-    shapes: wp.ref[ShapeModel],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-    history: wp.ref[History],
-):
+def recall(body: int, side: int, static_slot: int, s: wp.ref[Solver]):
     """Hands what is remembered of the contacts that a body owned to their rows of this step.
 
     As :func:`.contacts.make_rows` has it, but the rows may be the other body's by now. All records
     of two shapes are one body's: no other thread writes to these rows.
     """
-    for i in range(history.start[side, body], history.end[side, body]):
-        record = history.records[side, i]
+    for i in range(s.history.start[side, body], s.history.end[side, body]):
+        record = s.history.records[side, i]
         if wp.length_sq(record.force) > 0.0:
-            slot0 = body_slot(shapes, record.shape0, static_slot)
-            slot1 = body_slot(shapes, record.shape1, static_slot)
-            owner = owner_of(worlds, work, slot0, slot1)
+            slot0 = body_slot(s.shapes, record.shape0, static_slot)
+            slot1 = body_slot(s.shapes, record.shape1, static_slot)
+            owner = owner_of(slot0, slot1, s)
             if owner >= 0:
-                start = rows.owned_start[owner]
-                row = find_row(record, start, rows.owned_end[owner], 1 - side, rows, history)
+                start = s.rows.owned_start[owner]
+                row = find_row(record, start, s.rows.owned_end[owner], 1 - side, s)
                 if row >= 0:
                     sign = wp.where(owner == body, 1.0, -1.0)
-                    rows.rows[row].force = rows.rows[row].force + sign * record.force
-                    if rows.spin.shape[0] > 0:
-                        torque = rows.spin[row].torque + sign * history.torque[side, i]
-                        rows.spin[row].torque = torque
+                    s.rows.rows[row].force = s.rows.rows[row].force + sign * record.force
+                    if s.rows.spin.shape[0] > 0:
+                        torque = s.rows.spin[row].torque + sign * s.history.torque[side, i]
+                        s.rows.spin[row].torque = torque
 
 
 @functools.cache
@@ -280,542 +255,264 @@ def make_colored(effects: Effects) -> Colored:
         return wp.kernel(enable_backward=False, module=module)
 
     @kernel()
-    def measure_lanes(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        h: float,
-        tolerance: float,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def measure_lanes(step: Step, s: wp.array[Solver]):
         """How far the bodies of a lane may go, and whether they are finite; one thread a lane."""
         lane = wp.tid()
-        colors.lane_scale[lane] = measure_world(lane, h, tolerance, model, worlds, work)
-        is_finite = is_world_finite(lane, joints, control, worlds, work, tree, loops)
-        colors.lane_finite[lane] = int(is_finite)
+        s[0].colors.lane_scale[lane] = measure_world(lane, step.h, step.tolerance, s[0])
+        is_finite = is_world_finite(lane, step, s[0])
+        s[0].colors.lane_finite[lane] = int(is_finite)
         if lane == 0:
-            colors.has_more[0] = 0
-            colors.is_cold[0] = 0
-            colors.is_apart[0] = 0
-            colors.is_excessive[0] = 0
+            s[0].colors.has_more[0] = 0
+            s[0].colors.is_cold[0] = 0
+            s[0].colors.is_apart[0] = 0
+            s[0].colors.is_excessive[0] = 0
 
     @kernel()
-    def begin_step(
-        # In:
-        h: float,
-        iterations: int,
-        # Work:
-        worlds: WorldWork,
-        # Work out:
-        colors: ColorWork,
-        history: History,
-    ):
+    def begin_step(step: Step, s: wp.array[Solver]):
         """The scale of a world from that of its lanes; one thread a world."""
         world = wp.tid()
         scale = WorldScale()
         is_finite = int(1)
-        for lane in range(colors.world_lane[world], colors.world_lane[world + 1]):
-            part = colors.lane_scale[lane]
+        for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
+            part = s[0].colors.lane_scale[lane]
             part.mass += scale.mass
             part.gravity = wp.max(scale.gravity, part.gravity)
             part.reach = wp.max(scale.reach, part.reach)
             part.slop = wp.max(scale.slop, part.slop)
             scale = part
-            is_finite = wp.min(is_finite, colors.lane_finite[lane])
-        colors.scale[world] = scale
-        colors.is_finite[world] = is_finite
-        colors.deepest[world] = 0.0
-        colors.closing[world] = 0.0
-        colors.is_open[world] = 0
-        colors.has_impacts[world] = 0
-        colors.begin[world] = 0
-        for i in range(colors.moved.shape[0]):
-            colors.moved[i, world] = wp.where(i == 0, wp.inf, -1.0)
-        for i in range(colors.recovered.shape[0]):
-            colors.recovered[i, world] = wp.where(i == 0, wp.inf, -1.0)
-        if h > LONGER * history.step[world]:
-            history.age[world] = 0
+            is_finite = wp.min(is_finite, s[0].colors.lane_finite[lane])
+        s[0].colors.scale[world] = scale
+        s[0].colors.is_finite[world] = is_finite
+        s[0].colors.deepest[world] = 0.0
+        s[0].colors.closing[world] = 0.0
+        s[0].colors.is_open[world] = 0
+        s[0].colors.has_impacts[world] = 0
+        s[0].colors.begin[world] = 0
+        for i in range(s[0].colors.moved.shape[0]):
+            s[0].colors.moved[i, world] = wp.where(i == 0, wp.inf, -1.0)
+        for i in range(s[0].colors.recovered.shape[0]):
+            s[0].colors.recovered[i, world] = wp.where(i == 0, wp.inf, -1.0)
+        if step.h > LONGER * s[0].history.step[world]:
+            s[0].history.age[world] = 0
         if wp.static(effects.second_order):
-            if worlds.step[world] < history.step[world]:
-                colors.scale[world].lag = 0.0
-            colors.is_held[world] = 0
-            colors.jumps[world] = 0
-            colors.breaks[world] = 0
-            colors.is_moving[world] = 0
-        history.step[world] = h
-        most = sweeps_at_age(history.age[world], iterations, scale)
-        colors.most[world] = is_finite * most
-        if most > iterations:
-            colors.has_more[0] = 1
-        if most > STRUCK_FACTOR * iterations:
-            colors.is_cold[0] = 1
+            if s[0].worlds.step[world] < s[0].history.step[world]:
+                s[0].colors.scale[world].lag = 0.0
+            s[0].colors.is_held[world] = 0
+            s[0].colors.jumps[world] = 0
+            s[0].colors.breaks[world] = 0
+            s[0].colors.is_moving[world] = 0
+        s[0].history.step[world] = step.h
+        most = sweeps_at_age(s[0].history.age[world], step.iterations, scale)
+        s[0].colors.most[world] = is_finite * most
+        if most > step.iterations:
+            s[0].colors.has_more[0] = 1
+        if most > STRUCK_FACTOR * step.iterations:
+            s[0].colors.is_cold[0] = 1
 
     @kernel()
-    def build_rows(
-        # Model:
-        model: BodyModel,
-        shapes: ShapeModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        contacts: ContactInput,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        # Work out:
-        rows: RowWork,
-        colors: ColorWork,
-        history: History,
-    ):
+    def build_rows(step: Step, s: wp.array[Solver]):
         """Rows of the contacts that a body owns; one thread a body."""
         body = wp.tid()
-        place = int(rows.owned_start[body])
-        for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
-            if is_owner(body, colors.partner[i], worlds):
-                rows.contacts[place] = colors.incident[i]
+        place = int(s[0].rows.owned_start[body])
+        for i in range(s[0].colors.incident_start[body], s[0].colors.incident_start[body + 1]):
+            if is_owner(body, s[0].colors.partner[i], s[0].worlds):
+                s[0].rows.contacts[place] = s[0].colors.incident[i]
                 place += 1
-        rows.owned_end[body] = place
-        world = worlds.of_body[body]
-        linearise_rows(
-            world,
-            body,
-            colors.scale[world],
-            body_q,
-            model,
-            shapes,
-            contacts,
-            worlds,
-            work,
-            rows,
-            history,
-        )
+        s[0].rows.owned_end[body] = place
+        world = s[0].worlds.of_body[body]
+        linearise_rows(world, body, s[0].colors.scale[world], step, s[0])
 
     @kernel()
-    def recall_rows(
-        # Model:
-        shapes: ShapeModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        history: History,
-        # Work out:
-        rows: RowWork,
-    ):
+    def recall_rows(s: wp.array[Solver]):
         """What the rows of the last step pushed with goes to those of this one; a thread a body."""
         body = wp.tid()
-        sort_part(rows.other_rows, rows.other_start[body], rows.other_end[body])
-        static_slot = work.inv_mass.shape[0] - 1
-        side = history.parity[worlds.of_body[body]]
-        recall(body, side, static_slot, shapes, worlds, work, rows, history)
+        sort_part(s[0].rows.other_rows, s[0].rows.other_start[body], s[0].rows.other_end[body])
+        static_slot = s[0].work.inv_mass.shape[0] - 1
+        side = s[0].history.parity[s[0].worlds.of_body[body]]
+        recall(body, side, static_slot, s[0])
 
     @kernel(effects.light_links)
-    def weigh(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        colors: ColorWork,
-        # Work out:
-        tree: TreeWork,
-    ):
+    def weigh(s: wp.array[Solver]):
         """Weighs the tree of a block; one thread a body, for a first one."""
         block = wp.tid()
-        if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
-            first = worlds.rank[block]
-            end = worlds.block_end[first]
-            weigh_blocks(first, end, body_q, model, joints, worlds, work, rows, tree)
+        if (
+            s[0].colors.block[block] == block
+            and s[0].colors.is_finite[s[0].worlds.of_body[block]] == 1
+        ):
+            first = s[0].worlds.rank[block]
+            end = s[0].worlds.block_end[first]
+            weigh_blocks(first, end, s[0])
 
     @kernel()
-    def penalise(
-        # Model:
-        shapes: ShapeModel,
-        # Contacts in:
-        contacts: ContactInput,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        history: History,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def penalise(step: Step, s: wp.array[Solver]):
         """Penalties of the rows that a body owns; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        scale = colors.scale[world]
-        depth = penalise_rows(
-            world, body, scale, shapes, contacts, worlds, work, rows, tree, history
-        )
-        if depth > colors.deepest[world]:
-            wp.atomic_max(colors.deepest, world, depth)
+        world = s[0].worlds.of_body[body]
+        scale = s[0].colors.scale[world]
+        depth = penalise_rows(world, body, scale, step, s[0])
+        if depth > s[0].colors.deepest[world]:
+            wp.atomic_max(s[0].colors.deepest, world, depth)
 
     @kernel(effects.second_order)
-    def find_flying(
-        # State in:
-        body_qd: wp.array[wp.spatial_vector],
-        # Work:
-        worlds: WorldWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        # Work out:
-        work: BodyWork,
-        colors: ColorWork,
-        history: History,
-    ):
+    def find_flying(step: Step, s: wp.array[Solver]):
         """Starts all bodies by backward Euler, and finds what is held; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        scale = colors.scale[world]
-        if begin_order(worlds.rank[body], scale, body_qd, worlds, work, rows, tree, loops, history):
-            colors.is_held[world] = 1
+        world = s[0].worlds.of_body[body]
+        scale = s[0].colors.scale[world]
+        if begin_order(s[0].worlds.rank[body], scale, step.body_qd, s[0]):
+            s[0].colors.is_held[world] = 1
 
     @kernel(effects.second_order)
-    def find_jumps(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        history: History,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def find_jumps(step: Step, s: wp.array[Solver]):
         """Whether a velocity is about to jump, and whether motions go on; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        scale = colors.scale[world]
-        if colors.is_finite[world] == 0 or colors.has_impacts[world] == 1:
-            colors.jumps[world] = 1
-        elif body_jumps(world, worlds.rank[body], scale, joints, worlds, work, rows, tree, history):
-            colors.jumps[world] = 1
-        elif not goes_on_smoothly(body, body_q, body_qd, scale, model, work, rows, history):
-            colors.breaks[world] = 1
+        world = s[0].worlds.of_body[body]
+        scale = s[0].colors.scale[world]
+        if s[0].colors.is_finite[world] == 0 or s[0].colors.has_impacts[world] == 1:
+            s[0].colors.jumps[world] = 1
+        elif body_jumps(world, s[0].worlds.rank[body], scale, s[0]):
+            s[0].colors.jumps[world] = 1
+        elif not goes_on_smoothly(body, step.body_qd, scale, s[0]):
+            s[0].colors.breaks[world] = 1
 
     @kernel(effects.second_order and effects.loops)
-    def find_loop_jumps(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        loops: LoopWork,
-        history: History,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def find_loop_jumps(s: wp.array[Solver]):
         """Likewise by joints outside of the trees; one thread a joint."""
         i = wp.tid()
-        world = loop_world(i, joints, worlds, work, loops)
-        if loop_jumps(world, i, joints, loops, history):
-            colors.jumps[world] = 1
+        world = loop_world(i, s[0])
+        if loop_jumps(world, i, s[0]):
+            s[0].colors.jumps[world] = 1
 
     @kernel(effects.second_order and effects.cables)
-    def find_jerks(
-        # Work:
-        work: BodyWork,
-        tree: TreeWork,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def find_jerks(s: wp.array[Solver]):
         """Likewise by cables that may pull at once; one thread a cluster of cables."""
         cluster = wp.tid()
-        if may_jerk(cluster, work, tree.cables):
-            colors.jumps[tree.cables.world[cluster]] = 1
+        if may_jerk(cluster, s[0]):
+            s[0].colors.jumps[s[0].tree.cables.world[cluster]] = 1
 
     @kernel(effects.second_order)
-    def order_worlds(
-        # Work out:
-        worlds: WorldWork,
-        colors: ColorWork,
-        history: History,
-    ):
+    def order_worlds(s: wp.array[Solver]):
         """Decides on the order of a world's step; one thread a world."""
         world = wp.tid()
-        last = last_of(world, history)
-        is_smooth = colors.is_held[world] == 1 and last != QUIET_WORLD and colors.jumps[world] == 0
-        is_continued = is_going_on(last) and colors.breaks[world] == 0
-        scale = colors.scale[world]
-        colors.scale[world] = order_world(
-            world, last, is_smooth, is_continued, scale, worlds, history
+        last = last_of(world, s[0].history)
+        is_smooth = (
+            s[0].colors.is_held[world] == 1
+            and last != QUIET_WORLD
+            and s[0].colors.jumps[world] == 0
         )
-        colors.jumps[world] = 0
+        is_continued = is_going_on(last) and s[0].colors.breaks[world] == 0
+        scale = s[0].colors.scale[world]
+        s[0].colors.scale[world] = order_world(world, last, is_smooth, is_continued, scale, s[0])
+        s[0].colors.jumps[world] = 0
 
     @kernel(effects.second_order)
-    def start_bodies(
-        # Model:
-        model: BodyModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        # Work:
-        worlds: WorldWork,
-        colors: ColorWork,
-        # Work out:
-        work: BodyWork,
-        history: History,
-    ):
+    def start_bodies(step: Step, s: wp.array[Solver]):
         """Leads and targets of bodies, by that order; one thread a body."""
         body = wp.tid()
-        scale = colors.scale[worlds.of_body[body]]
-        start_body(body, scale, body_q, body_qd, model, work, history)
+        scale = s[0].colors.scale[s[0].worlds.of_body[body]]
+        start_body(body, scale, step.body_qd, s[0])
 
     @kernel(effects.second_order)
-    def lead_all_rows(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        # Work out:
-        rows: RowWork,
-    ):
+    def lead_all_rows(s: wp.array[Solver]):
         """Likewise the rows that a body owns; one thread a body."""
         body = wp.tid()
-        scale = colors.scale[worlds.of_body[body]]
+        scale = s[0].colors.scale[s[0].worlds.of_body[body]]
         if scale.step < scale.h:
-            lead_rows(body, scale, work, rows)
+            lead_rows(body, scale, s[0])
 
     @kernel(effects.joints)
-    def measure_joints(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        control: ControlInput,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        loops: LoopWork,
-        # Work out:
-        tree: TreeWork,
-        colors: ColorWork,
-        history: History,
-    ):
+    def measure_joints(step: Step, s: wp.array[Solver]):
         """Measures the joints of a block's tree; one thread a body, for a first one."""
         block = wp.tid()
-        world = worlds.of_body[block]
-        if colors.block[block] == block and colors.is_finite[world] == 1:
-            first = worlds.rank[block]
+        world = s[0].worlds.of_body[block]
+        if s[0].colors.block[block] == block and s[0].colors.is_finite[world] == 1:
+            first = s[0].worlds.rank[block]
             if measure_blocks(
                 first,
-                worlds.block_end[first],
-                colors.scale[world],
-                body_q,
-                body_qd,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
+                s[0].worlds.block_end[first],
+                s[0].colors.scale[world],
+                step.body_qd,
+                step,
+                s[0],
             ):
-                colors.is_open[world] = 1
+                s[0].colors.is_open[world] = 1
 
     @kernel(effects.loops)
-    def measure_loops(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        control: ControlInput,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        # Work out:
-        loops: LoopWork,
-        colors: ColorWork,
-        history: History,
-    ):
+    def measure_loops(step: Step, s: wp.array[Solver]):
         """Measures a joint outside of the trees; one thread a joint."""
         i = wp.tid()
-        world = loop_world(i, joints, worlds, work, loops)
-        if colors.is_finite[world] == 1:
-            scale = colors.scale[world]
-            if measure_loop(
-                i, scale, body_q, body_qd, model, joints, control, work, tree, loops, history
-            ):
-                colors.is_open[world] = 1
-            wp.atomic_max(colors.closing, world, loops.closing[i])
+        world = loop_world(i, s[0])
+        if s[0].colors.is_finite[world] == 1:
+            scale = s[0].colors.scale[world]
+            if measure_loop(i, scale, step.body_qd, step, s[0]):
+                s[0].colors.is_open[world] = 1
+            wp.atomic_max(s[0].colors.closing, world, s[0].loops.closing[i])
 
     @kernel(effects.loops and effects.kinds.distances)
-    def widen_loops(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        # Work out:
-        loops: LoopWork,
-    ):
+    def widen_loops(s: wp.array[Solver]):
         """How far the recovery of other joints may pull a DISTANCE joint; one thread a joint."""
         i = wp.tid()
-        world = loop_world(i, joints, worlds, work, loops)
-        reach_farther(i, colors.closing[world], joints, loops)
+        world = loop_world(i, s[0])
+        reach_farther(i, s[0].colors.closing[world], s[0])
 
     @kernel(effects.joints)
-    def place_joints(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        # Work out:
-        tree: TreeWork,
-        colors: ColorWork,
-        history: History,
-    ):
+    def place_joints(s: wp.array[Solver]):
         """Puts a block to the guess of its increments; one thread a body, for a first one."""
         block = wp.tid()
-        world = worlds.of_body[block]
-        if colors.block[block] == block and colors.is_finite[world] == 1:
-            first = worlds.rank[block]
-            if place_blocks(
-                first,
-                worlds.block_end[first],
-                colors.scale[world],
-                body_q,
-                model,
-                joints,
-                worlds,
-                work,
-                tree,
-                history,
-            ):
-                colors.is_open[world] = 1
+        world = s[0].worlds.of_body[block]
+        if s[0].colors.block[block] == block and s[0].colors.is_finite[world] == 1:
+            first = s[0].worlds.rank[block]
+            if place_blocks(first, s[0].worlds.block_end[first], s[0].colors.scale[world], s[0]):
+                s[0].colors.is_open[world] = 1
 
     @kernel(effects.cables)
-    def begin_clusters(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        # Work out:
-        tree: TreeWork,
-        colors: ColorWork,
-    ):
+    def begin_clusters(s: wp.array[Solver]):
         """Pulls with the tensions of the last step; one thread a cluster of cables."""
         cluster = wp.tid()
-        world = tree.cables.world[cluster]
-        if colors.is_finite[world] == 1:
-            if begin_cluster(cluster, work, tree):
-                colors.is_open[world] = 1
+        world = s[0].tree.cables.world[cluster]
+        if s[0].colors.is_finite[world] == 1:
+            if begin_cluster(cluster, s[0]):
+                s[0].colors.is_open[world] = 1
 
     @kernel()
-    def assemble(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        # In:
-        begin: int,
-        # Work:
-        worlds: WorldWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        history: History,
-        # Work out:
-        work: BodyWork,
-        islands: IslandWork,
-    ):
+    def assemble(begin: int, step: Step, s: wp.array[Solver]):
         """Sums the block of a body, or puts it to its target; one thread a body.
 
         Those of worlds whose round of sweeps begins with the sweep ``begin``.
         """
         body = wp.tid()
-        world = worlds.of_body[body]
-        if work.inv_mass[body] > 0.0 and colors.begin[world] == begin:
-            begin_body(
-                worlds.rank[body],
-                colors.scale[world].step,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                islands,
-                history,
-            )
+        world = s[0].worlds.of_body[body]
+        if s[0].work.inv_mass[body] > 0.0 and s[0].colors.begin[world] == begin:
+            begin_body(s[0].worlds.rank[body], s[0].colors.scale[world].step, step, s[0])
 
     @wp.func
     def sweep_blocks(
         thread: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        body_q: wp.array[wp.transform],
         sweep: int,
         color: int,
         threads: int,
         recovery: float,
         most: wp.array[wp.int32],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        colors: wp.ref[ColorWork],
-        history: wp.ref[History],
         moved: wp.array2d[float],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Moves the blocks of a color that fall to a thread."""
-        lanes = colors.lane_start.shape[0] - 1
-        first = colors.start[color * lanes] + thread
-        for i in range(first, colors.start[(color + 1) * lanes], threads):
-            body = colors.order[i]
-            world = worlds.of_body[body]
-            if goes_on(sweep, world, moved, most, colors):
-                scale = colors.scale[world]
+        lanes = s.colors.lane_start.shape[0] - 1
+        first = s.colors.start[color * lanes] + thread
+        for i in range(first, s.colors.start[(color + 1) * lanes], threads):
+            body = s.colors.order[i]
+            world = s.worlds.of_body[body]
+            if goes_on(sweep, world, moved, most, s.colors):
+                scale = s.colors.scale[world]
                 far = sweep_block(
-                    worlds.rank[body],
-                    sweep > colors.begin[world] and recovery == 0.0,
+                    s.worlds.rank[body],
+                    sweep > s.colors.begin[world] and recovery == 0.0,
                     recovery,
                     scale.slop,
                     scale.step,
-                    body_q,
-                    model,
-                    joints,
-                    control,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
+                    step,
+                    s,
                 )
                 # looks first, since few of many threads have to
                 if far > moved[sweep + 1, world]:
@@ -823,105 +520,50 @@ def make_colored(effects: Effects) -> Colored:
 
     @kernel()
     def sweep_color(
-        # Model:
-        model: wp.array[BodyModel],
-        joints: wp.array[JointModel],
-        control: ControlInput,
-        # State in:
-        body_q: wp.array[wp.transform],
-        # In:
         sweep: int,
         color: int,
         threads: int,
         recovery: float,
         most: wp.array[wp.int32],
-        # Work:
-        worlds: wp.array[WorldWork],
-        work: wp.array[BodyWork],
-        rows: wp.array[RowWork],
-        tree: wp.array[TreeWork],
-        loops: wp.array[LoopWork],
-        colors: wp.array[ColorWork],
-        history: wp.array[History],
-        # Work out:
         moved: wp.array2d[float],
+        step: Step,
+        s: wp.array[Solver],
     ):
         """Moves all blocks of a color once; the last color is for one thread alone.
 
         With a ``recovery`` above zero what was wrong at the start of the step goes, too.
         """
-        sweep_blocks(
-            wp.tid(),
-            model[0],
-            joints[0],
-            control,
-            body_q,
-            sweep,
-            color,
-            threads,
-            recovery,
-            most,
-            worlds[0],
-            work[0],
-            rows[0],
-            tree[0],
-            loops[0],
-            colors[0],
-            history[0],
-            moved,
-        )
+        sweep_blocks(wp.tid(), sweep, color, threads, recovery, most, moved, step, s[0])
 
     @kernel(effects.loops)
     def sweep_loops(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        # In:
         sweep: int,
         recovery: float,
         moved: wp.array2d[float],
         most: wp.array[wp.int32],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        colors: ColorWork,
-        # Work out:
-        loops: LoopWork,
-        history: History,
+        step: Step,
+        s: wp.array[Solver],
     ):
         """The dual update of a joint outside of the trees; one thread a joint."""
         i = wp.tid()
-        world = loop_world(i, joints, worlds, work, loops)
-        if goes_on(sweep, world, moved, most, colors):
-            h = colors.scale[world].step
-            loop_wrench(
-                i, recovery, h, model, joints, control, work, tree, loops, history, True, True
-            )
+        world = loop_world(i, s[0])
+        if goes_on(sweep, world, moved, most, s[0].colors):
+            h = s[0].colors.scale[world].step
+            loop_wrench(i, recovery, h, True, True, step, s[0])
 
     @kernel(effects.cables)
     def solve_clusters(
-        # Model:
-        joints: JointModel,
-        # In:
         sweep: int,
         recovery: float,
         most: wp.array[wp.int32],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        history: History,
-        # Work out:
-        tree: TreeWork,
         moved: wp.array2d[float],
+        s: wp.array[Solver],
     ):
         """Tensions for the next sweep; one thread a cluster of cables."""
         cluster = wp.tid()
-        world = tree.cables.world[cluster]
-        if goes_on(sweep, world, moved, most, colors):
-            changed = solve_cluster(cluster, recovery, joints, worlds, work, tree, history)
+        world = s[0].tree.cables.world[cluster]
+        if goes_on(sweep, world, moved, most, s[0].colors):
+            changed = solve_cluster(cluster, recovery, s[0])
             wp.atomic_max(moved, sweep + 1, world, changed)
 
     @kernel()
@@ -941,540 +583,292 @@ def make_colored(effects: Effects) -> Colored:
                 colors.has_more[0] = 1
 
     @kernel(effects.contact and not effects.compliance)
-    def stiffen(
-        # In:
-        begin: int,
-        # Work:
-        worlds: WorldWork,
-        colors: ColorWork,
-        # Work out:
-        rows: RowWork,
-    ):
+    def stiffen(begin: int, s: wp.array[Solver]):
         """Contacts as stiff as the forces that sweeps have found ask for; one thread a body.
 
         Those of worlds whose round of sweeps begins with the sweep ``begin``.
         """
         body = wp.tid()
-        world = worlds.of_body[body]
-        if colors.begin[world] == begin:
-            stiffen_rows(body, colors.scale[world], rows)
+        world = s[0].worlds.of_body[body]
+        if s[0].colors.begin[world] == begin:
+            stiffen_rows(body, s[0].colors.scale[world], s[0].rows)
 
     @kernel()
-    def remember(
-        # Model:
-        joints: JointModel,
-        # State in:
-        body_qd: wp.array[wp.spatial_vector],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        islands: IslandWork,
-        # Work out:
-        colors: ColorWork,
-        history: History,
-    ):
+    def remember(step: Step, s: wp.array[Solver]):
         """The last dual update, kept for the next step; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        side = 1 - history.parity[world]
-        scale = colors.scale[world]
-        remember_rows(body, side, scale, body_qd, worlds, work, rows, islands, history)
+        world = s[0].worlds.of_body[body]
+        side = 1 - s[0].history.parity[world]
+        scale = s[0].colors.scale[world]
+        remember_rows(body, side, scale, step.body_qd, s[0])
         if wp.static(effects.joints and effects.pairs):
-            if work.inv_mass[body] > 0.0:
-                if tree.joint[body] >= 0:
-                    join_at_once(islands, worlds, work, body, tree.parent[body])
+            if s[0].work.inv_mass[body] > 0.0:
+                if s[0].tree.joint[body] >= 0:
+                    join_at_once(body, s[0].tree.parent[body], s[0])
                 if wp.static(effects.loops):
-                    for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                        other = other_end(body, loops.items[k], joints, loops)
+                    for k in range(s[0].loops.body_start[body], s[0].loops.body_start[body + 1]):
+                        other = other_end(body, s[0].loops.items[k], s[0])
                         slot = wp.where(other < 0, scale.static_slot, other)
-                        join_at_once(islands, worlds, work, body, slot)
+                        join_at_once(body, slot, s[0])
                 if wp.static(effects.tendons):
-                    if colors.block[body] == body:
-                        join_tendons(worlds.rank[body], islands, worlds, work, tree)
-        if not wp.isfinite(vector_sum(work.increment[body])):
-            colors.is_finite[world] = 0
+                    if s[0].colors.block[body] == body:
+                        join_tendons(s[0].worlds.rank[body], s[0])
+        if not wp.isfinite(vector_sum(s[0].work.increment[body])):
+            s[0].colors.is_finite[world] = 0
 
     @kernel(effects.second_order and effects.loops)
-    def remember_loops(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # Work out:
-        history: History,
-    ):
+    def remember_loops(s: wp.array[Solver]):
         """How a joint outside of the trees has moved; one thread a joint."""
         i = wp.tid()
-        world = loop_world(i, joints, worlds, work, loops)
-        if colors.is_finite[world] == 1:
-            remember_loop(i, colors.scale[world], joints, loops, history)
+        world = loop_world(i, s[0])
+        if s[0].colors.is_finite[world] == 1:
+            remember_loop(i, s[0].colors.scale[world], s[0])
 
     @kernel(effects.second_order and effects.cables)
-    def find_jerked(
-        # Work:
-        tree: TreeWork,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def find_jerked(s: wp.array[Solver]):
         """Whether a cable's tension has jumped; one thread a cluster of cables."""
         cluster = wp.tid()
-        world = tree.cables.world[cluster]
-        scale = colors.scale[world]
+        world = s[0].tree.cables.world[cluster]
+        scale = s[0].colors.scale[world]
         # tensions of steps of different order do not compare
-        if scale.step == scale.h and has_jerked(cluster, scale, tree.cables):
-            colors.jumps[world] = 1
+        if scale.step == scale.h and has_jerked(cluster, scale, s[0].tree.cables):
+            s[0].colors.jumps[world] = 1
 
     @kernel(effects.cables and effects.pairs)
-    def join_clusters(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        # Work out:
-        islands: IslandWork,
-    ):
+    def join_clusters(s: wp.array[Solver]):
         """Makes one island of bodies that cables pull; one thread a cluster of cables."""
-        join_cluster(wp.tid(), worlds, work, tree, islands)
+        join_cluster(wp.tid(), s[0])
 
     @kernel(effects.breaking)
-    def break_trees(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # Work out:
-        tree: TreeWork,
-        history: History,
-    ):
+    def break_trees(step: Step, s: wp.array[Solver]):
         """Breaks the joints of a block's tree; one thread a body, for a first one."""
         block = wp.tid()
-        if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
-            first = worlds.rank[block]
+        if (
+            s[0].colors.block[block] == block
+            and s[0].colors.is_finite[s[0].worlds.of_body[block]] == 1
+        ):
+            first = s[0].worlds.rank[block]
             break_blocks(
                 first,
-                worlds.block_end[first],
-                colors.scale[worlds.of_body[block]].step,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
+                s[0].worlds.block_end[first],
+                s[0].colors.scale[s[0].worlds.of_body[block]].step,
+                step,
+                s[0],
             )
 
     @kernel(effects.breaking and effects.loops)
-    def break_loops(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # Work out:
-        history: History,
-    ):
+    def break_loops(s: wp.array[Solver]):
         """Breaks joints outside of the trees; one thread a joint."""
         i = wp.tid()
-        if colors.is_finite[loop_world(i, joints, worlds, work, loops)] == 1:
-            break_loop(i, joints, loops, history)
+        if s[0].colors.is_finite[loop_world(i, s[0])] == 1:
+            break_loop(i, s[0])
 
     @kernel()
-    def end_velocities(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        islands: IslandWork,
-        colors: ColorWork,
-        # Work out:
-        history: History,
-        # State out:
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def end_velocities(step: Step, s: wp.array[Solver]):
         """Velocities; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        velocity = body_qd[body]
+        world = s[0].worlds.of_body[body]
+        velocity = step.body_qd[body]
         if wp.static(effects.balanced):
-            islands.start_q[body] = body_q[body]
-            islands.start_qd[body] = velocity
-        if colors.is_finite[world] == 0:
-            history.falling[body] = 0.0
-        elif work.inv_mass[body] > 0.0:
+            s[0].islands.start_q[body] = s[0].work.pose[body]
+            s[0].islands.start_qd[body] = velocity
+        if s[0].colors.is_finite[world] == 0:
+            s[0].history.falling[body] = 0.0
+        elif s[0].work.inv_mass[body] > 0.0:
             velocity = end_velocity(
-                worlds.rank[body],
-                colors.scale[world],
-                body_q,
-                body_qd,
-                model,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                islands,
-                True,
-                history,
+                s[0].worlds.rank[body], s[0].colors.scale[world], step.body_qd, True, s[0]
             )
             if wp.static(effects.second_order):
                 # until the step is done, that of its start
-                history.last[body].velocity = body_qd[body]
-                may_stand, scale = wp.static(effects.contact), colors.scale[world]
-                if not is_quiet(body, velocity, may_stand, scale, model, work, history):
-                    colors.is_moving[world] = 1
-                if slips_otherwise(body, joints, tree, history):
-                    colors.jumps[world] = 1
+                s[0].history.last[body].velocity = step.body_qd[body]
+                may_stand, scale = wp.static(effects.contact), s[0].colors.scale[world]
+                if not is_quiet(body, velocity, may_stand, scale, s[0]):
+                    s[0].colors.is_moving[world] = 1
+                if slips_otherwise(body, s[0]):
+                    s[0].colors.jumps[world] = 1
             if wp.static(effects.balanced and effects.kinds.gimbals):
-                if is_body_led(body, joints, work, tree):
-                    colors.is_excessive[0] = 1
+                if is_body_led(body, s[0]):
+                    s[0].colors.is_excessive[0] = 1
             if wp.static(effects.restitution):
-                if colors.has_impacts[world] == 1:
-                    release_impacts(body, worlds, rows, tree, loops)
-        body_qd_out[body] = velocity
+                if s[0].colors.has_impacts[world] == 1:
+                    release_impacts(body, s[0])
+        step.body_qd_out[body] = velocity
 
     @kernel(effects.spinning)
-    def align_spins(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # State out:
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def align_spins(step: Step, s: wp.array[Solver]):
         """Spins as their joints leave them; one thread a body, for the first of a block."""
         block = wp.tid()
-        if colors.block[block] == block and colors.is_finite[worlds.of_body[block]] == 1:
-            first = worlds.rank[block]
-            align_block(
-                first,
-                worlds.block_end[first],
-                model,
-                joints,
-                worlds,
-                work,
-                tree,
-                loops,
-                body_qd_out,
-            )
+        if (
+            s[0].colors.block[block] == block
+            and s[0].colors.is_finite[s[0].worlds.of_body[block]] == 1
+        ):
+            first = s[0].worlds.rank[block]
+            align_block(first, s[0].worlds.block_end[first], step, s[0])
 
     @kernel(effects.axis_rates)
-    def end_armatures(
-        # Model:
-        joints: JointModel,
-        # State in and out:
-        body_qd: wp.array[wp.spatial_vector],
-        body_qd_out: wp.array[wp.spatial_vector],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        colors: ColorWork,
-        # Work out:
-        history: History,
-    ):
+    def end_armatures(step: Step, s: wp.array[Solver]):
         """What armature has of a tree's joint; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        if colors.is_finite[world] == 1 and work.inv_mass[body] > 0.0:
-            if tree.joint[body] >= 0:
+        world = s[0].worlds.of_body[body]
+        if s[0].colors.is_finite[world] == 1 and s[0].work.inv_mass[body] > 0.0:
+            if s[0].tree.joint[body] >= 0:
                 end_armature(
-                    tree.joint[body],
-                    tree.axis_start[body],
-                    tree.coordinate,
-                    tree.start_coordinate,
-                    colors.scale[world],
-                    body_qd,
-                    body_qd_out,
-                    joints,
-                    work,
-                    tree,
-                    history,
+                    s[0].tree.joint[body],
+                    s[0].tree.axis_start[body],
+                    s[0].tree.coordinate,
+                    s[0].tree.start_coordinate,
+                    s[0].colors.scale[world],
+                    step.body_qd,
+                    step,
+                    s[0],
                 )
 
     @kernel(effects.axis_rates and effects.loops)
-    def end_loop_armatures(
-        # Model:
-        joints: JointModel,
-        # State in and out:
-        body_qd: wp.array[wp.spatial_vector],
-        body_qd_out: wp.array[wp.spatial_vector],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # Work out:
-        history: History,
-    ):
+    def end_loop_armatures(step: Step, s: wp.array[Solver]):
         """What armature has of a joint outside of the trees; one thread a joint."""
         i = wp.tid()
-        world = loop_world(i, joints, worlds, work, loops)
-        if colors.is_finite[world] == 1:
-            joint = loops.joints[i]
+        world = loop_world(i, s[0])
+        if s[0].colors.is_finite[world] == 1:
+            joint = s[0].loops.joints[i]
             end_armature(
                 joint,
-                joints.dof_start[joint],
-                loops.coordinate,
-                loops.start_coordinate,
-                colors.scale[world],
-                body_qd,
-                body_qd_out,
-                joints,
-                work,
-                tree,
-                history,
+                s[0].joints.dof_start[joint],
+                s[0].loops.coordinate,
+                s[0].loops.start_coordinate,
+                s[0].colors.scale[world],
+                step.body_qd,
+                step,
+                s[0],
             )
 
     @kernel()
-    def end_sweeps(
-        # Work out:
-        colors: ColorWork,
-        worlds: WorldWork,
-        history: History,
-    ):
+    def end_sweeps(s: wp.array[Solver]):
         """What sweeps left, and how many the recovery takes; one thread a world."""
         world = wp.tid()
-        scale = colors.scale[world]
-        sweeps = count_sweeps(world, colors.moved)
+        scale = s[0].colors.scale[world]
+        sweeps = count_sweeps(world, s[0].colors.moved)
         update = float(0.0)
         if sweeps > 0:
-            update = colors.moved[sweeps, world]
-        worlds.sweeps[world] = sweeps
-        worlds.update[world] = length_of(update)
-        worlds.settled[world] = settled_update(scale)
-        is_open = colors.is_open[world] == 1
-        passes = count_passes(sweeps, update, colors.deepest[world], is_open, scale)
-        if colors.is_finite[world] == 0:
+            update = s[0].colors.moved[sweeps, world]
+        s[0].worlds.sweeps[world] = sweeps
+        s[0].worlds.update[world] = length_of(update)
+        s[0].worlds.settled[world] = settled_update(scale)
+        is_open = s[0].colors.is_open[world] == 1
+        passes = count_passes(sweeps, update, s[0].colors.deepest[world], is_open, scale)
+        if s[0].colors.is_finite[world] == 0:
             passes = 0
         elif is_unsettled(update, scale):
-            colors.is_excessive[0] = 1
+            s[0].colors.is_excessive[0] = 1
         elif wp.static(effects.folding):
-            if is_flat(world, worlds):
-                colors.is_excessive[0] = 1
-        colors.passes[world] = passes
+            if is_flat(world, s[0].worlds):
+                s[0].colors.is_excessive[0] = 1
+        s[0].colors.passes[world] = passes
         if passes > 1:
-            colors.is_apart[0] = 1
+            s[0].colors.is_apart[0] = 1
         if wp.static(effects.second_order):
             # what does not settle tells nothing of the next step
-            if not is_settled(update, scale) or colors.jumps[world] == 1:
-                history.smooth[world] = JUMPED
-            if colors.is_moving[world] == 0:
-                history.smooth[world] = QUIET_WORLD
+            if not is_settled(update, scale) or s[0].colors.jumps[world] == 1:
+                s[0].history.smooth[world] = JUMPED
+            if s[0].colors.is_moving[world] == 0:
+                s[0].history.smooth[world] = QUIET_WORLD
 
     @kernel(effects.second_order)
-    def remember_motions(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        colors: ColorWork,
-        # Work out:
-        history: History,
-    ):
+    def remember_motions(s: wp.array[Solver]):
         """How a body has moved, before anything old is recovered; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        scale = colors.scale[world]
-        if colors.is_finite[world] == 1:
-            if work.inv_mass[body] > 0.0 and is_remembered(world, scale, history):
-                remember_motion(body, scale, joints, work, rows, tree, history)
+        world = s[0].worlds.of_body[body]
+        scale = s[0].colors.scale[world]
+        if s[0].colors.is_finite[world] == 1:
+            if s[0].work.inv_mass[body] > 0.0 and is_remembered(world, scale, s[0].history):
+                remember_motion(body, scale, s[0])
             if wp.static(effects.tendons):
-                end_tendons(worlds.rank[body], scale, tree)
+                end_tendons(s[0].worlds.rank[body], scale, s[0].tree)
 
     @kernel(effects.loops)
-    def keep_loops(
-        # In:
-        history: History,
-        # Work out:
-        loops: LoopWork,
-    ):
+    def keep_loops(s: wp.array[Solver]):
         """What closes loops in the recovery is no force of the motion; one thread a joint."""
         i = wp.tid()
-        loops.kept_force[i] = history.loop_force[i]
-        loops.kept_torque[i] = history.loop_torque[i]
+        s[0].loops.kept_force[i] = s[0].history.loop_force[i]
+        s[0].loops.kept_torque[i] = s[0].history.loop_torque[i]
 
     @kernel(effects.joints)
-    def close_joints(
-        iterations: int,
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        colors: ColorWork,
-        # Work out:
-        work: BodyWork,
-        tree: TreeWork,
-    ):
+    def close_joints(step: Step, s: wp.array[Solver]):
         """Closes joints that are still open, and puts coordinates back to limits that they passed;
         one thread a body, for the first of a block."""
         block = wp.tid()
-        world = worlds.of_body[block]
-        if colors.block[block] == block and colors.is_finite[world] == 1:
-            scale = colors.scale[world]
-            last = worlds.update[world] * worlds.update[world]
-            if colors.passes[world] > 0:
-                last = colors.recovered[count_sweeps(world, colors.recovered), world]
+        world = s[0].worlds.of_body[block]
+        if s[0].colors.block[block] == block and s[0].colors.is_finite[world] == 1:
+            scale = s[0].colors.scale[world]
+            last = s[0].worlds.update[world] * s[0].worlds.update[world]
+            if s[0].colors.passes[world] > 0:
+                last = s[0].colors.recovered[count_sweeps(world, s[0].colors.recovered), world]
             allowed = open_update(scale)
             if last > allowed * allowed:
-                first = worlds.rank[block]
-                for i in range(first, worlds.block_end[first]):
-                    body = worlds.bodies[i]
-                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                        put_together(body, scale.static_slot, model, joints, work, tree)
+                first = s[0].worlds.rank[block]
+                for i in range(first, s[0].worlds.block_end[first]):
+                    body = s[0].worlds.bodies[i]
+                    if s[0].work.inv_mass[body] > 0.0 and is_linked(body, s[0]):
+                        put_together(body, scale.static_slot, s[0])
             if wp.static(effects.hard_limits):
-                if worlds.sweeps[world] >= iterations:
-                    first = worlds.rank[block]
-                    end = worlds.block_end[first]
+                if s[0].worlds.sweeps[world] >= step.iterations:
+                    first = s[0].worlds.rank[block]
+                    end = s[0].worlds.block_end[first]
                     slot = scale.static_slot
-                    stop_coordinates(first, end, slot, model, joints, worlds, work, tree)
+                    stop_coordinates(first, end, slot, s[0])
 
     @kernel(effects.loops)
-    def give_loops_back(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # Out:
-        history: History,
-    ):
+    def give_loops_back(s: wp.array[Solver]):
         """Ends what :func:`keep_loops` began; one thread a joint."""
         i = wp.tid()
-        if colors.is_finite[loop_world(i, joints, worlds, work, loops)] == 1:
-            history.loop_force[i] = loops.kept_force[i]
-            history.loop_torque[i] = loops.kept_torque[i]
-            count_loop_turns(i, joints, work, loops, history)
+        if s[0].colors.is_finite[loop_world(i, s[0])] == 1:
+            s[0].history.loop_force[i] = s[0].loops.kept_force[i]
+            s[0].history.loop_torque[i] = s[0].loops.kept_torque[i]
+            count_loop_turns(i, s[0])
 
     @kernel(effects.cables)
-    def give_cables_back(
-        # Work:
-        work: BodyWork,
-        # Work out:
-        tree: TreeWork,
-    ):
+    def give_cables_back(s: wp.array[Solver]):
         """After the recovery: the tensions of the motion; one thread a cluster of cables."""
-        give_back(wp.tid(), work, tree)
+        give_back(wp.tid(), s[0])
 
     @kernel()
-    def end_poses(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        # Work:
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        islands: IslandWork,
-        colors: ColorWork,
-        # Work out:
-        worlds: WorldWork,
-        history: History,
-        # State out:
-        body_q_out: wp.array[wp.transform],
-    ):
+    def end_poses(step: Step, s: wp.array[Solver]):
         """Poses, and what became of the worlds; one thread a body."""
         body = wp.tid()
-        pose = body_q[body]
-        world = worlds.of_body[body]
-        is_held = colors.is_finite[world] == 0
+        pose = s[0].work.pose[body]
+        world = s[0].worlds.of_body[body]
+        is_held = s[0].colors.is_finite[world] == 0
         if is_held:
-            rows.owned_end[body] = rows.owned_start[body]
+            s[0].rows.owned_end[body] = s[0].rows.owned_start[body]
             for side in range(2):
-                history.start[side, body] = 0
-                history.end[side, body] = 0
-            if tree.joint.shape[0] > 0:
-                forget_joints(body, joints, tree, loops, history)
-        elif work.inv_mass[body] > 0.0:
+                s[0].history.start[side, body] = 0
+                s[0].history.end[side, body] = 0
+            if s[0].tree.joint.shape[0] > 0:
+                forget_joints(body, s[0])
+        elif s[0].work.inv_mass[body] > 0.0:
             if wp.static(effects.restitution):
-                if colors.has_impacts[world] == 1:
-                    restore_impacts(body, colors.scale[world].h, work, rows)
-            pose = end_pose(
-                worlds.rank[body],
-                colors.scale[world].h,
-                body_q,
-                model,
-                joints,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                islands,
-                history,
-            )
-        body_q_out[body] = pose
-        if body == worlds.bodies[colors.lane_start[colors.world_lane[world]]]:
-            history.age[world] = wp.min(history.age[world] + 1, COLD_STEPS)
+                if s[0].colors.has_impacts[world] == 1:
+                    restore_impacts(body, s[0].colors.scale[world].h, s[0])
+            pose = end_pose(s[0].worlds.rank[body], s[0].colors.scale[world].h, s[0])
+        step.body_q_out[body] = pose
+        if body == s[0].worlds.bodies[s[0].colors.lane_start[s[0].colors.world_lane[world]]]:
+            s[0].history.age[world] = wp.min(s[0].history.age[world] + 1, COLD_STEPS)
             if is_held:
-                report_held(worlds, world)
-                history.age[world] = 0
-            history.parity[world] = 1 - history.parity[world]
+                report_held(s[0].worlds, world)
+                s[0].history.age[world] = 0
+            s[0].history.parity[world] = 1 - s[0].history.parity[world]
 
     @kernel(effects.second_order)
-    def remember_states(
-        # Model:
-        model: BodyModel,
-        # State in:
-        body_q: wp.array[wp.transform],
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        # Work out:
-        history: History,
-        # State out:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def remember_states(step: Step, s: wp.array[Solver]):
         """Where the step has left a body, and how fast; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        scale = colors.scale[world]
-        if colors.is_finite[world] == 1 and is_remembered(world, scale, history):
-            q, qd = body_q_out[body], body_qd_out[body]
-            if work.inv_mass[body] == 0.0:
-                remember_led(body, qd, scale, history)
-            elif not is_flying(body, history):
-                remember_state(world, body, q, qd, scale, body_q, model, work, history)
+        world = s[0].worlds.of_body[body]
+        scale = s[0].colors.scale[world]
+        if s[0].colors.is_finite[world] == 1 and is_remembered(world, scale, s[0].history):
+            q, qd = step.body_q_out[body], step.body_qd_out[body]
+            if s[0].work.inv_mass[body] == 0.0:
+                remember_led(body, qd, scale, s[0].history)
+            elif not is_flying(body, s[0].history):
+                remember_state(world, body, q, qd, scale, s[0])
 
     strikes = make_colored_impacts(effects, kernel)
     return Colored(

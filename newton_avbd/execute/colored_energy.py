@@ -16,17 +16,8 @@ import warp as wp
 
 from ..data import (
     Balance,
-    BodyModel,
-    BodyWork,
-    ColorWork,
-    ControlInput,
-    History,
-    IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
-    TreeWork,
-    WorldWork,
+    Solver,
+    Step,
 )
 from ..effects import Effects
 from .energy import (
@@ -61,35 +52,28 @@ class ColoredEnergy(NamedTuple):
 
 
 @wp.func
-def is_unbalanced(body: int, worlds: wp.ref[WorldWork], colors: wp.ref[ColorWork]) -> bool:
+def is_unbalanced(body: int, s: wp.ref[Solver]) -> bool:
     """Whether the energy of a body's world has to be looked at."""
-    return colors.is_unbalanced[worlds.of_body[body]] == 1
+    return s.colors.is_unbalanced[s.worlds.of_body[body]] == 1
 
 
 @wp.func
-def end_of_run(
-    first: int,
-    end: int,
-    root: int,
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    islands: wp.ref[IslandWork],
-) -> int:
+def end_of_run(first: int, end: int, root: int, s: wp.ref[Solver]) -> int:
     """Place after the run that begins at a place; bodies that do not move belong to any."""
     place = int(first)
     while place < end:
-        body = worlds.bodies[place]
-        if work.inv_mass[body] > 0.0 and islands.parent[body] != root:
+        body = s.worlds.bodies[place]
+        if s.work.inv_mass[body] > 0.0 and s.islands.parent[body] != root:
             return place
         place += 1
     return place
 
 
 @wp.func
-def next_moving(first: int, end: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork]) -> int:
+def next_moving(first: int, end: int, s: wp.ref[Solver]) -> int:
     """First place from this one on whose body moves."""
     place = int(first)
-    while place < end and work.inv_mass[worlds.bodies[place]] == 0.0:
+    while place < end and s.work.inv_mass[s.worlds.bodies[place]] == 0.0:
         place += 1
     return place
 
@@ -116,374 +100,207 @@ def make_colored_energy(
     slow_rotors = energy.slow_rotors
 
     @kernel()
-    def measure_moves(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def measure_moves(s: wp.array[Solver]):
         """The farthest move of a lane, negative where a gimbal leads; one thread a lane."""
         lane = wp.tid()
         farthest = float(0.0)
         is_led = bool(False)
-        for i in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
-            body = worlds.bodies[i]
-            farthest = wp.max(farthest, squared_move(body, work))
+        for i in range(s[0].colors.lane_start[lane], s[0].colors.lane_start[lane + 1]):
+            body = s[0].worlds.bodies[i]
+            farthest = wp.max(farthest, squared_move(body, s[0].work))
             if wp.static(effects.kinds.gimbals):
-                if is_body_led(body, joints, work, tree):
+                if is_body_led(body, s[0]):
                     is_led = True
-        colors.lane_move[lane] = wp.where(is_led, -1.0, farthest)
+        s[0].colors.lane_move[lane] = wp.where(is_led, -1.0, farthest)
 
     @kernel()
-    def find_unbalanced(
-        # Work:
-        worlds: WorldWork,
-        # Work out:
-        colors: ColorWork,
-    ):
+    def find_unbalanced(s: wp.array[Solver]):
         """Whether the energy of a world has to be looked at; one thread a world."""
         world = wp.tid()
         farthest = float(0.0)
         gains = bool(False)
         if wp.static(effects.folding):
-            gains = is_flat(world, worlds)
-        for lane in range(colors.world_lane[world], colors.world_lane[world + 1]):
-            farthest = wp.max(farthest, colors.lane_move[lane])
-            if colors.lane_move[lane] < 0.0:
+            gains = is_flat(world, s[0].worlds)
+        for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
+            farthest = wp.max(farthest, s[0].colors.lane_move[lane])
+            if s[0].colors.lane_move[lane] < 0.0:
                 gains = True
-        update = worlds.update[world]
-        has_not_settled = is_unsettled(update * update, colors.scale[world])
+        update = s[0].worlds.update[world]
+        has_not_settled = is_unsettled(update * update, s[0].colors.scale[world])
         has_not_settled = has_not_settled and update > NEARLY * wp.sqrt(farthest)
-        is_due = colors.is_finite[world] == 1 and (has_not_settled or gains)
-        colors.is_unbalanced[world] = int(is_due)
+        is_due = s[0].colors.is_finite[world] == 1 and (has_not_settled or gains)
+        s[0].colors.is_unbalanced[world] = int(is_due)
 
     @kernel()
-    def begin_balances(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        # Work out:
-        islands: IslandWork,
-    ):
+    def begin_balances(s: wp.array[Solver]):
         """Nothing is summed yet; one thread a body."""
         body = wp.tid()
-        if work.inv_mass[body] > 0.0 and is_unbalanced(body, worlds, colors):
-            begin_balance(body, islands)
+        if s[0].work.inv_mass[body] > 0.0 and is_unbalanced(body, s[0]):
+            begin_balance(body, s[0].islands)
 
     @kernel(not effects.pairs and (effects.joints or effects.tendons))
-    def join_bodies(
-        static_slot: int,
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # Work out:
-        islands: IslandWork,
-    ):
+    def join_bodies(static_slot: int, s: wp.array[Solver]):
         """Makes one island of what joints and tendons link; one thread a body."""
         body = wp.tid()
-        if is_unbalanced(body, worlds, colors):
-            if work.inv_mass[body] > 0.0:
-                join_joints(body, static_slot, joints, worlds, work, tree, loops, islands)
+        if is_unbalanced(body, s[0]):
+            if s[0].work.inv_mass[body] > 0.0:
+                join_joints(body, static_slot, s[0])
             if wp.static(effects.tendons):
-                join_tendons(worlds.rank[body], islands, worlds, work, tree)
+                join_tendons(s[0].worlds.rank[body], s[0])
 
     @kernel(not effects.pairs and effects.cables)
-    def join_clusters(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        # Work out:
-        islands: IslandWork,
-    ):
+    def join_clusters(s: wp.array[Solver]):
         """Makes one island of bodies that cables pull; one thread a cluster of cables."""
-        join_cluster(wp.tid(), worlds, work, tree, islands)
+        join_cluster(wp.tid(), s[0])
 
     @kernel(effects.cables)
-    def add_all_cables(
-        # Work:
-        work: BodyWork,
-        tree: TreeWork,
-        colors: ColorWork,
-        # Work out:
-        islands: IslandWork,
-    ):
+    def add_all_cables(s: wp.array[Solver]):
         """Adds what cables had stored; one thread a world."""
         world = wp.tid()
-        if colors.is_unbalanced[world] == 1:
-            cables = tree.cables
+        if s[0].colors.is_unbalanced[world] == 1:
+            cables = s[0].tree.cables
             for i in range(cables.world_start[world], cables.world_start[world + 1]):
-                add_cables(i, work, tree, islands)
+                add_cables(i, s[0])
 
     @kernel()
-    def add_bodies(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        history: History,
-        # State:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-        # Work out:
-        islands: IslandWork,
-    ):
+    def add_bodies(step: Step, s: wp.array[Solver]):
         """Energy of a body, and the work of what acts on it; one thread a body."""
         body = wp.tid()
-        if work.inv_mass[body] > 0.0 and is_unbalanced(body, worlds, colors):
-            root = root_of(islands, body)
-            islands.parent[body] = root
-            scale = colors.scale[worlds.of_body[body]]
-            islands.balance[body] = add_body(
+        if s[0].work.inv_mass[body] > 0.0 and is_unbalanced(body, s[0]):
+            root = root_of(s[0].islands, body)
+            s[0].islands.parent[body] = root
+            scale = s[0].colors.scale[s[0].worlds.of_body[body]]
+            s[0].islands.balance[body] = add_body(
                 root,
                 body,
                 scale.h,
                 scale.reach,
                 scale.static_slot,
-                islands.start_q,
-                islands.start_qd,
-                model,
-                joints,
-                control,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
-                body_q_out,
-                body_qd_out,
-                islands.balance[body],
+                s[0].islands.balance[body],
+                step,
+                s[0],
             )
             if wp.static(effects.tendons):
-                add_tendons(worlds.rank[body], body, tree, islands)
+                add_tendons(s[0].worlds.rank[body], body, s[0])
 
     @kernel()
-    def add_runs(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        # Work out:
-        islands: IslandWork,
-        colors: ColorWork,
-    ):
+    def add_runs(s: wp.array[Solver]):
         """Sums over each run of a lane, for its first body; one thread a lane.
 
         Where the root of an island comes later in a run, nothing is left there: the world's thread
         adds the run to it.
         """
         lane = wp.tid()
-        end = colors.lane_start[lane + 1]
-        place = next_moving(colors.lane_start[lane], end, worlds, work)
-        if place == end or not is_unbalanced(worlds.bodies[place], worlds, colors):
+        end = s[0].colors.lane_start[lane + 1]
+        place = next_moving(s[0].colors.lane_start[lane], end, s[0])
+        if place == end or not is_unbalanced(s[0].worlds.bodies[place], s[0]):
             return
         while place < end:
-            head = worlds.bodies[place]
-            root = islands.parent[head]
-            last = end_of_run(place, end, root, worlds, work, islands)
-            sum = islands.balance[head]
+            head = s[0].worlds.bodies[place]
+            root = s[0].islands.parent[head]
+            last = end_of_run(place, end, root, s[0])
+            sum = s[0].islands.balance[head]
             for i in range(place + 1, last):
-                body = worlds.bodies[i]
-                if work.inv_mass[body] > 0.0:
-                    sum = combined(sum, islands.balance[body])
-                    islands.balance[body] = Balance()
-            islands.balance[head] = sum
-            colors.count[head] = last
-            place = next_moving(last, end, worlds, work)
+                body = s[0].worlds.bodies[i]
+                if s[0].work.inv_mass[body] > 0.0:
+                    sum = combined(sum, s[0].islands.balance[body])
+                    s[0].islands.balance[body] = Balance()
+            s[0].islands.balance[head] = sum
+            s[0].colors.count[head] = last
+            place = next_moving(last, end, s[0])
 
     @kernel()
-    def add_lanes(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        # Work out:
-        islands: IslandWork,
-    ):
+    def add_lanes(s: wp.array[Solver]):
         """Sums over the runs of each island, for its root; one thread a world."""
         world = wp.tid()
-        if colors.is_unbalanced[world] == 0:
+        if s[0].colors.is_unbalanced[world] == 0:
             return
-        for lane in range(colors.world_lane[world], colors.world_lane[world + 1]):
-            end = colors.lane_start[lane + 1]
-            place = next_moving(colors.lane_start[lane], end, worlds, work)
+        for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
+            end = s[0].colors.lane_start[lane + 1]
+            place = next_moving(s[0].colors.lane_start[lane], end, s[0])
             while place < end:
-                head = worlds.bodies[place]
-                root = islands.parent[head]
+                head = s[0].worlds.bodies[place]
+                root = s[0].islands.parent[head]
                 if head != root:
-                    islands.balance[root] = combined(islands.balance[root], islands.balance[head])
-                place = next_moving(colors.count[head], end, worlds, work)
+                    s[0].islands.balance[root] = combined(
+                        s[0].islands.balance[root], s[0].islands.balance[head]
+                    )
+                place = next_moving(s[0].colors.count[head], end, s[0])
 
     @kernel()
-    def add_momenta(
-        # Model:
-        model: BodyModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        # State:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-        # Work out:
-        islands: IslandWork,
-    ):
+    def add_momenta(step: Step, s: wp.array[Solver]):
         """Momentum of each run about the COM of its island, for its first body; a thread a lane."""
         lane = wp.tid()
-        end = colors.lane_start[lane + 1]
-        place = next_moving(colors.lane_start[lane], end, worlds, work)
-        if place == end or not is_unbalanced(worlds.bodies[place], worlds, colors):
+        end = s[0].colors.lane_start[lane + 1]
+        place = next_moving(s[0].colors.lane_start[lane], end, s[0])
+        if place == end or not is_unbalanced(s[0].worlds.bodies[place], s[0]):
             return
         while place < end:
-            head = worlds.bodies[place]
-            root = islands.parent[head]
-            island = islands.balance[root]
+            head = s[0].worlds.bodies[place]
+            root = s[0].islands.parent[head]
+            island = s[0].islands.balance[root]
             sum = Balance()
-            for i in range(place, colors.count[head]):
-                body = worlds.bodies[i]
-                if work.inv_mass[body] > 0.0:
-                    sum = add_momentum(
-                        body,
-                        root,
-                        island,
-                        islands.start_q,
-                        model,
-                        work,
-                        body_q_out,
-                        body_qd_out,
-                        sum,
-                    )
+            for i in range(place, s[0].colors.count[head]):
+                body = s[0].worlds.bodies[i]
+                if s[0].work.inv_mass[body] > 0.0:
+                    sum = add_momentum(body, root, island, sum, step, s[0])
             # no more than this: others read the COM of the island meanwhile
-            islands.balance[head].momentum = sum.momentum
-            islands.balance[head].angular = sum.angular
-            islands.balance[head].inertia = sum.inertia
-            islands.balance[head].start_inertia = sum.start_inertia
-            place = next_moving(colors.count[head], end, worlds, work)
+            s[0].islands.balance[head].momentum = sum.momentum
+            s[0].islands.balance[head].angular = sum.angular
+            s[0].islands.balance[head].inertia = sum.inertia
+            s[0].islands.balance[head].start_inertia = sum.start_inertia
+            place = next_moving(s[0].colors.count[head], end, s[0])
 
     @kernel()
-    def settle_islands(
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        colors: ColorWork,
-        # Work out:
-        islands: IslandWork,
-        history: History,
-    ):
+    def settle_islands(s: wp.array[Solver]):
         """What is left of the motion of each island of a world; one thread a world."""
         world = wp.tid()
-        if colors.is_unbalanced[world] == 0:
+        if s[0].colors.is_unbalanced[world] == 0:
             return
-        h = colors.scale[world].h
-        for lane in range(colors.world_lane[world], colors.world_lane[world + 1]):
-            end = colors.lane_start[lane + 1]
-            place = next_moving(colors.lane_start[lane], end, worlds, work)
+        h = s[0].colors.scale[world].h
+        for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
+            end = s[0].colors.lane_start[lane + 1]
+            place = next_moving(s[0].colors.lane_start[lane], end, s[0])
             while place < end:
-                head = worlds.bodies[place]
-                root = islands.parent[head]
+                head = s[0].worlds.bodies[place]
+                root = s[0].islands.parent[head]
                 if head != root:
-                    sum = combined_momentum(islands.balance[root], islands.balance[head])
-                    islands.balance[root] = sum
-                place = next_moving(colors.count[head], end, worlds, work)
-        for lane in range(colors.world_lane[world], colors.world_lane[world + 1]):
-            end = colors.lane_start[lane + 1]
-            place = next_moving(colors.lane_start[lane], end, worlds, work)
+                    sum = combined_momentum(s[0].islands.balance[root], s[0].islands.balance[head])
+                    s[0].islands.balance[root] = sum
+                place = next_moving(s[0].colors.count[head], end, s[0])
+        for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
+            end = s[0].colors.lane_start[lane + 1]
+            place = next_moving(s[0].colors.lane_start[lane], end, s[0])
             while place < end:
-                head = worlds.bodies[place]
-                root = islands.parent[head]
-                last = colors.count[head]
-                if place <= worlds.rank[root] and worlds.rank[root] < last:
-                    settle_island(root, h, worlds, islands, history)
-                place = next_moving(last, end, worlds, work)
+                head = s[0].worlds.bodies[place]
+                root = s[0].islands.parent[head]
+                last = s[0].colors.count[head]
+                if place <= s[0].worlds.rank[root] and s[0].worlds.rank[root] < last:
+                    settle_island(root, h, s[0])
+                place = next_moving(last, end, s[0])
 
     @kernel()
-    def slow_bodies(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        # Work out:
-        islands: IslandWork,
-        history: History,
-        # State out:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def slow_bodies(step: Step, s: wp.array[Solver]):
         """Gives a body what is left of the motion of its island; one thread a body."""
         body = wp.tid()
-        if work.inv_mass[body] > 0.0 and is_unbalanced(body, worlds, colors):
-            slow_body(
-                body,
-                colors.scale[worlds.of_body[body]].h,
-                islands.start_q,
-                model,
-                joints,
-                work,
-                tree,
-                loops,
-                islands,
-                history,
-                body_q_out,
-                body_qd_out,
-            )
+        if s[0].work.inv_mass[body] > 0.0 and is_unbalanced(body, s[0]):
+            slow_body(body, s[0].colors.scale[s[0].worlds.of_body[body]].h, step, s[0])
 
     @kernel(effects.axis_rates)
-    def slow_all_rotors(
-        # Model:
-        joints: JointModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        colors: ColorWork,
-        islands: IslandWork,
-        # State:
-        body_qd_out: wp.array[wp.spatial_vector],
-        # Work out:
-        history: History,
-    ):
+    def slow_all_rotors(step: Step, s: wp.array[Solver]):
         """Scales the rotors of a body's joints; one thread a body."""
         body = wp.tid()
-        if work.inv_mass[body] > 0.0 and is_unbalanced(body, worlds, colors):
-            slow_rotors(body, joints, work, tree, loops, islands, history, body_qd_out)
+        if s[0].work.inv_mass[body] > 0.0 and is_unbalanced(body, s[0]):
+            slow_rotors(body, step, s[0])
 
     @kernel(effects.cables)
-    def drop_all_tensions(
-        # Work:
-        work: BodyWork,
-        colors: ColorWork,
-        islands: IslandWork,
-        # Work out:
-        tree: TreeWork,
-    ):
+    def drop_all_tensions(s: wp.array[Solver]):
         """Forgets what pulls islands whose step was taken back; one thread a world."""
         world = wp.tid()
-        if colors.is_unbalanced[world] == 1:
-            cables = tree.cables
+        if s[0].colors.is_unbalanced[world] == 1:
+            cables = s[0].tree.cables
             for i in range(cables.world_start[world], cables.world_start[world + 1]):
-                drop_tensions(i, work, tree, islands)
+                drop_tensions(i, s[0])
 
     return ColoredEnergy(
         measure_moves,

@@ -17,12 +17,8 @@ from typing import NamedTuple
 import warp as wp
 
 from ..data import (
-    BodyWork,
-    ColorWork,
-    History,
     RowWork,
-    ShapeModel,
-    WorldWork,
+    Solver,
 )
 from ..effects import Effects
 from .barrier import any_thread
@@ -56,78 +52,68 @@ class ColoredImpacts(NamedTuple):
 
 
 @wp.func
-def claim(body: int, rows: wp.ref[RowWork], colors: wp.ref[ColorWork]) -> bool:
+def claim(body: int, s: wp.ref[Solver]) -> bool:
     """Claims a body and all that it strikes in the round; returns whether there is one.
 
     Of several claims that of the highest priority holds.
     """
-    priority = colors.priority[body]
+    priority = s.colors.priority[body]
     is_striking = bool(False)
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        if rows.impacts[i].goal >= 0.0:
-            wp.atomic_max(colors.count, rows.rows[i].b, priority)
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        if s.rows.impacts[i].goal >= 0.0:
+            wp.atomic_max(s.colors.count, s.rows.rows[i].b, priority)
             is_striking = True
     if is_striking:
-        wp.atomic_max(colors.count, body, priority)
+        wp.atomic_max(s.colors.count, body, priority)
     return is_striking
 
 
 @wp.func
-def has_claimed(
-    body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork], colors: wp.ref[ColorWork]
-) -> bool:
+def has_claimed(body: int, s: wp.ref[Solver]) -> bool:
     """Whether all claims of a body hold. What does not move can be struck by many at once."""
-    priority = colors.priority[body]
-    result = bool(colors.count[body] == priority)
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        other = rows.rows[i].b
-        if rows.impacts[i].goal >= 0.0 and work.inv_mass[other] > 0.0:
-            result = result and colors.count[other] == priority
+    priority = s.colors.priority[body]
+    result = bool(s.colors.count[body] == priority)
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        other = s.rows.rows[i].b
+        if s.rows.impacts[i].goal >= 0.0 and s.work.inv_mass[other] > 0.0:
+            result = result and s.colors.count[other] == priority
     return result
 
 
 @wp.func
-def give_up(body: int, rows: wp.ref[RowWork], colors: wp.ref[ColorWork]):
+def give_up(body: int, s: wp.ref[Solver]):
     """Gives the claims of a body up that has its wave; nobody else takes them for his."""
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        if rows.impacts[i].goal >= 0.0:
-            colors.count[rows.rows[i].b] = -1
-    colors.count[body] = -1
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        if s.rows.impacts[i].goal >= 0.0:
+            s.colors.count[s.rows.rows[i].b] = -1
+    s.colors.count[body] = -1
 
 
 @wp.func
 def divide(
-    thread: int,
-    threads: int,
-    first: int,
-    end: int,
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-    colors: wp.ref[ColorWork],
-    wave: wp.array[wp.int32],
+    thread: int, threads: int, first: int, end: int, wave: wp.array[wp.int32], s: wp.ref[Solver]
 ) -> int:
     """Divides the bodies of a world that strike in the round into waves; returns how many."""
     for i in range(first + thread, end, threads):
-        body = worlds.bodies[i]
-        colors.count[body] = -1
+        body = s.worlds.bodies[i]
+        s.colors.count[body] = -1
         wave[body] = _WAITING
     waves = int(0)
     left = any_thread(1)
     while left != 0:
         for i in range(first + thread, end, threads):
-            body = worlds.bodies[i]
+            body = s.worlds.bodies[i]
             if wave[body] == _WAITING:
-                if not claim(body, rows, colors):
+                if not claim(body, s):
                     wave[body] = _STILL
         any_thread(0)
         left = int(0)
         for i in range(first + thread, end, threads):
-            body = worlds.bodies[i]
+            body = s.worlds.bodies[i]
             if wave[body] == _WAITING:
-                if has_claimed(body, work, rows, colors):
+                if has_claimed(body, s):
                     wave[body] = waves
-                    give_up(body, rows, colors)
+                    give_up(body, s)
                 else:
                     left = int(1)
         left = any_thread(left)
@@ -153,100 +139,65 @@ def make_colored_impacts(
         begin_rounds(wp.tid(), body_qd, rows)
 
     @kernel(effects.restitution)
-    def find_impacts(
-        # Model:
-        shapes: ShapeModel,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        history: History,
-        # Work out:
-        rows: RowWork,
-        colors: ColorWork,
-    ):
+    def find_impacts(s: wp.array[Solver]):
         """Rows that a body owns and that close in this step; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        if colors.is_finite[world] == 1:
-            side = 1 - history.parity[world]
-            if begin_impacts(body, side, colors.scale[world], shapes, work, rows, history):
-                colors.has_impacts[world] = 1
+        world = s[0].worlds.of_body[body]
+        if s[0].colors.is_finite[world] == 1:
+            side = 1 - s[0].history.parity[world]
+            if begin_impacts(body, side, s[0].colors.scale[world], s[0]):
+                s[0].colors.has_impacts[world] = 1
 
     @kernel(effects.restitution)
-    def strike_worlds(
-        # In:
-        threads: int,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        # Work out:
-        rows: RowWork,
-        colors: ColorWork,
-        wave: wp.array[wp.int32],
-    ):
+    def strike_worlds(threads: int, wave: wp.array[wp.int32], s: wp.array[Solver]):
         """Lets the impacts go through a world, in rounds; ``threads`` a world, which is a block."""
         world = wp.tid() / threads
         thread = wp.tid() % threads
-        if colors.has_impacts[world] == 1:
-            scale = colors.scale[world]
+        if s[0].colors.has_impacts[world] == 1:
+            scale = s[0].colors.scale[world]
             h = scale.h
             noise = noise_of(scale)
             threshold = threshold_of(scale)
-            first = worlds.body_start[world]
-            end = worlds.body_start[world + 1]
+            first = s[0].worlds.body_start[world]
+            end = s[0].worlds.body_start[world + 1]
             is_active = int(1)
             rounds = int(0)
             while is_active != 0 and rounds < ROUNDS:
-                waves = divide(thread, threads, first, end, worlds, work, rows, colors, wave)
+                waves = divide(thread, threads, first, end, wave, s[0])
                 is_moving = int(1)
                 sweeps = int(0)
                 while is_moving != 0 and sweeps < SETTLE:
                     change = float(0.0)
                     for turn in range(waves):
                         for i in range(first + thread, end, threads):
-                            body = worlds.bodies[i]
+                            body = s[0].worlds.bodies[i]
                             if wave[body] == turn:
-                                change = wp.max(change, strike(body, work, rows, h))
+                                change = wp.max(change, strike(body, h, s[0]))
                         any_thread(0)
                     is_moving = any_thread(wp.where(change > noise, 1, 0))
                     sweeps += 1
                 is_active = int(0)
                 for i in range(first + thread, end, threads):
-                    if continue_impacts(worlds.bodies[i], threshold, h, work, rows):
+                    if continue_impacts(s[0].worlds.bodies[i], threshold, h, s[0]):
                         is_active = int(1)
                 is_active = any_thread(is_active)
                 rounds += 1
 
     @kernel(effects.restitution)
-    def end_rounds(
-        # Work:
-        worlds: WorldWork,
-        colors: ColorWork,
-        # Work out:
-        work: BodyWork,
-        rows: RowWork,
-    ):
+    def end_rounds(s: wp.array[Solver]):
         """Where bodies start from, and how their rows are to part; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        if colors.has_impacts[world] == 1:
-            end_body_rounds(body, colors.scale[world], work, rows)
+        world = s[0].worlds.of_body[body]
+        if s[0].colors.has_impacts[world] == 1:
+            end_body_rounds(body, s[0].colors.scale[world], s[0])
 
     @kernel(effects.restitution)
-    def leave_all_impacts(
-        # Work:
-        worlds: WorldWork,
-        colors: ColorWork,
-        # Work out:
-        work: BodyWork,
-        rows: RowWork,
-        history: History,
-    ):
+    def leave_all_impacts(s: wp.array[Solver]):
         """Puts bodies to where their rebounds are; one thread a body."""
         body = wp.tid()
-        world = worlds.of_body[body]
-        if colors.has_impacts[world] == 1:
-            leave_impacts(body, colors.scale[world], work, rows, history)
+        world = s[0].worlds.of_body[body]
+        if s[0].colors.has_impacts[world] == 1:
+            leave_impacts(body, s[0].colors.scale[world], s[0])
 
     return ColoredImpacts(
         begin_all_rounds, find_impacts, strike_worlds, end_rounds, leave_all_impacts

@@ -15,13 +15,9 @@ contacts, the joints and the colors before alone.
 import warp as wp
 
 from ..data import (
-    BodyWork,
     ColorWork,
-    ContactInput,
-    JointModel,
-    LoopWork,
-    RowWork,
-    ShapeModel,
+    Solver,
+    Step,
     WorldWork,
 )
 from .contacts import body_slot, is_across, report_dropped
@@ -44,70 +40,49 @@ def clear_counts(
 
 
 @wp.kernel(enable_backward=False)
-def count_contacts(
-    # Model:
-    shapes: ShapeModel,
-    # Contacts in:
-    contacts: ContactInput,
-    # Work:
-    worlds: WorldWork,
-    work: BodyWork,
-    # Work out:
-    rows: RowWork,
-    colors: ColorWork,
-):
+def count_contacts(step: Step, s: wp.array[Solver]):
     """How many contacts each body has; one thread a place in the contact buffer."""
     contact = wp.tid()
-    static_slot = work.inv_mass.shape[0] - 1
-    count = contacts.count[0]
+    static_slot = s[0].work.inv_mass.shape[0] - 1
+    count = step.contacts.count[0]
     if contact == 0:
-        worlds.overflow[0] = wp.max(worlds.overflow[0], count - contacts.capacity)
-    rows.owner[contact] = -1
+        s[0].worlds.overflow[0] = wp.max(s[0].worlds.overflow[0], count - step.contacts.capacity)
+    s[0].rows.owner[contact] = -1
     if contact >= count:
         return
-    shape0 = contacts.shape0[contact]
-    shape1 = contacts.shape1[contact]
-    if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
-        report_dropped(worlds, contact)
+    shape0 = step.contacts.shape0[contact]
+    shape1 = step.contacts.shape1[contact]
+    if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= s[0].shapes.body.shape[0]:
+        report_dropped(s[0].worlds, contact)
         return
-    slot0 = body_slot(shapes, shape0, static_slot)
-    slot1 = body_slot(shapes, shape1, static_slot)
-    if is_across(worlds, work, slot0, slot1):
-        report_dropped(worlds, contact)
+    slot0 = body_slot(s[0].shapes, shape0, static_slot)
+    slot1 = body_slot(s[0].shapes, shape1, static_slot)
+    if is_across(slot0, slot1, s[0]):
+        report_dropped(s[0].worlds, contact)
         return
     if slot0 == slot1:
         return
     for side in range(2):
         slot = wp.where(side == 0, slot0, slot1)
-        if work.inv_mass[slot] > 0.0:
-            rows.owner[contact] = slot
-            wp.atomic_add(colors.count, slot, 1)
+        if s[0].work.inv_mass[slot] > 0.0:
+            s[0].rows.owner[contact] = slot
+            wp.atomic_add(s[0].colors.count, slot, 1)
 
 
 @wp.kernel(enable_backward=False)
-def list_contacts(
-    # Model:
-    shapes: ShapeModel,
-    # Contacts in:
-    contacts: ContactInput,
-    # Work:
-    work: BodyWork,
-    rows: RowWork,
-    # Work out:
-    colors: ColorWork,
-):
+def list_contacts(step: Step, s: wp.array[Solver]):
     """Lists the contacts of each body, in no order; one thread a place in the contact buffer."""
     contact = wp.tid()
-    if rows.owner[contact] < 0:
+    if s[0].rows.owner[contact] < 0:
         return
-    static_slot = work.inv_mass.shape[0] - 1
-    slot0 = body_slot(shapes, contacts.shape0[contact], static_slot)
-    slot1 = body_slot(shapes, contacts.shape1[contact], static_slot)
+    static_slot = s[0].work.inv_mass.shape[0] - 1
+    slot0 = body_slot(s[0].shapes, step.contacts.shape0[contact], static_slot)
+    slot1 = body_slot(s[0].shapes, step.contacts.shape1[contact], static_slot)
     for side in range(2):
         slot = wp.where(side == 0, slot0, slot1)
-        if work.inv_mass[slot] > 0.0:
-            left = wp.atomic_add(colors.count, slot, -1)
-            colors.incident[colors.incident_start[slot + 1] - left] = contact
+        if s[0].work.inv_mass[slot] > 0.0:
+            left = wp.atomic_add(s[0].colors.count, slot, -1)
+            s[0].colors.incident[s[0].colors.incident_start[slot + 1] - left] = contact
 
 
 @wp.kernel(enable_backward=False)
@@ -138,33 +113,26 @@ def sort_part(values: wp.array[wp.int32], start: int, end: int):
 
 
 @wp.kernel(enable_backward=False)
-def sort_lists(
-    # Model:
-    shapes: ShapeModel,
-    # Contacts in:
-    contacts: ContactInput,
-    # Work:
-    work: BodyWork,
-    # Work out:
-    colors: ColorWork,
-):
+def sort_lists(step: Step, s: wp.array[Solver]):
     """Puts each body's contacts in order and names the other body of each; one thread a body."""
     body = wp.tid()
-    static_slot = work.inv_mass.shape[0] - 1
-    sort_part(colors.incident, colors.incident_start[body], colors.incident_start[body + 1])
-    for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
-        contact = colors.incident[i]
-        slot0 = body_slot(shapes, contacts.shape0[contact], static_slot)
-        slot1 = body_slot(shapes, contacts.shape1[contact], static_slot)
+    static_slot = s[0].work.inv_mass.shape[0] - 1
+    sort_part(
+        s[0].colors.incident, s[0].colors.incident_start[body], s[0].colors.incident_start[body + 1]
+    )
+    for i in range(s[0].colors.incident_start[body], s[0].colors.incident_start[body + 1]):
+        contact = s[0].colors.incident[i]
+        slot0 = body_slot(s[0].shapes, step.contacts.shape0[contact], static_slot)
+        slot1 = body_slot(s[0].shapes, step.contacts.shape1[contact], static_slot)
         partner = slot0 + slot1 - body
-        colors.partner[i] = wp.where(work.inv_mass[partner] > 0.0, partner, -1)
+        s[0].colors.partner[i] = wp.where(s[0].work.inv_mass[partner] > 0.0, partner, -1)
 
 
 @wp.func
-def other_end(body: int, item: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork]) -> int:
+def other_end(body: int, item: int, s: wp.ref[Solver]) -> int:
     """The other body of a joint outside of trees, -1 for the world; ``item`` says which joint."""
-    joint = loops.joints[item / 2]
-    return wp.where(item % 2 == 0, joints.parent[joint], joints.child[joint])
+    joint = s.loops.joints[item / 2]
+    return wp.where(item % 2 == 0, s.joints.parent[joint], s.joints.child[joint])
 
 
 @wp.func
@@ -187,47 +155,39 @@ def look_at(
 
 
 @wp.kernel(enable_backward=False)
-def color_blocks(
-    # Model:
-    joints: JointModel,
-    # In:
-    side: int,
-    is_last: int,
-    # Work:
-    worlds: WorldWork,
-    work: BodyWork,
-    loops: LoopWork,
-    # Work out:
-    colors: ColorWork,
-):
+def color_blocks(side: int, is_last: int, s: wp.array[Solver]):
     """A pass of coloring, from ``side`` to the other one; one thread a body, for a first one."""
     block = wp.tid()
-    if colors.block[block] != block:
+    if s[0].colors.block[block] != block:
         return
-    mine = colors.color[side, block]
+    mine = s[0].colors.color[side, block]
     used = wp.uint32(0)
     is_clashing = bool(mine == COLORS)
-    first = worlds.rank[block]
-    for rank in range(first, worlds.block_end[first]):
-        body = worlds.bodies[rank]
+    first = s[0].worlds.rank[block]
+    for rank in range(first, s[0].worlds.block_end[first]):
+        body = s[0].worlds.bodies[rank]
         partner = int(-1)
-        for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
-            if colors.partner[i] != partner:
-                partner = colors.partner[i]
+        for i in range(s[0].colors.incident_start[body], s[0].colors.incident_start[body + 1]):
+            if s[0].colors.partner[i] != partner:
+                partner = s[0].colors.partner[i]
                 if partner >= 0:
-                    used, is_clashing = look_at(block, partner, side, used, is_clashing, colors)
-        if loops.joints.shape[0] > 0:
-            for i in range(loops.body_start[body], loops.body_start[body + 1]):
-                partner = other_end(body, loops.items[i], joints, loops)
-                if partner >= 0 and work.inv_mass[wp.max(partner, 0)] > 0.0:
-                    used, is_clashing = look_at(block, partner, side, used, is_clashing, colors)
+                    used, is_clashing = look_at(
+                        block, partner, side, used, is_clashing, s[0].colors
+                    )
+        if s[0].loops.joints.shape[0] > 0:
+            for i in range(s[0].loops.body_start[body], s[0].loops.body_start[body + 1]):
+                partner = other_end(body, s[0].loops.items[i], s[0])
+                if partner >= 0 and s[0].work.inv_mass[wp.max(partner, 0)] > 0.0:
+                    used, is_clashing = look_at(
+                        block, partner, side, used, is_clashing, s[0].colors
+                    )
     if is_clashing:
         mine = COLORS
         if is_last == 0:
             mine = int(0)
             while mine < COLORS and (used & (wp.uint32(1) << wp.uint32(mine))) != wp.uint32(0):
                 mine += 1
-    colors.color[1 - side, block] = mine
+    s[0].colors.color[1 - side, block] = mine
 
 
 @wp.func
@@ -240,66 +200,49 @@ def is_listed(body: int, colors: wp.ref[ColorWork]) -> bool:
 
 
 @wp.kernel(enable_backward=False)
-def count_colors(
-    # Work:
-    worlds: WorldWork,
-    # Work out:
-    colors: ColorWork,
-):
+def count_colors(s: wp.array[Solver]):
     """How many blocks of each color begin in a lane; one thread a lane."""
     lane = wp.tid()
-    lanes = colors.lane_start.shape[0] - 1
+    lanes = s[0].colors.lane_start.shape[0] - 1
     for color in range(COLORS + 1):
-        colors.table[color * lanes + lane] = 0
-    for i in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
-        body = worlds.bodies[i]
-        if is_listed(body, colors):
-            place = colors.color[0, body] * lanes + lane
-            colors.table[place] = colors.table[place] + 1
+        s[0].colors.table[color * lanes + lane] = 0
+    for i in range(s[0].colors.lane_start[lane], s[0].colors.lane_start[lane + 1]):
+        body = s[0].worlds.bodies[i]
+        if is_listed(body, s[0].colors):
+            place = s[0].colors.color[0, body] * lanes + lane
+            s[0].colors.table[place] = s[0].colors.table[place] + 1
 
 
 @wp.kernel(enable_backward=False)
-def list_colors(
-    # Work:
-    worlds: WorldWork,
-    # Work out:
-    turns: wp.array[wp.int32],
-    colors: ColorWork,
-):
+def list_colors(turns: wp.array[wp.int32], s: wp.array[Solver]):
     """Lists blocks color by color, and says in which order bodies take turns; a thread a lane."""
     lane = wp.tid()
-    lanes = colors.lane_start.shape[0] - 1
+    lanes = s[0].colors.lane_start.shape[0] - 1
     for color in range(COLORS + 1):
-        colors.table[color * lanes + lane] = 0
-    for i in range(colors.lane_start[lane], colors.lane_start[lane + 1]):
-        body = worlds.bodies[i]
-        if is_listed(body, colors):
-            color = colors.color[0, body]
+        s[0].colors.table[color * lanes + lane] = 0
+    for i in range(s[0].colors.lane_start[lane], s[0].colors.lane_start[lane + 1]):
+        body = s[0].worlds.bodies[i]
+        if is_listed(body, s[0].colors):
+            color = s[0].colors.color[0, body]
             place = color * lanes + lane
-            colors.order[colors.start[place] + colors.table[place]] = body
-            colors.table[place] = colors.table[place] + 1
-            for k in range(i, worlds.block_end[i]):
-                turns[worlds.bodies[k]] = color * worlds.bodies.shape[0] + k
+            s[0].colors.order[s[0].colors.start[place] + s[0].colors.table[place]] = body
+            s[0].colors.table[place] = s[0].colors.table[place] + 1
+            for k in range(i, s[0].worlds.block_end[i]):
+                turns[s[0].worlds.bodies[k]] = color * s[0].worlds.bodies.shape[0] + k
 
 
 @wp.kernel(enable_backward=False)
-def count_owned(
-    # Work:
-    worlds: WorldWork,
-    # Work out:
-    rows: RowWork,
-    colors: ColorWork,
-):
+def count_owned(s: wp.array[Solver]):
     """How many contacts each body owns: those in which it moves first; one thread a body."""
     body = wp.tid()
     count = int(0)
-    for i in range(colors.incident_start[body], colors.incident_start[body + 1]):
-        if is_owner(body, colors.partner[i], worlds):
+    for i in range(s[0].colors.incident_start[body], s[0].colors.incident_start[body + 1]):
+        if is_owner(body, s[0].colors.partner[i], s[0].worlds):
             count += 1
-    colors.count[body] = count
+    s[0].colors.count[body] = count
     # rows that others own: never more than the body has contacts
-    rows.other_start[body] = colors.incident_start[body]
-    rows.other_end[body] = colors.incident_start[body]
+    s[0].rows.other_start[body] = s[0].colors.incident_start[body]
+    s[0].rows.other_end[body] = s[0].colors.incident_start[body]
 
 
 @wp.func

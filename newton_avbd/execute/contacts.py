@@ -8,7 +8,6 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat
 from ..data import (
-    BodyModel,
     BodyWork,
     ContactInput,
     ContactRecord,
@@ -16,8 +15,9 @@ from ..data import (
     History,
     RowWork,
     ShapeModel,
+    Solver,
     SpinRow,
-    TreeWork,
+    Step,
     WorldScale,
     WorldWork,
 )
@@ -53,24 +53,24 @@ def point_on(shapes: wp.ref[ShapeModel], shape: int, point: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def owner_of(worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], slot0: int, slot1: int) -> int:
+def owner_of(slot0: int, slot1: int, s: wp.ref[Solver]) -> int:
     """Slot of the body of a contact that is visited first; -1 when the solver moves neither."""
-    moves0 = work.inv_mass[slot0] > 0.0
-    moves1 = work.inv_mass[slot1] > 0.0
+    moves0 = s.work.inv_mass[slot0] > 0.0
+    moves1 = s.work.inv_mass[slot1] > 0.0
     if slot0 == slot1:
         return -1
     if moves0 and moves1:
-        return wp.where(worlds.rank[slot0] < worlds.rank[slot1], slot0, slot1)
+        return wp.where(s.worlds.rank[slot0] < s.worlds.rank[slot1], slot0, slot1)
     if moves0:
         return slot0
     return wp.where(moves1, slot1, -1)
 
 
 @wp.func
-def is_across(worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], slot0: int, slot1: int) -> bool:
+def is_across(slot0: int, slot1: int, s: wp.ref[Solver]) -> bool:
     """Whether a contact is between bodies of two worlds, which cannot meet."""
-    both_move = work.inv_mass[slot0] > 0.0 and work.inv_mass[slot1] > 0.0
-    return both_move and worlds.of_body[slot0] != worlds.of_body[slot1]
+    both_move = s.work.inv_mass[slot0] > 0.0 and s.work.inv_mass[slot1] > 0.0
+    return both_move and s.worlds.of_body[slot0] != s.worlds.of_body[slot1]
 
 
 @wp.func
@@ -96,26 +96,20 @@ def is_sound(row: ContactRow) -> bool:
 
 
 @wp.func(inline=True)  # a call would copy all that it takes, for each contact
-def find_owner(
-    contact: int,
-    shapes: wp.ref[ShapeModel],
-    contacts: wp.ref[ContactInput],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-):
+def find_owner(contact: int, step: wp.ref[Step], s: wp.ref[Solver]):
     """Slot of the body that owns a contact, -1 without, and of the other one."""
-    static_slot = work.inv_mass.shape[0] - 1
-    shape0 = contacts.shape0[contact]
-    shape1 = contacts.shape1[contact]
-    if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
-        report_dropped(worlds, contact)
+    static_slot = s.work.inv_mass.shape[0] - 1
+    shape0 = step.contacts.shape0[contact]
+    shape1 = step.contacts.shape1[contact]
+    if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= s.shapes.body.shape[0]:
+        report_dropped(s.worlds, contact)
         return -1, static_slot
-    slot0 = body_slot(shapes, shape0, static_slot)
-    slot1 = body_slot(shapes, shape1, static_slot)
-    if is_across(worlds, work, slot0, slot1):
-        report_dropped(worlds, contact)
+    slot0 = body_slot(s.shapes, shape0, static_slot)
+    slot1 = body_slot(s.shapes, shape1, static_slot)
+    if is_across(slot0, slot1, s):
+        report_dropped(s.worlds, contact)
         return -1, static_slot
-    a = owner_of(worlds, work, slot0, slot1)
+    a = owner_of(slot0, slot1, s)
     return a, slot0 + slot1 - a
 
 
@@ -124,64 +118,60 @@ def make_sort_by_owner(sleeping: bool = False) -> wp.Function:
     """Device function: makes room for the rows of each body."""
 
     @wp.func
-    def sort_by_owner(
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-    ):
+    def sort_by_owner(step: wp.ref[Step], s: wp.ref[Solver]):
         """Counting sort of the contacts by owner, in the order of the buffer.
 
         Makes room for the rows: afterwards ``owned_start`` and ``owned_end`` enclose a
         body's contacts in ``rows.contacts``, and ``other_start`` = ``other_end`` is where the rows
         that others own will be listed.
         """
-        static_slot = work.inv_mass.shape[0] - 1
-        count = wp.min(contacts.count[0], contacts.capacity)
-        worlds.overflow[0] = wp.max(worlds.overflow[0], contacts.count[0] - contacts.capacity)
+        static_slot = s.work.inv_mass.shape[0] - 1
+        count = wp.min(step.contacts.count[0], step.contacts.capacity)
+        s.worlds.overflow[0] = wp.max(
+            s.worlds.overflow[0], step.contacts.count[0] - step.contacts.capacity
+        )
         listed = static_slot
         if wp.static(sleeping):
-            count = rows.awake_count[0]
-            listed = worlds.body_start[worlds.island_start[worlds.island_start.shape[0] - 1]]
+            count = s.rows.awake_count[0]
+            listed = s.worlds.body_start[s.worlds.island_start[s.worlds.island_start.shape[0] - 1]]
         for i in range(listed):
-            body = body_at(i, worlds)
-            rows.owned_end[body] = 0
-            rows.other_end[body] = 0
+            body = body_at(i, s.worlds)
+            s.rows.owned_end[body] = 0
+            s.rows.other_end[body] = 0
         for k in range(count):
             contact = int(k)
             if wp.static(sleeping):
-                contact = rows.awake[k]
-            a, b = find_owner(contact, shapes, contacts, worlds, work)
+                contact = s.rows.awake[k]
+            a, b = find_owner(contact, step, s)
             if wp.static(sleeping):
                 # they may have fallen asleep just now
-                if a >= 0 and wp.max(worlds.island[a], worlds.island[b]) >= 0:
+                if a >= 0 and wp.max(s.worlds.island[a], s.worlds.island[b]) >= 0:
                     a = int(-1)
-            rows.owner[contact] = a
+            s.rows.owner[contact] = a
             if a >= 0:
-                rows.owned_end[a] = rows.owned_end[a] + 1
-                if work.inv_mass[b] > 0.0:
-                    rows.other_end[b] = rows.other_end[b] + 1
+                s.rows.owned_end[a] = s.rows.owned_end[a] + 1
+                if s.work.inv_mass[b] > 0.0:
+                    s.rows.other_end[b] = s.rows.other_end[b] + 1
         owned = int(0)
         other = int(0)
         for i in range(listed):
-            body = body_at(i, worlds)
-            owned_count = rows.owned_end[body]
-            other_count = rows.other_end[body]
-            rows.owned_start[body] = owned
-            rows.owned_end[body] = owned
-            rows.other_start[body] = other
-            rows.other_end[body] = other
+            body = body_at(i, s.worlds)
+            owned_count = s.rows.owned_end[body]
+            other_count = s.rows.other_end[body]
+            s.rows.owned_start[body] = owned
+            s.rows.owned_end[body] = owned
+            s.rows.other_start[body] = other
+            s.rows.other_end[body] = other
             owned += owned_count
             other += other_count
         for k in range(count):
             contact = int(k)
             if wp.static(sleeping):
-                contact = rows.awake[k]
-            a = rows.owner[contact]
+                contact = s.rows.awake[k]
+            a = s.rows.owner[contact]
             if a >= 0:
-                rows.contacts[rows.owned_end[a]] = contact
-                rows.owned_end[a] = rows.owned_end[a] + 1
+                s.rows.contacts[s.rows.owned_end[a]] = contact
+                s.rows.owned_end[a] = s.rows.owned_end[a] + 1
 
     return sort_by_owner
 
@@ -193,34 +183,18 @@ def make_sort_contacts(sleeping: bool = False) -> wp.Kernel:
     sort_by_owner = make_sort_by_owner(sleeping)
 
     @wp.kernel(**KERNEL)
-    def sort_contacts(
-        # Model:
-        shapes: wp.array[ShapeModel],
-        # Contacts in:
-        contacts: ContactInput,
-        # Work:
-        worlds: wp.array[WorldWork],
-        work: wp.array[BodyWork],
-        # Work out:
-        rows: wp.array[RowWork],
-    ):
-        sort_by_owner(shapes[0], contacts, worlds[0], work[0], rows[0])
+    def sort_contacts(step: Step, s: wp.array[Solver]):
+        sort_by_owner(step, s[0])
 
     return sort_contacts
 
 
 @wp.func
-def body_arm(
-    body_q: wp.array[wp.transform],
-    model: wp.ref[BodyModel],
-    slot: int,
-    static_slot: int,
-    point: wp.vec3,
-) -> wp.vec3:
+def body_arm(slot: int, static_slot: int, point: wp.vec3, s: wp.ref[Solver]) -> wp.vec3:
     """From the COM of a body to a point given in its frame, in world axes [m]."""
     if slot == static_slot:
         return point
-    return wp.quat_rotate(wp.transform_get_rotation(body_q[slot]), point - model.com[slot])
+    return wp.quat_rotate(wp.transform_get_rotation(s.work.pose[slot]), point - s.model.com[slot])
 
 
 @wp.func
@@ -236,14 +210,7 @@ def anchor_distance(a: ContactRecord, b: ContactRecord) -> float:
 
 
 @wp.func
-def find_row(
-    record: ContactRecord,
-    start: int,
-    end: int,
-    side: int,
-    rows: wp.ref[RowWork],
-    history: wp.ref[History],
-) -> int:
+def find_row(record: ContactRecord, start: int, end: int, side: int, s: wp.ref[Solver]) -> int:
     """Row of a remembered contact, -1 when there is none.
 
     That is the nearest anchor of the same two shapes, if it is near for the row's lever arm.
@@ -252,12 +219,12 @@ def find_row(
     best = float(wp.inf)
     for i in range(start, end):
         if (
-            history.records[side, i].shape0 == record.shape0
-            and history.records[side, i].shape1 == record.shape1
+            s.history.records[side, i].shape0 == record.shape0
+            and s.history.records[side, i].shape1 == record.shape1
         ):
-            distance = anchor_distance(history.records[side, i], record)
+            distance = anchor_distance(s.history.records[side, i], record)
             if distance < best:
-                if distance < FAR * FAR * wp.length_sq(rows.rows[i].arm):
+                if distance < FAR * FAR * wp.length_sq(s.rows.rows[i].arm):
                     found = i
                     best = distance
     return found
@@ -322,31 +289,28 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         contact: int,
         record: ContactRecord,
         static_slot: int,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        work: wp.ref[BodyWork],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> ContactRow:
         """The row of a contact that ``body`` owns, at the poses in state_in."""
-        slot0 = body_slot(shapes, record.shape0, static_slot)
-        slot1 = body_slot(shapes, record.shape1, static_slot)
-        normal = contacts.normal[contact]
-        margin0 = contacts.margin0[contact]
-        margin1 = contacts.margin1[contact]
+        slot0 = body_slot(s.shapes, record.shape0, static_slot)
+        slot1 = body_slot(s.shapes, record.shape1, static_slot)
+        normal = step.contacts.normal[contact]
+        margin0 = step.contacts.margin0[contact]
+        margin1 = step.contacts.margin1[contact]
         # Round shapes: the point is their centre, the radius is in the margin. Taking the surface
         # along the normal, not along the turned offset, lets a sphere roll.
-        arm0 = body_arm(body_q, model, slot0, static_slot, record.point0)
-        arm1 = body_arm(body_q, model, slot1, static_slot, record.point1)
-        apart = (work.com[slot1] - work.com[slot0]) + (arm1 - arm0)
+        arm0 = body_arm(slot0, static_slot, record.point0, s)
+        arm1 = body_arm(slot1, static_slot, record.point1, s)
+        apart = (s.work.com[slot1] - s.work.com[slot0]) + (arm1 - arm0)
         # both bodies feel the force at one point, half way between the two surfaces
         half = 0.5 * (apart + (margin0 - margin1) * normal)
         if wp.static(effects.adaptive):
             # They have moved on since they were found: what moves, or is round, took the point with
             # it, and the other one is flat there.
             aside = 0.5 * (apart - wp.dot(apart, normal) * normal)
-            on0 = work.inv_mass[slot1] == 0.0
-            on1 = work.inv_mass[slot0] == 0.0
+            on0 = s.work.inv_mass[slot1] == 0.0
+            on1 = s.work.inv_mass[slot0] == 0.0
             if not on0 and not on1:
                 on0 = margin0 > margin1
                 on1 = margin1 > margin0
@@ -357,16 +321,16 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         row = ContactRow()
         row.gap = wp.dot(normal, apart) - (margin0 + margin1)
         if wp.static(effects.contact_pairs):
-            row.gap -= condim_rows.margin_beyond(shapes, record.shape0, record.shape1)
+            row.gap -= condim_rows.margin_beyond(s.shapes, record.shape0, record.shape1)
         if wp.static(not effects.compliance and not effects.ramp):
             # closing what rounding has opened would be felt as a velocity
-            size = wp.length(work.com[slot0]) + wp.length(work.com[slot1])
+            size = wp.length(s.work.com[slot0]) + wp.length(s.work.com[slot1])
             size += wp.length(arm0) + wp.length(arm1)
             if row.gap > 0.0 and row.gap < CLOSED * size:
                 row.gap = 0.0
         if row.gap < 0.0:
-            size0 = size_of(work, slot0, arm0 + margin0 * normal)
-            size1 = size_of(work, slot1, arm1 - margin1 * normal)
+            size0 = size_of(s.work, slot0, arm0 + margin0 * normal)
+            size1 = size_of(s.work, slot1, arm1 - margin1 * normal)
             # Of a body that lies deeper than it is large nobody knows how it got there. Half way up
             # friction would have a lever of the depth, and recovery would turn what it lifts.
             beyond = -row.gap - wp.min(size0, size1)
@@ -389,76 +353,64 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
 
     @wp.func
     def linearise_rows(
-        world: int,
-        body: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        history: wp.ref[History],
+        world: int, body: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ):
         """Turns the contacts that a body owns into rows, without those that cannot close."""
-        side = history.parity[world]
-        written = written_side(world, history)
-        index = int(rows.owned_start[body])
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            contact = rows.contacts[i]
+        side = s.history.parity[world]
+        written = written_side(world, s.history)
+        index = int(s.rows.owned_start[body])
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            contact = s.rows.contacts[i]
             record = ContactRecord()
-            record.shape0 = contacts.shape0[contact]
-            record.shape1 = contacts.shape1[contact]
-            record.point0 = contacts.point0[contact]
-            record.point1 = contacts.point1[contact]
+            record.shape0 = step.contacts.shape0[contact]
+            record.shape1 = step.contacts.shape1[contact]
+            record.point0 = step.contacts.point0[contact]
+            record.point1 = step.contacts.point1[contact]
             if wp.static(effects.welds):
-                record.point0 = point_on(shapes, record.shape0, record.point0)
-                record.point1 = point_on(shapes, record.shape1, record.point1)
-            row = linearise(
-                body, contact, record, scale.static_slot, body_q, model, shapes, contacts, work
-            )
+                record.point0 = point_on(s.shapes, record.shape0, record.point0)
+                record.point1 = point_on(s.shapes, record.shape1, record.point1)
+            row = linearise(body, contact, record, scale.static_slot, step, s)
             if wp.static(effects.adaptive):
                 # forces are those of the end of the step, and so are their levers
-                if work.inv_mass[row.b] == 0.0:
+                if s.work.inv_mass[row.b] == 0.0:
                     point = record.point0
                     if row.contact < 0:
                         point = record.point1
-                    lever = body_arm(body_q, model, body, scale.static_slot, point)
-                    turn = scale.h * wp.spatial_bottom(worlds.inner.velocity[body])
+                    lever = body_arm(body, scale.static_slot, point, s)
+                    turn = scale.h * wp.spatial_bottom(s.worlds.inner.velocity[body])
                     row.arm += wp.quat_rotate(exp_quat(turn), lever) - lever
             if wp.static(effects.matching):
-                history.row_of_contact[written, contact] = -1
+                s.history.row_of_contact[written, contact] = -1
             if not is_sound(row):
-                report_dropped(worlds, contact)
+                report_dropped(s.worlds, contact)
                 continue
             # Out of reach of what the two bodies and all others do in this step?
             gap = row.gap
             if gap > scale.reach:
-                span = work.com[body] - work.com[row.b]
-                u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
+                span = s.work.com[body] - s.work.com[row.b]
+                u = contact_rows.slip(row, s.work.target[body], s.work.target[row.b], span)
                 gap += wp.min(wp.dot(row.normal, u), 0.0)
             if gap <= scale.reach:
                 if wp.static(effects.angular_friction):
                     spin = SpinRow()
                 if wp.static(effects.matching):
-                    if is_matched(history, world, contacts):
-                        known = matched_record(history, side, world, body, contacts, contact)
+                    if is_matched(s.history, world, step.contacts):
+                        known = matched_record(s.history, side, world, body, step.contacts, contact)
                         if known >= 0:
-                            row.force = history.records[side, known].force
-                            record.penalty = history.records[side, known].penalty
+                            row.force = s.history.records[side, known].force
+                            record.penalty = s.history.records[side, known].penalty
                             if wp.static(effects.angular_friction):
-                                spin.torque = history.torque[side, known]
+                                spin.torque = s.history.torque[side, known]
                 if wp.static(effects.angular_friction):
-                    rows.spin[index] = spin
-                rows.rows[index] = row
-                history.records[written, index] = record
+                    s.rows.spin[index] = spin
+                s.rows.rows[index] = row
+                s.history.records[written, index] = record
                 if wp.static(effects.pairs):
-                    if work.inv_mass[row.b] > 0.0:
-                        other = wp.atomic_add(rows.other_end, row.b, 1)
-                        rows.other_rows[other] = index
+                    if s.work.inv_mass[row.b] > 0.0:
+                        other = wp.atomic_add(s.rows.other_end, row.b, 1)
+                        s.rows.other_rows[other] = index
                 index += 1
-        rows.owned_end[body] = index
+        s.rows.owned_end[body] = index
 
     return linearise_rows
 
@@ -472,175 +424,153 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     written_side = make_written_side(effects)
 
     @wp.func
-    def recall_multipliers(world: int, body: int, rows: wp.ref[RowWork], history: wp.ref[History]):
+    def recall_multipliers(world: int, body: int, s: wp.ref[Solver]):
         """Hands what is remembered of the last step to the rows of the same contacts.
 
         Each record serves once and looks for its row, not the other way round: so no load is used
         twice, contacts that merge add up, and the order of the contacts does not matter.
         """
-        side = history.parity[world]
-        written = written_side(world, history)
-        start = rows.owned_start[body]
-        for i in range(history.start[side, body], history.end[side, body]):
-            record = history.records[side, i]
+        side = s.history.parity[world]
+        written = written_side(world, s.history)
+        start = s.rows.owned_start[body]
+        for i in range(s.history.start[side, body], s.history.end[side, body]):
+            record = s.history.records[side, i]
             row = int(-1)
             if wp.static(effects.ramp) or wp.length_sq(record.force) > 0.0:
-                row = find_row(record, start, rows.owned_end[body], written, rows, history)
+                row = find_row(record, start, s.rows.owned_end[body], written, s)
             if row >= 0:
                 if wp.static(effects.ramp):
-                    history.records[written, row].penalty = wp.max(
-                        history.records[written, row].penalty, record.penalty
+                    s.history.records[written, row].penalty = wp.max(
+                        s.history.records[written, row].penalty, record.penalty
                     )
                 else:
-                    rows.rows[row].force = rows.rows[row].force + record.force
+                    s.rows.rows[row].force = s.rows.rows[row].force + record.force
                     if wp.static(effects.angular_friction):
-                        torque = rows.spin[row].torque + history.torque[side, i]
-                        rows.spin[row].torque = torque
+                        torque = s.rows.spin[row].torque + s.history.torque[side, i]
+                        s.rows.spin[row].torque = torque
 
     @wp.func
     def penalise_rows(
-        world: int,
-        body: int,
-        scale: WorldScale,
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
+        world: int, body: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> float:
         """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
-        side = written_side(world, history)
+        side = written_side(world, s.history)
         deepest = float(0.0)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            row = rows.rows[i]
-            record = history.records[side, i]
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            row = s.rows.rows[i]
+            record = s.history.records[side, i]
             contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
             if wp.dot(row.normal, row.force) <= 0.0:
                 row.force = wp.vec3(0.0)
             if wp.static(effects.condim):
-                friction = mixed_by_condim(shapes, record.shape0, record.shape1)
+                friction = mixed_by_condim(s.shapes, record.shape0, record.shape1)
             if wp.static(effects.friction):
                 if wp.static(effects.condim):
                     row.mu = friction[0]
                 else:
-                    row.mu = mixed_friction(shapes.mu[record.shape0], shapes.mu[record.shape1])
+                    row.mu = mixed_friction(s.shapes.mu[record.shape0], s.shapes.mu[record.shape1])
                 if wp.static(effects.contact_materials):
-                    row.mu *= override(contacts.friction[contact], 1.0)
-            span = work.com[body] - work.com[row.b]
-            u = contact_rows.slip(row, work.target[body], work.target[row.b], span)
+                    row.mu *= override(step.contacts.friction[contact], 1.0)
+            span = s.work.com[body] - s.work.com[row.b]
+            u = contact_rows.slip(row, s.work.target[body], s.work.target[row.b], span)
             if wp.static(effects.moving_surfaces):
-                drift = scale.h * contacts.surface_velocity[contact]
+                drift = scale.h * step.contacts.surface_velocity[contact]
                 drift -= row.normal * wp.dot(row.normal, drift)
-                rows.drift[i] = wp.where(row.contact >= 0, drift, -drift)
-                u += rows.drift[i]
+                s.rows.drift[i] = wp.where(row.contact >= 0, drift, -drift)
+                u += s.rows.drift[i]
             elif wp.static(effects.drift):
-                rows.drift[i] = wp.vec3(0.0)
+                s.rows.drift[i] = wp.vec3(0.0)
             if wp.static(effects.put_bodies):
-                carried = contact_rows.carried_along(work.put[row.b], row.arm + span)
+                carried = contact_rows.carried_along(s.work.put[row.b], row.arm + span)
                 carried -= row.normal * wp.dot(row.normal, carried)
-                rows.drift[i] = rows.drift[i] + carried
+                s.rows.drift[i] = s.rows.drift[i] + carried
                 u += carried
             stiffness = float(0.0)
             damping = float(0.0)
             if wp.static(effects.ramp or effects.compliance):
-                stiffness = 0.5 * (shapes.ke[record.shape0] + shapes.ke[record.shape1])
-                damping = 0.5 * (shapes.kd[record.shape0] + shapes.kd[record.shape1])
+                stiffness = 0.5 * (s.shapes.ke[record.shape0] + s.shapes.ke[record.shape1])
+                damping = 0.5 * (s.shapes.kd[record.shape0] + s.shapes.kd[record.shape1])
                 if wp.static(effects.contact_materials):
-                    stiffness = override(contacts.stiffness[contact], stiffness)
-                    damping = override(contacts.damping[contact], damping)
+                    stiffness = override(step.contacts.stiffness[contact], stiffness)
+                    damping = override(step.contacts.damping[contact], damping)
             if wp.static(effects.ramp):
                 row.k_n = ramp_rows.warm_penalty(record.penalty, stiffness)
-                rows.stiffness[i] = stiffness
-                rows.damping[i] = damping
+                s.rows.stiffness[i] = stiffness
+                s.rows.damping[i] = damping
             else:
                 mass = contact_rows.effective_mass(
                     row.normal,
                     row.arm,
                     row.arm + span,
-                    work.inv_mass[body] + work.inv_mass[row.b],
-                    work.inv_inertia[body],
-                    work.inv_inertia[row.b],
+                    s.work.inv_mass[body] + s.work.inv_mass[row.b],
+                    s.work.inv_inertia[body],
+                    s.work.inv_inertia[row.b],
                 )
                 load = contact_rows.carried_mass(row, scale)
                 moved = wp.vec3(0.0)
                 if wp.static(effects.friction):
                     moved = contact_rows.slip(
-                        row, work.increment[body], work.increment[row.b], span
+                        row, s.work.increment[body], s.work.increment[row.b], span
                     )
                     if wp.static(effects.drift):
-                        moved += rows.drift[i]
+                        moved += s.rows.drift[i]
                 held = float(0.0)
                 if wp.static(effects.piles):
-                    held = mass_to_hold(row, work, rows)
+                    held = mass_to_hold(row, s)
                 if wp.static(effects.light_links):
                     # A contact that stays open between links that move at once holds nothing.
-                    if contact_rows.may_push(row, u) or not is_same_block(worlds, body, row.b):
-                        held = wp.max(held, mass_to_stop(row, work, tree))
+                    if contact_rows.may_push(row, u) or not is_same_block(s.worlds, body, row.b):
+                        held = wp.max(held, mass_to_stop(row, s))
                 if wp.static(effects.joints):
                     # a tree takes what it carries into account itself: no sweep tells of that
-                    if work.inv_mass[row.b] == 0.0 and tree.joint[body] >= 0:
+                    if s.work.inv_mass[row.b] == 0.0 and s.tree.joint[body] >= 0:
                         held = wp.max(held, load)
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(
                         row, wp.max(mass, held), load, u, moved, stiffness, damping, scale
                     )
-                    rows.share[i] = share
+                    s.rows.share[i] = share
                 else:
                     row = contact_rows.penalise(row, mass, load, held, u, moved, scale)
                 if wp.static(effects.angular_friction):
-                    spin = rows.spin[i]
+                    spin = s.rows.spin[i]
                     if wp.static(effects.condim):
                         spin.mu_twist = friction[1]
                         spin.mu_roll = friction[2]
                     else:
                         spin.mu_twist = mixed_friction(
-                            shapes.mu_torsional[record.shape0], shapes.mu_torsional[record.shape1]
+                            s.shapes.mu_torsional[record.shape0],
+                            s.shapes.mu_torsional[record.shape1],
                         )
                         spin.mu_roll = mixed_friction(
-                            shapes.mu_rolling[record.shape0], shapes.mu_rolling[record.shape1]
+                            s.shapes.mu_rolling[record.shape0], s.shapes.mu_rolling[record.shape1]
                         )
-                    turn = wp.spatial_bottom(work.target[row.b] - work.target[body])
+                    turn = wp.spatial_bottom(s.work.target[row.b] - s.work.target[body])
                     if wp.static(effects.put_bodies):
-                        turn += wp.spatial_bottom(work.put[row.b])
-                    rows.spin[i] = spin_rows.penalise(
+                        turn += wp.spatial_bottom(s.work.put[row.b])
+                    s.rows.spin[i] = spin_rows.penalise(
                         spin,
                         row.normal,
-                        work.inv_inertia[body] + work.inv_inertia[row.b],
+                        s.work.inv_inertia[body] + s.work.inv_inertia[row.b],
                         turn,
                         contact_rows.expected_force(row, mass, u, scale.h),
                         scale.h,
                     )
-            rows.rows[i] = row
+            s.rows.rows[i] = row
             if wp.static(effects.matching):
-                history.row_of_contact[side, contact] = i
+                s.history.row_of_contact[side, contact] = i
             deepest = wp.max(deepest, -row.gap)
         return deepest
 
     @wp.func
-    def find_rows(
-        world: int,
-        body: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        history: wp.ref[History],
-    ):
+    def find_rows(world: int, body: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]):
         """Builds the rows that a body owns, with what is remembered of their forces."""
-        linearise_rows(
-            world, body, scale, body_q, model, shapes, contacts, worlds, work, rows, history
-        )
+        linearise_rows(world, body, scale, step, s)
         if wp.static(effects.matching):
-            if not is_matched(history, world, contacts):
-                recall_multipliers(world, body, rows, history)
+            if not is_matched(s.history, world, step.contacts):
+                recall_multipliers(world, body, s)
         else:
-            recall_multipliers(world, body, rows, history)
+            recall_multipliers(world, body, s)
 
     return find_rows, penalise_rows
 

@@ -12,7 +12,7 @@ import functools
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..data import BodyModel, BodyWork, Drag
+from ..data import Drag, Solver
 from ..effects import Effects
 from .body_actuators import servo_drag
 from .fluid import fluid_drag
@@ -30,19 +30,14 @@ def resistance(drag: Drag, motion: wp.spatial_vector) -> wp.spatial_vector:
 
 @wp.func
 def response(
-    body: int,
-    wrench: wp.spatial_vector,
-    step: float,
-    model: wp.ref[BodyModel],
-    drag: Drag,
-    work: wp.ref[BodyWork],
+    body: int, wrench: wp.spatial_vector, step: float, drag: Drag, s: wp.ref[Solver]
 ) -> wp.spatial_vector:
     """Increment that a wrench gives a body against its inertia and the drag [m, rad]."""
     inv_h2 = 1.0 / (step * step)
     factor = factor_block(
-        wp.diag(wp.vec3(model.mass[body] * inv_h2)) + drag.ll / step,
+        wp.diag(wp.vec3(s.model.mass[body] * inv_h2)) + drag.ll / step,
         drag.al / step,
-        work.inertia[body] * inv_h2 + drag.aa / step,
+        s.work.inertia[body] * inv_h2 + drag.aa / step,
     )
     return solve_block(factor, wp.spatial_top(wrench), wp.spatial_bottom(wrench))
 
@@ -58,28 +53,27 @@ def make_feel_drag(effects: Effects) -> wp.Function:
         velocity: wp.spatial_vector,
         lead: wp.spatial_vector,
         step: float,
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
+        s: wp.ref[Solver],
     ):
         """Moves the target of a body to where drag lets it go, and keeps the drag for its block.
 
         ``lead`` is the increment from which the velocity of the step counts.
         """
-        free = (work.target[body] - lead) / step
+        free = (s.work.target[body] - lead) / step
         drag = Drag()
         if wp.static(effects.fluid):
-            drag = fluid_drag(body, rotation, velocity, free, step, model)
+            drag = fluid_drag(body, rotation, velocity, free, step, s.model)
         if wp.static(effects.servos):
-            drag = servo_drag(drag, body, rotation, free, lead, step, model)
+            drag = servo_drag(drag, body, rotation, free, lead, step, s.model)
         wrench = drag.push - resistance(drag, free)
-        slowed = response(body, wrench, step, model, drag, work)
-        work.target[body] = work.target[body] + slowed
-        work.momentum[body] = work.momentum[body] + step * (
+        slowed = response(body, wrench, step, drag, s)
+        s.work.target[body] = s.work.target[body] + slowed
+        s.work.momentum[body] = s.work.momentum[body] + step * (
             wp.spatial_bottom(wrench) - wp.spatial_bottom(resistance(drag, slowed / step))
         )
-        work.drag[body] = drag
+        s.work.drag[body] = drag
         size = wp.dot(slowed, slowed)
         if not (size - size == 0.0):
-            work.finite[body] = 0
+            s.work.finite[body] = 0
 
     return feel_drag

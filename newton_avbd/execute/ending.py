@@ -9,16 +9,10 @@ import warp as wp
 from ..algebra.so3 import exp_quat, turned_inertia
 from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
 from ..data import (
-    BodyModel,
-    BodyWork,
     History,
-    IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
-    TreeWork,
+    Solver,
+    Step,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
@@ -54,51 +48,47 @@ def make_remember(
         side: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ):
         """The last dual update of the rows that a body owns, kept for the next step."""
         h = scale.step
-        history.start[side, body] = rows.owned_start[body]
-        history.end[side, body] = rows.owned_end[body]
+        s.history.start[side, body] = s.rows.owned_start[body]
+        s.history.end[side, body] = s.rows.owned_end[body]
         joined = int(-1)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            row = rows.rows[i]
-            span = work.com[body] - work.com[row.b]
-            u = contact_rows.slip(row, work.increment[body], work.increment[row.b], span)
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            row = s.rows.rows[i]
+            span = s.work.com[body] - s.work.com[row.b]
+            u = contact_rows.slip(row, s.work.increment[body], s.work.increment[row.b], span)
             if wp.static(effects.drift):
-                u += rows.drift[i]
+                u += s.rows.drift[i]
             if wp.static(effects.ramp):
-                push, _k = ramp_rows.force_and_stiffness(row, u, rows.damping[i], h)
-                history.records[side, i].penalty = row.k_n
-                rows.rows[i].force = push
+                push, _k = ramp_rows.force_and_stiffness(row, u, s.rows.damping[i], h)
+                s.history.records[side, i].penalty = row.k_n
+                s.rows.rows[i].force = push
             else:
                 push = contact_force(row, u, gap_of(row.gap, 0.0, 0.0))
-                rows.rows[i].force = push
+                s.rows.rows[i].force = push
                 f_n = wp.dot(row.normal, push)
                 if wp.static(effects.angular_friction):
-                    turn = wp.spatial_bottom(work.increment[row.b] - work.increment[body])
+                    turn = wp.spatial_bottom(s.work.increment[row.b] - s.work.increment[body])
                     if wp.static(effects.second_order):
-                        turn -= wp.spatial_bottom(work.lead[row.b] - work.lead[body])
+                        turn -= wp.spatial_bottom(s.work.lead[row.b] - s.work.lead[body])
                     if wp.static(effects.put_bodies):
-                        turn += wp.spatial_bottom(work.put[row.b])
-                    torque = spin_rows.torque(rows.spin[i], row.normal, turn, f_n)
-                    rows.spin[i].torque = torque
+                        turn += wp.spatial_bottom(s.work.put[row.b])
+                    torque = spin_rows.torque(s.rows.spin[i], row.normal, turn, f_n)
+                    s.rows.spin[i].torque = torque
                 if wp.static(effects.pairs):
                     # a row that has let go by now may have pushed one of them in the last sweep
                     is_joining = wp.length_sq(push) > 0.0
-                    is_joining = is_joining or (row.k_n > 0.0 and work.inv_mass[row.b] > 0.0)
+                    is_joining = is_joining or (row.k_n > 0.0 and s.work.inv_mass[row.b] > 0.0)
                     if row.b != joined and is_joining:
                         joined = row.b
-                        join(islands, worlds, work, body, joined)
+                        join(body, joined, s)
                 if wp.static(not effects.compliance):
                     coasting = contact_rows.slip(
                         row,
-                        coasting_increment(work, body_qd, row.a, h),
-                        coasting_increment(work, body_qd, row.b, h),
+                        coasting_increment(s.work, body_qd, row.a, h),
+                        coasting_increment(s.work, body_qd, row.b, h),
                         span,
                     )
                     change = wp.dot(row.normal, u - coasting)
@@ -107,23 +97,23 @@ def make_remember(
                             row.normal,
                             row.arm,
                             row.arm + span,
-                            work.inv_mass[row.a] + work.inv_mass[row.b],
-                            work.inv_inertia[row.a],
-                            work.inv_inertia[row.b],
+                            s.work.inv_mass[row.a] + s.work.inv_mass[row.b],
+                            s.work.inv_inertia[row.a],
+                            s.work.inv_inertia[row.b],
                         )
                         push = contact_rows.lasting_force(row.normal, push, mass, change, h)
                     if wp.static(effects.piles):
-                        most = f_n * lasting_share(row, work, rows)
+                        most = f_n * lasting_share(row, s)
                         kept = wp.dot(row.normal, push)
                         if kept > most:
                             push *= most / kept
                 if wp.static(effects.restitution):
-                    if rows.impacts[i].total > 0.0:
+                    if s.rows.impacts[i].total > 0.0:
                         push = wp.vec3(0.0)
                 if wp.static(effects.angular_friction):
                     lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
-                    history.torque[side, i] = lasting * rows.spin[i].torque
-                history.records[side, i].force = push
+                    s.history.torque[side, i] = lasting * s.rows.spin[i].torque
+                s.history.records[side, i].force = push
 
     return remember_rows
 
@@ -144,37 +134,35 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
     coasting_increment = make_coasting(effects)
 
     @wp.func
-    def has_no_joints(
-        rank: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork], loops: wp.ref[LoopWork]
-    ) -> bool:
+    def has_no_joints(rank: int, s: wp.ref[Solver]) -> bool:
         """Whether no joint holds the body of this rank."""
         result = bool(True)
         if wp.static(effects.joints):
-            result = not is_in_tree(rank, worlds, tree)
+            result = not is_in_tree(rank, s)
         if wp.static(effects.loops):
-            result = result and not has_loops(loops, body_at(rank, worlds))
+            result = result and not has_loops(s.loops, body_at(rank, s.worlds))
         return result
 
     @wp.func
-    def is_touched_by(body: int, rows: wp.ref[RowWork], islands: wp.ref[IslandWork]) -> bool:
+    def is_touched_by(body: int, s: wp.ref[Solver]) -> bool:
         """Whether contacts have pushed a body."""
         if wp.static(not effects.contact):
             return False
         if wp.static(effects.ramp):
-            return has_rows(rows, body)
+            return has_rows(s.rows, body)
         if wp.static(effects.pairs):
-            return has_rows(rows, body) and not is_alone(islands, body)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            if wp.length_sq(rows.rows[i].force) > 0.0:
+            return has_rows(s.rows, body) and not is_alone(s.islands, body)
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            if wp.length_sq(s.rows.rows[i].force) > 0.0:
                 return True
         return False
 
     @wp.func
-    def pushes_others(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> bool:
+    def pushes_others(body: int, s: wp.ref[Solver]) -> bool:
         """Whether a body and others that move push each other."""
-        for k in range(row_count(body, rows)):
-            row = rows.rows[row_of(body, k, rows)]
-            if work.inv_mass[row.b] > 0.0 and wp.length_sq(row.force) > 0.0:
+        for k in range(row_count(body, s.rows)):
+            row = s.rows.rows[row_of(body, k, s.rows)]
+            if s.work.inv_mass[row.b] > 0.0 and wp.length_sq(row.force) > 0.0:
                 return True
         return False
 
@@ -189,65 +177,57 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
     def end_velocity(
         rank: int,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
         has_islands: bool,
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> wp.spatial_vector:
         """Velocity of the body of this rank, which moves, from its increment itself.
 
         Where islands have been given their momentum back, joints go along.
         """
-        body = body_at(rank, worlds)
+        body = body_at(rank, s.worlds)
         step = scale.step
-        increment = work.increment[body]
-        coasting = coasting_increment(work, body_qd, body, step)
-        free = wp.spatial_top(work.target[body] - coasting)
+        increment = s.work.increment[body]
+        coasting = coasting_increment(s.work, body_qd, body, step)
+        free = wp.spatial_top(s.work.target[body] - coasting)
         got = wp.spatial_top(increment - coasting)
         if wp.static(effects.joints):
-            history.acceleration[body] = (increment - coasting) / (step * step)
-        history.falling[body] = wp.clamp(
+            s.history.acceleration[body] = (increment - coasting) / (step * step)
+        s.history.falling[body] = wp.clamp(
             wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
         )
         if wp.static(effects.pairs):
-            if history.falling[body] < HELD and has_no_joints(rank, worlds, tree, loops):
-                if pushes_others(body, work, rows):
+            if s.history.falling[body] < HELD and has_no_joints(rank, s):
+                if pushes_others(body, s):
                     # of a pile that is what sweeps had not finished, and would go on next time
-                    history.falling[body] = 0.0
+                    s.history.falling[body] = 0.0
         velocity = increment / step
         if wp.static(effects.second_order):
-            velocity = (increment - work.lead[body]) / step
+            velocity = (increment - s.work.lead[body]) / step
         if wp.static(effects.carried_rounding):
             if is_short(scale.h):
                 rounded = wp.spatial_vector()
                 if wp.static(effects.joints):
-                    rounded = work.rounded[body]
-                velocity = carry_velocity(body, velocity, rounded, scale, body_qd, work, history)
+                    rounded = s.work.rounded[body]
+                velocity = carry_velocity(body, velocity, rounded, scale, body_qd, s)
         if wp.static(effects.gyroscopic):
             turn = wp.spatial_bottom(increment)
             spin = wp.spatial_bottom(velocity)
-            if has_no_joints(rank, worlds, tree, loops):
-                if is_touched_by(body, rows, islands):
-                    spin += carried_roll(turn, work.inv_inertia[body]) / step
-                elif not flies(body, scale.h, history):
-                    end = turned(body_q[body], increment)
-                    spin = turned_inertia(end, model.inv_inertia[body], work.momentum[body])
+            if has_no_joints(rank, s):
+                if is_touched_by(body, s):
+                    spin += carried_roll(turn, s.work.inv_inertia[body]) / step
+                elif not flies(body, scale.h, s.history):
+                    end = turned(s.work.pose[body], increment)
+                    spin = turned_inertia(end, s.model.inv_inertia[body], s.work.momentum[body])
             if wp.static(effects.tilting):
-                if wp.length_sq(work.spin_momentum[body]) > 0.0:
-                    free = wp.spatial_bottom(work.target[body])
+                if wp.length_sq(s.work.spin_momentum[body]) > 0.0:
+                    free = wp.spatial_bottom(s.work.target[body])
                     spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
             velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
         if wp.static(effects.joints and effects.pairs and not effects.ramp):
-            if has_islands and is_free_island(islands, body, -1):
-                if not has_no_joints(rank, worlds, tree, loops):
-                    turn_with_island(body, work, tree, islands)
+            if has_islands and is_free_island(s.islands, body, -1):
+                if not has_no_joints(rank, s):
+                    turn_with_island(body, s)
         return velocity
 
     @wp.func
@@ -258,82 +238,71 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         start_coordinate: wp.array[wp.float64],
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        body_qd_out: wp.array[wp.spatial_vector],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """How fast the coordinates of a joint have changed, the ``first`` and those after it."""
         k = int(first)
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            history.axis_velocity[dof] = UNKNOWN
-            if joints.enabled[joint]:
+        for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+            s.history.axis_velocity[dof] = UNKNOWN
+            if s.joints.enabled[joint]:
                 rate = wp.float32(coordinate[k] - start_coordinate[k]) / scale.step
-                history.axis_velocity[dof] = rate
+                s.history.axis_velocity[dof] = rate
                 if wp.static(effects.second_order):
-                    led = wp.float64(tree.start_velocity[dof])
-                    end_axis(dof, led, wp.float64(rate), scale, history.rate)
+                    led = wp.float64(s.tree.start_velocity[dof])
+                    end_axis(dof, led, wp.float64(rate), scale, s.history.rate)
             k += 1
         for end in range(2):
-            body = wp.where(end == 0, joints.child[joint], joints.parent[joint])
+            body = wp.where(end == 0, s.joints.child[joint], s.joints.parent[joint])
             if body >= 0:
                 velocity = body_qd[body]
-                if work.inv_mass[body] > 0.0:
-                    velocity = body_qd_out[body]
-                history.joined_qd[joint, end] = velocity
+                if s.work.inv_mass[body] > 0.0:
+                    velocity = step.body_qd_out[body]
+                s.history.joined_qd[joint, end] = velocity
 
     @wp.func
-    def end_pose(
-        rank: int,
-        h: float,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-    ) -> wp.transform:
+    def end_pose(rank: int, h: float, s: wp.ref[Solver]) -> wp.transform:
         """Pose of the body of this rank, which moves; where it was if that is not finite."""
-        body = body_at(rank, worlds)
-        pose = body_q[body]
-        increment = work.increment[body]
+        body = body_at(rank, s.worlds)
+        pose = s.work.pose[body]
+        increment = s.work.increment[body]
         rotation = wp.quat_identity()
         is_turned = bool(False)
         if wp.static(effects.joints):
-            is_turned = is_in_tree(rank, worlds, tree)
+            is_turned = is_in_tree(rank, s)
             if wp.static(effects.loops):
-                is_turned = is_turned or has_loops(loops, body)
-            rotation = renormalised(tree.rotation[body])
+                is_turned = is_turned or has_loops(s.loops, body)
+            rotation = renormalised(s.tree.rotation[body])
             if wp.static(effects.carried_rounding):
                 if is_turned and is_short(h):
                     began = wp.transform_get_rotation(pose)
-                    rotation = carry_turn(body, began, rotation, tree, history)
+                    rotation = carry_turn(body, began, rotation, s)
             if wp.static(effects.kinds.angles):
-                if is_linked(joints, tree, body):
-                    count_turns(body, joints, work, tree, history)
+                if is_linked(body, s):
+                    count_turns(body, s)
             if wp.static(effects.dahl):
-                joint = tree.joint[body]
+                joint = s.tree.joint[body]
                 if joint >= 0:
-                    if joints.type[joint] == ROD:
-                        first = tree.axis_start[body] + 3
+                    if s.joints.type[joint] == ROD:
+                        first = s.tree.axis_start[body] + 3
                         keep_dahl(
-                            joint, first, tree.coordinate, tree.start_coordinate, joints, history
+                            joint,
+                            first,
+                            s.tree.coordinate,
+                            s.tree.start_coordinate,
+                            s.joints,
+                            s.history,
                         )
         if not is_turned:
             rotation = turned(pose, increment)
             if wp.static(effects.gyroscopic):
-                if is_touched_by(body, rows, islands):
-                    rotation = rolled(pose, increment, work.inv_inertia[body])
-        shift = origin_shift(pose, model.com[body], increment, rotation)
-        is_flown = flies(body, h, history)
+                if is_touched_by(body, s):
+                    rotation = rolled(pose, increment, s.work.inv_inertia[body])
+        shift = origin_shift(pose, s.model.com[body], increment, rotation)
+        is_flown = flies(body, h, s.history)
         if wp.static(effects.joints):
             if not is_flown:
-                shift += history.lost[body]
+                shift += s.history.lost[body]
         before = wp.transform_get_translation(pose)
         after = before + shift
         moved = wp.transform(after, rotation)
@@ -341,16 +310,16 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             if is_flown:
                 swing = exp_quat(wp.spatial_bottom(increment))
                 further = less_one(swing) * wp.transform_get_rotation(pose)
-                moved = carry_flight(body, pose, moved, shift, further, history.flights)
+                moved = carry_flight(body, pose, moved, shift, further, s.history.flights)
         if wp.isfinite(pose_sum(moved)):
             pose = moved
             if wp.static(effects.joints):
-                history.left_q[body] = moved
-                history.lost[body] = shift - (after - before)
+                s.history.left_q[body] = moved
+                s.history.lost[body] = shift - (after - before)
                 if is_flown:
-                    history.lost[body] = wp.vec3(0.0)
+                    s.history.lost[body] = wp.vec3(0.0)
         else:
-            report_held(worlds, worlds.of_body[body])
+            report_held(s.worlds, s.worlds.of_body[body])
         return pose
 
     return EndFunctions(end_velocity, end_armature, end_pose)

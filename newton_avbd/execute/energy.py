@@ -23,13 +23,9 @@ from ..data import (
     Balance,
     BodyModel,
     BodyWork,
-    ControlInput,
-    History,
     IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
-    TreeWork,
+    Solver,
+    Step,
     WorldScale,
     WorldWork,
 )
@@ -76,18 +72,12 @@ def squared_overlap(gap: float) -> float:
 
 
 @wp.func
-def keep_start(
-    world: int,
-    body_q: wp.array[wp.transform],
-    body_qd: wp.array[wp.spatial_vector],
-    worlds: wp.ref[WorldWork],
-    islands: wp.ref[IslandWork],
-):
+def keep_start(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]):
     """Keeps poses and velocities at the start of a step that may write to the same arrays."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        islands.start_q[body] = body_q[body]
-        islands.start_qd[body] = body_qd[body]
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        body = s.worlds.bodies[i]
+        s.islands.start_q[body] = s.work.pose[body]
+        s.islands.start_qd[body] = body_qd[body]
 
 
 @wp.func
@@ -209,12 +199,10 @@ def moved_pose(
 
 
 @wp.func
-def counts_here(
-    body: int, item: int, joint: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork]
-) -> bool:
+def counts_here(body: int, item: int, joint: int, s: wp.ref[Solver]) -> bool:
     """Whether a joint outside of trees counts with this body: with its child, if that moves."""
     is_child = item % 2 == 0
-    return joints.enabled[joint] and (is_child or work.inv_mass[joints.child[joint]] == 0.0)
+    return s.joints.enabled[joint] and (is_child or s.work.inv_mass[s.joints.child[joint]] == 0.0)
 
 
 @wp.func
@@ -255,28 +243,22 @@ def combined_momentum(one: Balance, other: Balance) -> Balance:
 
 @wp.func
 def add_momentum(
-    body: int,
-    root: int,
-    island: Balance,
-    body_q: wp.array[wp.transform],
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-    body_q_out: wp.array[wp.transform],
-    body_qd_out: wp.array[wp.spatial_vector],
-    sum: Balance,
+    body: int, root: int, island: Balance, sum: Balance, step: wp.ref[Step], s: wp.ref[Solver]
 ) -> Balance:
     """Adds a body's momentum and inertia about the COM of its island."""
     out = sum
-    mass = model.mass[body]
-    r = place_from(root, body, work) - island.com / island.mass
-    inertia = world_inertia(wp.transform_get_rotation(body_q_out[body]), model.inertia[body])
-    momentum = mass * wp.spatial_top(body_qd_out[body])
+    mass = s.model.mass[body]
+    r = place_from(root, body, s.work) - island.com / island.mass
+    inertia = world_inertia(wp.transform_get_rotation(step.body_q_out[body]), s.model.inertia[body])
+    momentum = mass * wp.spatial_top(step.body_qd_out[body])
     out.momentum += momentum
     out.angular += wp.cross(r, momentum)
-    out.angular += inertia * wp.spatial_bottom(body_qd_out[body])
+    out.angular += inertia * wp.spatial_bottom(step.body_qd_out[body])
     out.inertia += inertia + point_inertia(mass, r)
-    r = work.com[body] - work.com[root] - island.start_com / island.mass
-    inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
+    r = s.work.com[body] - s.work.com[root] - island.start_com / island.mass
+    inertia = world_inertia(
+        wp.transform_get_rotation(s.islands.start_q[body]), s.model.inertia[body]
+    )
     out.start_inertia += inertia + point_inertia(mass, r)
     return out
 
@@ -318,18 +300,18 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
     join_tendons = make_join_tendons(join) if effects.tendons else absent
 
     @wp.func
-    def add_tendons(first: int, root: int, tree: wp.ref[TreeWork], islands: wp.ref[IslandWork]):
+    def add_tendons(first: int, root: int, s: wp.ref[Solver]):
         """Adds the work of the tendons of the block that starts at a place in visiting order."""
-        closures = tree.closures
+        closures = s.tree.closures
         number = closures.block_of[first]
         if number >= 0:
-            sum = islands.balance[root]
+            sum = s.islands.balance[root]
             block = closures.blocks[number]
             for c in range(block.first, block.end):
                 closure = closures.closures[c]
                 if closure.tendon >= 0 and closure.other < 0:
-                    sum.before += tendon_work(closure.tendon, tree)
-            islands.balance[root] = sum
+                    sum.before += tendon_work(closure.tendon, s.tree)
+            s.islands.balance[root] = sum
 
     @wp.func
     def begin_balance(body: int, islands: wp.ref[IslandWork]):
@@ -348,61 +330,60 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         turn_away: wp.vec3,
         rest_away: wp.vec3,
         h: float,
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> float:
         """Work of what acts along an axis that has moved to q, ``joint_f`` aside [J]."""
-        index = joints.dof_start[joint] + dof
+        index = s.joints.dof_start[joint] + dof
         total = float(0.0)
         if wp.static(effects.rods):
-            if joints.type[joint] == ROD:
-                total -= joints.target_ke[index] * moved * (wp.float32(q) - 0.5 * moved)
+            if s.joints.type[joint] == ROD:
+                total -= s.joints.target_ke[index] * moved * (wp.float32(q) - 0.5 * moved)
                 if wp.static(effects.dahl):
                     if dof >= 3:
                         # what friction has stored is at most what it pushed with before
-                        total += wp.max(-history.dahl_sigma[joint][dof - 3] * moved, 0.0)
+                        total += wp.max(-s.history.dahl_sigma[joint][dof - 3] * moved, 0.0)
                 return total
         if wp.static(effects.drives):
             # the mean force of the spring over the way, and of a damper what a motor gives
-            away = axis_rows.away_from(control.target_q, joints, joint, dof, q, turn_away)
+            away = axis_rows.away_from(step.control.target_q, s.joints, joint, dof, q, turn_away)
             away += 0.5 * moved
-            damping, _k = axis_rows.drive(joints, control, index, 0.0, moved, h)
-            whole, _k = axis_rows.drive(joints, control, index, away, moved, h)
+            damping, _k = axis_rows.drive(s.joints, step.control, index, 0.0, moved, h)
+            whole, _k = axis_rows.drive(s.joints, step.control, index, away, moved, h)
             given = (whole - damping) * moved + wp.max(damping * moved, 0.0)
-            most = axis_rows.most_effort(joints, index)
+            most = axis_rows.most_effort(s.joints, index)
             if wp.isfinite(most):
                 given = wp.clamp(given, -most * wp.abs(moved), most * wp.abs(moved))
             total += given
         if wp.static(effects.pushed_axes):
-            push = control.pushes[index]
+            push = step.control.pushes[index]
             middle = wp.float32(q) - 0.5 * moved
             total += (push.force - push.stiffness * middle) * moved
             given = (push.drive - push.drive_stiffness * middle) * moved
             if wp.static(effects.force_ranges):
-                pull, _k = axis_rows.ranged(control, index, wp.float64(middle), 0.0, h)
+                pull, _k = axis_rows.ranged(step.control, index, wp.float64(middle), 0.0, h)
                 given += pull * moved
             most = wp.max(wp.abs(push.least), wp.abs(push.most))
             if wp.isfinite(most):
                 given = wp.clamp(given, -most * wp.abs(moved), most * wp.abs(moved))
             total += given
         if wp.static(effects.springs):
-            away = axis_rows.away_from(joints.rest_q, joints, joint, dof, q, rest_away)
-            total += joints.stiffness[index] * moved * (away + 0.5 * moved)
+            away = axis_rows.away_from(s.joints.rest_q, s.joints, joint, dof, q, rest_away)
+            total += s.joints.stiffness[index] * moved * (away + 0.5 * moved)
         if wp.static(effects.limit_impedance):
-            if joints.limit_mobility[index] > 0.0:
+            if s.joints.limit_mobility[index] > 0.0:
                 # what returns to it beyond the inertia is given by the limit
                 pull, _k = axis_rows.yielding_limit(
-                    joints, index, wp.float32(q), moved, start_velocity, h
+                    s.joints, index, wp.float32(q), moved, start_velocity, h
                 )
                 return total + wp.max(pull * moved, 0.0)
         if wp.static(effects.limits and effects.compliance):
             at = wp.float32(q)
-            lower = at - joints.limit_lower[index]
-            upper = joints.limit_upper[index] - at
+            lower = at - s.joints.limit_lower[index]
+            upper = s.joints.limit_upper[index] - at
             less = squared_overlap(lower - moved) - squared_overlap(lower)
             less += squared_overlap(upper + moved) - squared_overlap(upper)
-            total += 0.5 * joints.limit_ke[index] * less
+            total += 0.5 * s.joints.limit_ke[index] * less
         return total
 
     @wp.func
@@ -413,84 +394,79 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         start_coordinate: wp.array[wp.float64],
         h: float,
         static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
         sum: Balance,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> Balance:
         """Adds a joint: its rotors, and the work of what acts along its axes."""
-        child = joints.child[joint]
-        parent = parent_slot(joints, joint, static_slot)
-        out = touch_fixed(child, True, work, touch_fixed(parent, True, work, sum))
+        child = s.joints.child[joint]
+        parent = parent_slot(s.joints, joint, static_slot)
+        out = touch_fixed(child, True, s.work, touch_fixed(parent, True, s.work, sum))
         for side in range(2):
             slot = wp.where(side == 0, child, parent)
-            if work.inv_mass[slot] == 0.0 and slot != static_slot and not tree.is_left[slot]:
+            if s.work.inv_mass[slot] == 0.0 and slot != static_slot and not s.tree.is_left[slot]:
                 out.is_pushed = True  # its pose has been written since the last step
-        q_p = anchor_rotation(tree, parent, joints.parent_frame[joint])
-        q_c = anchor_rotation(tree, child, joints.child_frame[joint])
-        arm = anchor_arm(model, tree, child, joints.child_frame[joint], static_slot)
-        moved_c = work.increment[child]
-        moved_p = work.increment[parent]
+        q_p = anchor_rotation(s.tree, parent, s.joints.parent_frame[joint])
+        q_c = anchor_rotation(s.tree, child, s.joints.child_frame[joint])
+        arm = anchor_arm(child, s.joints.child_frame[joint], static_slot, s)
+        moved_c = s.work.increment[child]
+        moved_p = s.work.increment[parent]
         turn = wp.spatial_bottom(moved_c - moved_p)
         shift = wp.spatial_top(moved_c - moved_p) + wp.cross(turn, arm)
-        shift += wp.cross(wp.spatial_bottom(moved_p), work.com[parent] - work.com[child])
+        shift += wp.cross(wp.spatial_bottom(moved_p), s.work.com[parent] - s.work.com[child])
         turn_away = wp.vec3(0.0)
         rest_away = wp.vec3(0.0)
         if wp.static(effects.kinds.balls and effects.drives):
-            if joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(control.target_q, joints, joint, q_p, q_c)
+            if s.joints.type[joint] == BALL:
+                turn_away = joint_rows.ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
         if wp.static(effects.kinds.balls and effects.springs):
-            if joints.type[joint] == BALL:
-                rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
-        linear = linear_count(joints, joint)
+            if s.joints.type[joint] == BALL:
+                rest_away = joint_rows.ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
+        linear = linear_count(s.joints, joint)
         bent = wp.vec3(0.0)
         if wp.static(effects.rods):
-            if joints.type[joint] == ROD:
+            if s.joints.type[joint] == ROD:
                 # how far sweeps have bent it counts along the axes of the start
-                bent = angles(joints, joint, q_p, q_c, wp.vec3(0.0), False)
-        for dof in range(linear + angular_count(joints, joint)):
-            index = joints.dof_start[joint] + dof
+                bent = angles(s.joints, joint, q_p, q_c, wp.vec3(0.0), False)
+        for dof in range(linear + angular_count(s.joints, joint)):
+            index = s.joints.dof_start[joint] + dof
             moved = float(0.0)
             q = wp.float64(0.0)
             if wp.static(effects.coordinates):
                 q = coordinate[first + dof]
                 if wp.static(effects.rods):
-                    if joints.type[joint] == ROD and dof >= linear:
+                    if s.joints.type[joint] == ROD and dof >= linear:
                         q = wp.float64(bent[dof - linear])
                 begun = start_coordinate[first + dof]
                 if wp.static(effects.second_order):
                     # steps of second order start ahead
-                    begun = history.coordinate[index].start
+                    begun = s.history.coordinate[index].start
                 moved = wp.float32(q - begun)
-            if joints.type[joint] != ROD and control.joint_f[index] != 0.0:
+            if s.joints.type[joint] != ROD and step.control.joint_f[index] != 0.0:
                 along = float(moved)
                 if dof < linear:
-                    along = wp.dot(linear_axis(joints, joint, dof, q_p), shift)
-                elif not is_gimbal(joints, joint):
-                    axis = angular_axis(joints, joint, dof - linear, q_p, q_c, wp.vec3(0.0))
+                    along = wp.dot(linear_axis(s.joints, joint, dof, q_p), shift)
+                elif not is_gimbal(s.joints, joint):
+                    axis = angular_axis(s.joints, joint, dof - linear, q_p, q_c, wp.vec3(0.0))
                     along = wp.dot(axis, turn)
-                out.before += control.joint_f[index] * along
+                out.before += step.control.joint_f[index] * along
             if wp.static(effects.coordinates):
                 out.before += axis_work(
                     joint,
                     dof,
                     q,
                     moved,
-                    tree.start_velocity[index],
+                    s.tree.start_velocity[index],
                     turn_away,
                     rest_away,
                     h,
-                    joints,
-                    control,
-                    history,
+                    step,
+                    s,
                 )
             if wp.static(effects.armature):
-                inertia = joints.armature[index]
-                start = tree.start_velocity[index]
-                end = history.axis_velocity[index]
+                inertia = s.joints.armature[index]
+                start = s.tree.start_velocity[index]
+                end = s.history.axis_velocity[index]
                 if inertia > 0.0:
                     out.before += 0.5 * inertia * start * start
                     out.after += 0.5 * inertia * end * end
@@ -503,268 +479,196 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         h: float,
         reach: float,
         static_slot: int,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
         sum: Balance,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> Balance:
         """Adds a body: its energy, and the work of what acts on it."""
         out = sum
-        increment = work.increment[body]
-        velocity = body_qd[body]
-        mass = model.mass[body]
-        inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
+        increment = s.work.increment[body]
+        velocity = s.islands.start_qd[body]
+        mass = s.model.mass[body]
+        inertia = world_inertia(
+            wp.transform_get_rotation(s.islands.start_q[body]), s.model.inertia[body]
+        )
         w = wp.spatial_bottom(velocity)
-        out.before += kinetic_energy(body, body_q[body], velocity, model)
-        out.after += kinetic_energy(body, body_q_out[body], body_qd_out[body], model)
+        out.before += kinetic_energy(body, s.islands.start_q[body], velocity, s.model)
+        out.after += kinetic_energy(body, step.body_q_out[body], step.body_qd_out[body], s.model)
         # what acts on the body from outside, by where it would go and how fast it would turn
         force = wp.vec3(0.0)
         torque = wp.vec3(0.0)
         if wp.static(effects.second_order):
-            wrench = work.wrench[body]
+            wrench = s.work.wrench[body]
             if wp.static(effects.servos):
-                drag = work.drag[body]
-                wrench += drag.push - resistance(drag, body_qd_out[body])
-            force = wp.spatial_top(wrench) + mass * model.gravity[model.world[body]]
+                drag = s.work.drag[body]
+                wrench += drag.push - resistance(drag, step.body_qd_out[body])
+            force = wp.spatial_top(wrench) + mass * s.model.gravity[s.model.world[body]]
             torque = wp.spatial_bottom(wrench)
         else:
-            free = work.target[body] - h * velocity
+            free = s.work.target[body] - h * velocity
             force = (mass / (h * h)) * wp.spatial_top(free)
             if wp.static(effects.gyroscopic):
-                torque = (work.momentum[body] - inertia * w) / h
+                torque = (s.work.momentum[body] - inertia * w) / h
             else:
                 torque = inertia * wp.spatial_bottom(free) / (h * h)
-        out.start += kinetic_energy(body, body_q[body], velocity, model)
+        out.start += kinetic_energy(body, s.islands.start_q[body], velocity, s.model)
         out.start += h * (wp.dot(force, wp.spatial_top(velocity)) + wp.dot(torque, w))
         if wp.static(not effects.drives and not effects.pushed_axes):
             # drives may make a body faster than anything was; without contacts the reach of a world
             # with weight is not measured
-            if reach > 0.0 and h * wp.length(wp.spatial_top(body_qd_out[body])) > reach:
+            if reach > 0.0 and h * wp.length(wp.spatial_top(step.body_qd_out[body])) > reach:
                 out.is_wild = True
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
         out.mass += mass
-        place = work.com[body] - work.com[root]
+        place = s.work.com[body] - s.work.com[root]
         momentum = mass * wp.spatial_top(velocity) + h * force
         out.start_com += mass * place
         out.free_momentum += momentum
         out.free_angular += wp.cross(place, momentum) + inertia * w + h * torque
         # places count from the root, which keeps their digits
-        out.com += mass * place_from(root, body, work)
+        out.com += mass * place_from(root, body, s.work)
         if wp.static(effects.contact):
-            for i in range(rows.owned_start[body], rows.owned_end[body]):
-                row = rows.rows[i]
+            for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+                row = s.rows.rows[i]
                 if wp.length_sq(row.force) > 0.0:
-                    out = touch_fixed(row.b, False, work, out)
+                    out = touch_fixed(row.b, False, s.work, out)
                     if wp.static(effects.moving_surfaces):
-                        carried = rows.drift[i]
+                        carried = s.rows.drift[i]
                         if wp.static(effects.restitution):
-                            if rows.impacts[i].total > 0.0:
-                                carried = rows.impacts[i].drift
+                            if s.rows.impacts[i].total > 0.0:
+                                carried = s.rows.impacts[i].drift
                         if wp.length_sq(carried) > 0.0:
                             out.is_pushed = True
                 if wp.static(effects.compliance):
-                    span = work.com[body] - work.com[row.b]
-                    u = contact_rows.slip(row, increment, work.increment[row.b], span)
-                    stiffness = row.k_n / wp.max(1.0 - rows.share[i], 1.0e-6)
+                    span = s.work.com[body] - s.work.com[row.b]
+                    u = contact_rows.slip(row, increment, s.work.increment[row.b], span)
+                    stiffness = row.k_n / wp.max(1.0 - s.rows.share[i], 1.0e-6)
                     less = squared_overlap(row.gap)
                     less -= squared_overlap(row.gap + wp.dot(row.normal, u))
                     out.before += 0.5 * stiffness * less
         if wp.static(effects.joints):
-            if is_linked(joints, tree, body):
+            if is_linked(body, s):
                 out = add_joint(
-                    tree.joint[body],
-                    tree.axis_start[body],
-                    tree.coordinate,
-                    tree.start_coordinate,
+                    s.tree.joint[body],
+                    s.tree.axis_start[body],
+                    s.tree.coordinate,
+                    s.tree.start_coordinate,
                     h,
                     static_slot,
-                    model,
-                    joints,
-                    control,
-                    work,
-                    tree,
-                    history,
                     out,
+                    step,
+                    s,
                 )
         if wp.static(effects.loops):
-            for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                joint = loops.joints[loops.items[k] / 2]
-                if counts_here(body, loops.items[k], joint, joints, work):
+            for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+                joint = s.loops.joints[s.loops.items[k] / 2]
+                if counts_here(body, s.loops.items[k], joint, s):
                     out = add_joint(
                         joint,
-                        joints.dof_start[joint],
-                        loops.coordinate,
-                        loops.start_coordinate,
+                        s.joints.dof_start[joint],
+                        s.loops.coordinate,
+                        s.loops.start_coordinate,
                         h,
                         static_slot,
-                        model,
-                        joints,
-                        control,
-                        work,
-                        tree,
-                        history,
                         out,
+                        step,
+                        s,
                     )
         return out
 
     @wp.func
     def take_back(
-        joint: int,
-        first: int,
-        start_coordinate: wp.array[wp.float64],
-        joints: wp.ref[JointModel],
-        history: wp.ref[History],
+        joint: int, first: int, start_coordinate: wp.array[wp.float64], s: wp.ref[Solver]
     ):
         """Puts the coordinates of a joint back to where they were before the step."""
         if wp.static(effects.coordinates):
-            for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                at = first + dof - joints.dof_start[joint]
-                history.joint_angle[dof] = start_coordinate[at]
+            for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+                at = first + dof - s.joints.dof_start[joint]
+                s.history.joint_angle[dof] = start_coordinate[at]
                 if wp.static(effects.second_order):
-                    history.joint_angle[dof] = history.coordinate[dof].start
+                    s.history.joint_angle[dof] = s.history.coordinate[dof].start
 
     @wp.func
-    def scale_rotors(
-        joint: int,
-        share: float,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def scale_rotors(joint: int, share: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """Scales the rates of a joint's coordinates, which armature goes on with."""
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            history.axis_velocity[dof] = share * history.axis_velocity[dof]
+        for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+            s.history.axis_velocity[dof] = share * s.history.axis_velocity[dof]
         for end in range(2):
-            body = wp.where(end == 0, joints.child[joint], joints.parent[joint])
+            body = wp.where(end == 0, s.joints.child[joint], s.joints.parent[joint])
             if body >= 0:
-                if work.inv_mass[body] > 0.0:
-                    history.joined_qd[joint, end] = body_qd_out[body]
+                if s.work.inv_mass[body] > 0.0:
+                    s.history.joined_qd[joint, end] = step.body_qd_out[body]
 
     @wp.func
-    def settle_island(
-        root: int,
-        h: float,
-        worlds: wp.ref[WorldWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-    ):
+    def settle_island(root: int, h: float, s: wp.ref[Solver]):
         """Decides which motion is left of an island, and counts what is bounded."""
-        sum = settle(islands.balance[root], h)
-        islands.balance[root] = sum
-        world = worlds.of_body[root]
+        sum = settle(s.islands.balance[root], h)
+        s.islands.balance[root] = sum
+        world = s.worlds.of_body[root]
         if sum.is_bounded:
-            wp.atomic_add(worlds.bounded, world, 1)
-            wp.atomic_add(worlds.excess, world, sum.after - wp.max(sum.before, 0.0))
+            wp.atomic_add(s.worlds.bounded, world, 1)
+            wp.atomic_add(s.worlds.excess, world, sum.after - wp.max(sum.before, 0.0))
             if wp.static(effects.second_order):
-                history.smooth[world] = JUMPED
+                s.history.smooth[world] = JUMPED
         if sum.is_pushed and sum.after > sum.before:
-            wp.atomic_add(worlds.unbounded, world, 1)
+            wp.atomic_add(s.worlds.unbounded, world, 1)
 
     @wp.func
-    def slow_body(
-        body: int,
-        h: float,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def slow_body(body: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """Gives a body the motion that is left of its island."""
-        root = islands.parent[body]
-        sum = islands.balance[root]
+        root = s.islands.parent[body]
+        sum = s.islands.balance[root]
         if sum.is_rigid:
             turn = exp_quat(h * sum.angular)
-            r = work.com[body] - work.com[root] - sum.start_com / sum.mass
+            r = s.work.com[body] - s.work.com[root] - sum.start_com / sum.mass
             shift = wp.quat_rotate(turn, r) - r + h * sum.free_momentum
-            pose = moved_pose(body, body_q[body], shift, turn, model)
-            body_q_out[body] = pose
+            pose = moved_pose(body, s.islands.start_q[body], shift, turn, s.model)
+            step.body_q_out[body] = pose
             v = sum.free_momentum + wp.cross(sum.free_angular, wp.quat_rotate(turn, r))
-            body_qd_out[body] = wp.spatial_vector(v, sum.free_angular)
+            step.body_qd_out[body] = wp.spatial_vector(v, sum.free_angular)
             if wp.static(effects.joints):
-                history.left_q[body] = pose
-                history.lost[body] = wp.vec3(0.0)
-                if is_linked(joints, tree, body):
-                    joint = tree.joint[body]
-                    first = tree.axis_start[body]
-                    take_back(joint, first, tree.start_coordinate, joints, history)
+                s.history.left_q[body] = pose
+                s.history.lost[body] = wp.vec3(0.0)
+                if is_linked(body, s):
+                    joint = s.tree.joint[body]
+                    first = s.tree.axis_start[body]
+                    take_back(joint, first, s.tree.start_coordinate, s)
                 if wp.static(effects.loops):
-                    for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                        item = loops.items[k]
-                        joint = loops.joints[item / 2]
-                        if counts_here(body, item, joint, joints, work):
-                            first = joints.dof_start[joint]
-                            take_back(joint, first, loops.start_coordinate, joints, history)
+                    for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+                        item = s.loops.items[k]
+                        joint = s.loops.joints[item / 2]
+                        if counts_here(body, item, joint, s):
+                            first = s.joints.dof_start[joint]
+                            take_back(joint, first, s.loops.start_coordinate, s)
         elif sum.is_bounded:
-            r = place_from(root, body, work) - sum.com / sum.mass
+            r = place_from(root, body, s.work) - sum.com / sum.mass
             v = sum.free_momentum + wp.cross(sum.free_angular, r)
             velocity = wp.spatial_vector(v, sum.free_angular)
             if sum.share > 0.0:
                 v = sum.momentum + wp.cross(sum.angular, r)
-                inner = body_qd_out[body] - wp.spatial_vector(v, sum.angular)
+                inner = step.body_qd_out[body] - wp.spatial_vector(v, sum.angular)
                 velocity += sum.share * inner
-            body_qd_out[body] = velocity
+            step.body_qd_out[body] = velocity
 
     @wp.func
-    def slow_rotors(
-        body: int,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def slow_rotors(body: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """After :func:`slow_body` of all bodies: scales the rotors of a body's joints."""
-        sum = islands.balance[islands.parent[body]]
+        sum = s.islands.balance[s.islands.parent[body]]
         share = sum.share
         if sum.is_bounded:
-            if is_linked(joints, tree, body):
-                scale_rotors(tree.joint[body], share, joints, work, history, body_qd_out)
+            if is_linked(body, s):
+                scale_rotors(s.tree.joint[body], share, step, s)
             if wp.static(effects.loops):
-                for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                    item = loops.items[k]
-                    joint = loops.joints[item / 2]
-                    if counts_here(body, item, joint, joints, work):
-                        scale_rotors(joint, share, joints, work, history, body_qd_out)
+                for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+                    item = s.loops.items[k]
+                    joint = s.loops.joints[item / 2]
+                    if counts_here(body, item, joint, s):
+                        scale_rotors(joint, share, step, s)
 
     @wp.func
     def bound_energy(
-        first: int,
-        end: int,
-        bodies: wp.array[wp.int32],
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
+        first: int, end: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ):
         """Slows the islands of a list of bodies down to the energy that they may have.
 
@@ -772,105 +676,69 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         root first.
         """
         for i in range(first, end):
-            body = bodies[i]
-            if work.inv_mass[body] > 0.0:
-                root = island_of(islands, body)
+            body = s.worlds.bodies[i]
+            if s.work.inv_mass[body] > 0.0:
+                root = island_of(s.islands, body)
                 sum = add_body(
                     root,
                     body,
                     scale.h,
                     scale.reach,
                     scale.static_slot,
-                    body_q,
-                    body_qd,
-                    model,
-                    joints,
-                    control,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                    body_q_out,
-                    body_qd_out,
-                    islands.balance[root],
+                    s.islands.balance[root],
+                    step,
+                    s,
                 )
-                islands.balance[root] = sum
+                s.islands.balance[root] = sum
                 if wp.static(effects.tendons):
-                    add_tendons(worlds.rank[body], root, tree, islands)
+                    add_tendons(s.worlds.rank[body], root, s)
         for i in range(first, end):
-            body = bodies[i]
-            if work.inv_mass[body] > 0.0:
-                root = islands.parent[body]
-                sum = islands.balance[root]
-                islands.balance[root] = add_momentum(
-                    body, root, sum, body_q, model, work, body_q_out, body_qd_out, sum
-                )
+            body = s.worlds.bodies[i]
+            if s.work.inv_mass[body] > 0.0:
+                root = s.islands.parent[body]
+                sum = s.islands.balance[root]
+                s.islands.balance[root] = add_momentum(body, root, sum, sum, step, s)
         for i in range(first, end):
-            body = bodies[i]
-            if work.inv_mass[body] > 0.0 and islands.parent[body] == body:
-                settle_island(body, scale.h, worlds, islands, history)
+            body = s.worlds.bodies[i]
+            if s.work.inv_mass[body] > 0.0 and s.islands.parent[body] == body:
+                settle_island(body, scale.h, s)
         for i in range(first, end):
-            body = bodies[i]
-            if work.inv_mass[body] > 0.0:
-                slow_body(
-                    body,
-                    scale.h,
-                    body_q,
-                    model,
-                    joints,
-                    work,
-                    tree,
-                    loops,
-                    islands,
-                    history,
-                    body_q_out,
-                    body_qd_out,
-                )
+            body = s.worlds.bodies[i]
+            if s.work.inv_mass[body] > 0.0:
+                slow_body(body, scale.h, step, s)
         if wp.static(effects.axis_rates):
             for i in range(first, end):
-                body = bodies[i]
-                if work.inv_mass[body] > 0.0:
-                    slow_rotors(body, joints, work, tree, loops, islands, history, body_qd_out)
+                body = s.worlds.bodies[i]
+                if s.work.inv_mass[body] > 0.0:
+                    slow_rotors(body, step, s)
 
     @wp.func
-    def join_joints(
-        body: int,
-        static_slot: int,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-    ):
+    def join_joints(body: int, static_slot: int, s: wp.ref[Solver]):
         """Makes one island of bodies that joints link, where contacts have not called for it."""
         if wp.static(effects.joints):
-            if is_linked(joints, tree, body):
-                join(islands, worlds, work, body, tree.parent[body])
+            if is_linked(body, s):
+                join(body, s.tree.parent[body], s)
         if wp.static(effects.loops):
-            for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                joint = loops.joints[loops.items[k] / 2]
-                if loops.items[k] % 2 == 0 and joints.enabled[joint]:
-                    parent = parent_slot(joints, joint, static_slot)
-                    join(islands, worlds, work, body, parent)
+            for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+                joint = s.loops.joints[s.loops.items[k] / 2]
+                if s.loops.items[k] % 2 == 0 and s.joints.enabled[joint]:
+                    parent = parent_slot(s.joints, joint, static_slot)
+                    join(body, parent, s)
 
     @wp.func
-    def is_body_led(
-        body: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
-    ) -> bool:
+    def is_body_led(body: int, s: wp.ref[Solver]) -> bool:
         """Whether the angles of the body's gimbal lead its pose where the step starts or ends.
 
         What acts on the angles then has long levers, whose changes within the step put energy in
         also where the sweeps have settled.
         """
-        if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-            joint = tree.joint[body]
-            first = tree.axis_start[body]
-            if is_gimbal(joints, joint):
-                start = known_angles(joints, joint, tree.start_coordinate, first)
-                end = known_angles(joints, joint, tree.coordinate, first)
-                return is_led(joints, joint, start) or is_led(joints, joint, end)
+        if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+            joint = s.tree.joint[body]
+            first = s.tree.axis_start[body]
+            if is_gimbal(s.joints, joint):
+                start = known_angles(s.joints, joint, s.tree.start_coordinate, first)
+                end = known_angles(s.joints, joint, s.tree.coordinate, first)
+                return is_led(s.joints, joint, start) or is_led(s.joints, joint, end)
         return False
 
     @wp.func
@@ -881,34 +749,23 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         return wp.static(not effects.contact) or worlds.update[world] > worlds.settled[world]
 
     @wp.func
-    def gains_settled(
-        world: int,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ) -> bool:
+    def gains_settled(world: int, s: wp.ref[Solver]) -> bool:
         """Whether a world may gain energy in a step that has settled: where a gimbal's angles lead,
         or closed trees are flat."""
         if wp.static(effects.folding):
-            if is_flat(world, worlds):
+            if is_flat(world, s.worlds):
                 return True
         if wp.static(effects.kinds.gimbals):
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                if is_body_led(worlds.bodies[i], joints, work, tree):
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                if is_body_led(s.worlds.bodies[i], s):
                     return True
         return False
 
     @wp.func
-    def add_cables(
-        cluster: int,
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        islands: wp.ref[IslandWork],
-    ):
+    def add_cables(cluster: int, s: wp.ref[Solver]):
         """Adds what the cables of a cluster had stored at the start of the step, and to what they
         tie its island."""
-        cables = tree.cables
+        cables = s.tree.cables
         for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
             cable = cables.cables[i]
             for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
@@ -916,105 +773,68 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
                     for side in range(2):
                         slot = slot_at(seg, side, cables)
                         other = slot_at(seg, 1 - side, cables)
-                        if work.inv_mass[slot] > 0.0:
-                            root = island_of(islands, slot)
-                            sum = islands.balance[root]
-                            if side == 0 or work.inv_mass[other] == 0.0:
+                        if s.work.inv_mass[slot] > 0.0:
+                            root = island_of(s.islands, slot)
+                            sum = s.islands.balance[root]
+                            if side == 0 or s.work.inv_mass[other] == 0.0:
                                 pull = cables.before[seg]
                                 sum.before += 0.5 * cables.compliance[seg] * pull * pull
-                            if work.inv_mass[other] == 0.0 and cables.tension[seg] > 0.0:
-                                sum = touch_fixed(other, True, work, sum)
-                                is_static = other == work.inv_mass.shape[0] - 1
-                                if not is_static and not tree.is_left[other]:
+                            if s.work.inv_mass[other] == 0.0 and cables.tension[seg] > 0.0:
+                                sum = touch_fixed(other, True, s.work, sum)
+                                is_static = other == s.work.inv_mass.shape[0] - 1
+                                if not is_static and not s.tree.is_left[other]:
                                     sum.is_pushed = True  # the user has moved it
-                            islands.balance[root] = sum
+                            s.islands.balance[root] = sum
 
     @wp.func
-    def drop_tensions(
-        cluster: int,
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        islands: wp.ref[IslandWork],
-    ):
+    def drop_tensions(cluster: int, s: wp.ref[Solver]):
         """Forgets what pulls an island whose step was taken back: that is no start of the next one,
         nor does material slip by it."""
-        cables = tree.cables
+        cables = s.tree.cables
         for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
             cable = cables.cables[i]
             for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
                 if cables.active[seg] == 1:
                     for side in range(2):
                         slot = slot_at(seg, side, cables)
-                        if work.inv_mass[slot] > 0.0:
-                            if islands.balance[island_of(islands, slot)].is_rigid:
+                        if s.work.inv_mass[slot] > 0.0:
+                            if s.islands.balance[island_of(s.islands, slot)].is_rigid:
                                 cables.tension[seg] = 0.0
 
     @wp.func
-    def bound_world(
-        world: int,
-        scale: WorldScale,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def bound_world(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]):
         """As :func:`bound_energy`, of all islands of a world."""
-        first = worlds.body_start[world]
-        end = worlds.body_start[world + 1]
+        first = s.worlds.body_start[world]
+        end = s.worlds.body_start[world + 1]
         farthest = float(0.0)
         for i in range(first, end):
-            farthest = wp.max(farthest, squared_move(worlds.bodies[i], work))
-        if worlds.update[world] <= NEARLY * wp.sqrt(farthest):
-            if not gains_settled(world, joints, worlds, work, tree):
+            farthest = wp.max(farthest, squared_move(s.worlds.bodies[i], s.work))
+        if s.worlds.update[world] <= NEARLY * wp.sqrt(farthest):
+            if not gains_settled(world, s):
                 return
         for i in range(first, end):
-            if work.inv_mass[worlds.bodies[i]] > 0.0:
-                begin_balance(worlds.bodies[i], islands)
+            if s.work.inv_mass[s.worlds.bodies[i]] > 0.0:
+                begin_balance(s.worlds.bodies[i], s.islands)
         if wp.static(not effects.pairs):
             for i in range(first, end):
-                body = worlds.bodies[i]
-                if work.inv_mass[body] > 0.0:
-                    join_joints(body, scale.static_slot, joints, worlds, work, tree, loops, islands)
+                body = s.worlds.bodies[i]
+                if s.work.inv_mass[body] > 0.0:
+                    join_joints(body, scale.static_slot, s)
             if wp.static(effects.tendons):
                 for i in range(first, end):
-                    join_tendons(i, islands, worlds, work, tree)
+                    join_tendons(i, s)
             if wp.static(effects.cables):
-                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                    join_cluster(i, worlds, work, tree, islands)
+                for i in range(
+                    s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]
+                ):
+                    join_cluster(i, s)
         if wp.static(effects.cables):
-            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                add_cables(i, work, tree, islands)
-        bound_energy(
-            first,
-            end,
-            worlds.bodies,
-            scale,
-            islands.start_q,
-            islands.start_qd,
-            model,
-            joints,
-            control,
-            worlds,
-            work,
-            rows,
-            tree,
-            loops,
-            islands,
-            history,
-            body_q_out,
-            body_qd_out,
-        )
+            for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
+                add_cables(i, s)
+        bound_energy(first, end, scale, step, s)
         if wp.static(effects.cables):
-            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                drop_tensions(i, work, tree, islands)
+            for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
+                drop_tensions(i, s)
 
     return EnergyFunctions(
         bound_world,

@@ -5,14 +5,11 @@
 import warp as wp
 
 from ..data import (
-    BodyWork,
     ControlInput,
-    History,
     JointModel,
-    LoopWork,
-    RowWork,
+    Solver,
+    Step,
     TreeWork,
-    WorldWork,
 )
 from ..effects import Effects
 from .bodies import body_at, report_held, vector_sum
@@ -70,76 +67,58 @@ def make_is_world_finite(effects: Effects) -> wp.Function:
         return total
 
     @wp.func
-    def is_world_finite(
-        world: int,
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-    ) -> bool:
+    def is_world_finite(world: int, step: wp.ref[Step], s: wp.ref[Solver]) -> bool:
         total = wp.vec3(0.0)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if work.finite[body] == 0:
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.finite[body] == 0:
                 return False
             if wp.static(effects.joints):
-                if tree.joint[body] >= 0:
-                    total += joint_sum(tree.joint[body], joints, control)
+                if s.tree.joint[body] >= 0:
+                    total += joint_sum(s.tree.joint[body], s.joints, step.control)
             if wp.static(effects.tendons):
-                total += wp.vec3(pull_sum(i, tree), 0.0, 0.0)
+                total += wp.vec3(pull_sum(i, s.tree), 0.0, 0.0)
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                total += joint_sum(loops.joints[i], joints, control)
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                total += joint_sum(s.loops.joints[i], s.joints, step.control)
         return wp.isfinite(total)
 
     return is_world_finite
 
 
 @wp.func
-def is_solution_finite(world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork]) -> bool:
+def is_solution_finite(world: int, s: wp.ref[Solver]) -> bool:
     """Whether the sweeps ended in finite increments."""
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        if not wp.isfinite(vector_sum(work.increment[body_at(i, worlds)])):
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        if not wp.isfinite(vector_sum(s.work.increment[body_at(i, s.worlds)])):
             return False
     return True
 
 
 @wp.func
 def hold_world(
-    world: int,
-    body_q: wp.array[wp.transform],
-    body_qd: wp.array[wp.spatial_vector],
-    joints: wp.ref[JointModel],
-    worlds: wp.ref[WorldWork],
-    rows: wp.ref[RowWork],
-    tree: wp.ref[TreeWork],
-    loops: wp.ref[LoopWork],
-    history: wp.ref[History],
-    body_q_out: wp.array[wp.transform],
-    body_qd_out: wp.array[wp.spatial_vector],
+    world: int, body_qd: wp.array[wp.spatial_vector], step: wp.ref[Step], s: wp.ref[Solver]
 ):
     """Passes a world through unchanged, counts it, and forgets its contacts and what its joints
     pushed with: that may not be finite, either."""
-    report_held(worlds, worlds.of_body[body_at(worlds.body_start[world], worlds)])
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = body_at(i, worlds)
-        body_q_out[body] = body_q[body]
-        body_qd_out[body] = body_qd[body]
-        rows.owned_end[body] = rows.owned_start[body]
-        history.falling[body] = 0.0
-        for side in range(history.start.shape[0]):
-            history.start[side, body] = 0
-            history.end[side, body] = 0
-        if tree.joint.shape[0] > 0:
-            forget_joints(body, joints, tree, loops, history)
-    if history.smooth.shape[0] > 0:
-        history.smooth[world] = JUMPED
-    history.age[world] = 0
-    history.filling[world, 0] = 0
+    report_held(s.worlds, s.worlds.of_body[body_at(s.worlds.body_start[world], s.worlds)])
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        body = body_at(i, s.worlds)
+        step.body_q_out[body] = s.work.pose[body]
+        step.body_qd_out[body] = body_qd[body]
+        s.rows.owned_end[body] = s.rows.owned_start[body]
+        s.history.falling[body] = 0.0
+        for side in range(s.history.start.shape[0]):
+            s.history.start[side, body] = 0
+            s.history.end[side, body] = 0
+        if s.tree.joint.shape[0] > 0:
+            forget_joints(body, s)
+    if s.history.smooth.shape[0] > 0:
+        s.history.smooth[world] = JUMPED
+    s.history.age[world] = 0
+    s.history.filling[world, 0] = 0
     # all worlds stay on the same side: their records lie in one array
-    if history.next_side.shape[0] > 0:
-        history.parity[world] = history.next_side[world]
+    if s.history.next_side.shape[0] > 0:
+        s.history.parity[world] = s.history.next_side[world]
     else:
-        history.parity[world] = 1 - history.parity[world]
+        s.history.parity[world] = 1 - s.history.parity[world]

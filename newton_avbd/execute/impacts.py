@@ -20,14 +20,11 @@ import warp as wp
 from ..data import (
     BodyWork,
     ContactRow,
-    History,
     Impact,
-    LoopWork,
     RowWork,
     ShapeModel,
-    TreeWork,
+    Solver,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
@@ -65,23 +62,19 @@ def threshold_of(scale: WorldScale) -> float:
 
 
 @wp.func
-def current_qd(
-    work: wp.ref[BodyWork], rows: wp.ref[RowWork], slot: int, h: float
-) -> wp.spatial_vector:
+def current_qd(slot: int, h: float, s: wp.ref[Solver]) -> wp.spatial_vector:
     """Velocity of a body after the rounds so far."""
-    if work.inv_mass[slot] == 0.0:
-        return work.target[slot] / h
-    return rows.struck_qd[slot]
+    if s.work.inv_mass[slot] == 0.0:
+        return s.work.target[slot] / h
+    return s.rows.struck_qd[slot]
 
 
 @wp.func
-def parting_speed(
-    row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork], h: float
-) -> float:
+def parting_speed(row: ContactRow, h: float, s: wp.ref[Solver]) -> float:
     """Speed at which the bodies part after the rounds so far [m/s]; negative where they close."""
-    span = work.com[row.a] - work.com[row.b]
-    qd_a = current_qd(work, rows, row.a, h)
-    qd_b = current_qd(work, rows, row.b, h)
+    span = s.work.com[row.a] - s.work.com[row.b]
+    qd_a = current_qd(row.a, h, s)
+    qd_b = current_qd(row.b, h, s)
     return wp.dot(row.normal, contact_rows.slip(row, qd_a, qd_b, span))
 
 
@@ -103,15 +96,7 @@ def begin_rounds(body: int, body_qd: wp.array[wp.spatial_vector], rows: wp.ref[R
 
 
 @wp.func
-def begin_impacts(
-    body: int,
-    side: int,
-    scale: WorldScale,
-    shapes: wp.ref[ShapeModel],
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-    history: wp.ref[History],
-) -> bool:
+def begin_impacts(body: int, side: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
     """Rows that a body owns and that close in this step; returns if there is one.
 
     A gap g closes at the speed sqrt((v + a h/2)^2 - 2 a g), after 2 g over the sum of the speeds at
@@ -120,23 +105,23 @@ def begin_impacts(
     h = scale.h
     threshold = threshold_of(scale)
     found = bool(False)
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        record = history.records[side, i]
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        row = s.rows.rows[i]
+        record = s.history.records[side, i]
         impact = Impact()
-        impact.restitution = mixed_restitution(shapes, record.shape0, record.shape1)
+        impact.restitution = mixed_restitution(s.shapes, record.shape0, record.shape1)
         impact.gap = row.gap
-        impact.drift = rows.drift[i]
+        impact.drift = s.rows.drift[i]
         impact.goal = -1.0
-        span = work.com[row.a] - work.com[row.b]
-        u = contact_rows.slip(row, work.target[row.a], work.target[row.b], span)
+        span = s.work.com[row.a] - s.work.com[row.b]
+        u = contact_rows.slip(row, s.work.target[row.a], s.work.target[row.b], span)
         u_n = wp.dot(row.normal, u)
-        v = parting_speed(row, work, rows, h)
+        v = parting_speed(row, h, s)
         a = (u_n / h - v) / h
         lag = scale.lag
-        if history.flying.shape[0] > 0:
+        if s.history.flying.shape[0] > 0:
             # what flies keeps to its parabola
-            if history.flying[row.a] + history.flying[row.b] > 0:
+            if s.history.flying[row.a] + s.history.flying[row.b] > 0:
                 lag = 0.0
         start = v + lag * a * h
         if v < -threshold and row.gap + h * (start + 0.5 * a * h) < 0.0:
@@ -147,113 +132,100 @@ def begin_impacts(
             impact.wait = wp.min(2.0 * gap / (wp.abs(start) + hit), h)
             impact.goal = impact.restitution * hit
             found = True
-        rows.impacts[i] = impact
+        s.rows.impacts[i] = impact
     return found
 
 
 @wp.func
-def continue_impacts(
-    body: int, threshold: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
-) -> bool:
+def continue_impacts(body: int, threshold: float, h: float, s: wp.ref[Solver]) -> bool:
     """Rows that a body owns and that the last round makes close; returns if there is one."""
     found = bool(False)
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        impact = rows.impacts[i]
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        row = s.rows.rows[i]
+        impact = s.rows.impacts[i]
         impact.goal = -1.0
         impact.impulse = 0.0
-        v = parting_speed(row, work, rows, h)
+        v = parting_speed(row, h, s)
         if v < -threshold and row.gap + h * v < 0.0:
             if impact.total == 0.0:
-                struck = wp.max(rows.struck_at[row.a], rows.struck_at[row.b])
+                struck = wp.max(s.rows.struck_at[row.a], s.rows.struck_at[row.b])
                 impact.wait = wp.min(wp.max(struck, 0.0) - wp.max(row.gap, 0.0) / v, h)
             impact.goal = -impact.restitution * v
             found = True
-        rows.impacts[i] = impact
+        s.rows.impacts[i] = impact
     return found
 
 
 @wp.func
-def continue_world(
-    world: int,
-    threshold: float,
-    h: float,
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-) -> bool:
+def continue_world(world: int, threshold: float, h: float, s: wp.ref[Solver]) -> bool:
     """The next round; returns if there is one."""
     found = bool(False)
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        if continue_impacts(body_at(i, worlds), threshold, h, work, rows):
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        if continue_impacts(body_at(i, s.worlds), threshold, h, s):
             found = True
     return found
 
 
 @wp.func
-def strike(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork], h: float) -> float:
+def strike(body: int, h: float, s: wp.ref[Solver]) -> float:
     """Lets the round's rows of a body part; returns the largest change [m/s]."""
     change = float(0.0)
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        impact = rows.impacts[i]
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        impact = s.rows.impacts[i]
         if impact.goal >= 0.0:
-            row = rows.rows[i]
-            arm_b = row.arm + (work.com[row.a] - work.com[row.b])
+            row = s.rows.rows[i]
+            arm_b = row.arm + (s.work.com[row.a] - s.work.com[row.b])
             if impact.mass == 0.0:
                 impact.mass = contact_rows.effective_mass(
                     row.normal,
                     row.arm,
                     arm_b,
-                    work.inv_mass[row.a] + work.inv_mass[row.b],
-                    work.inv_inertia[row.a],
-                    work.inv_inertia[row.b],
+                    s.work.inv_mass[row.a] + s.work.inv_mass[row.b],
+                    s.work.inv_inertia[row.a],
+                    s.work.inv_inertia[row.b],
                 )
-            missing = impact.goal - parting_speed(row, work, rows, h)
+            missing = impact.goal - parting_speed(row, h, s)
             push = wp.max(impact.mass * missing, -impact.impulse)
             change = wp.max(change, wp.abs(push) / impact.mass)
             impact.impulse += push
             impact.total += push
-            rows.impacts[i] = impact
+            s.rows.impacts[i] = impact
             force = push * row.normal
             none = wp.vec3(0.0)
-            rows.struck_qd[row.a] = rows.struck_qd[row.a] - response(
-                work, row.a, row.arm, force, none
+            s.rows.struck_qd[row.a] = s.rows.struck_qd[row.a] - response(
+                s.work, row.a, row.arm, force, none
             )
-            rows.struck_at[row.a] = wp.max(rows.struck_at[row.a], impact.wait)
-            if work.inv_mass[row.b] > 0.0:
-                rows.struck_qd[row.b] = rows.struck_qd[row.b] + response(
-                    work, row.b, arm_b, force, none
+            s.rows.struck_at[row.a] = wp.max(s.rows.struck_at[row.a], impact.wait)
+            if s.work.inv_mass[row.b] > 0.0:
+                s.rows.struck_qd[row.b] = s.rows.struck_qd[row.b] + response(
+                    s.work, row.b, arm_b, force, none
                 )
-                rows.struck_at[row.b] = wp.max(rows.struck_at[row.b], impact.wait)
+                s.rows.struck_at[row.b] = wp.max(s.rows.struck_at[row.b], impact.wait)
     return change
 
 
 @wp.func
-def strike_world(
-    world: int, h: float, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], rows: wp.ref[RowWork]
-) -> float:
+def strike_world(world: int, h: float, s: wp.ref[Solver]) -> float:
     """A Gauss-Seidel sweep over the round's rows of a world; returns the largest change [m/s]."""
     change = float(0.0)
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        change = wp.max(change, strike(body_at(i, worlds), work, rows, h))
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        change = wp.max(change, strike(body_at(i, s.worlds), h, s))
     return change
 
 
 @wp.func
-def aim_rows(
-    body: int, noise: float, lag: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
-):
+def aim_rows(body: int, noise: float, lag: float, h: float, s: wp.ref[Solver]):
     """Makes the rows that a body owns part as the rounds have decided.
 
     A bounce that gravity ends within the step is none. Bodies that later rounds made close again,
     but will not meet in this step, go on closing.
     """
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        impact = rows.impacts[i]
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        impact = s.rows.impacts[i]
         if impact.total > 0.0:
-            row = rows.rows[i]
+            row = s.rows.rows[i]
             # velocities of backward Euler lag half a step behind its parabola
-            part = parting_speed(row, work, rows, h)
+            part = parting_speed(row, h, s)
             is_late = part < -noise and row.gap + h * part > 0.0
             part += impact.acceleration * ((1.0 - lag) * h - impact.wait)
             if impact.restitution > 0.0 and (is_late or part >= -noise):
@@ -264,10 +236,10 @@ def aim_rows(
                 row.k_n = contact_rows.PENALTY * impact.mass / (h * h)
                 # whether it will slide or stick is open: a penalty that finds both
                 row.k_t = contact_rows.RELEASE_RATIO * contact_rows.tangent_penalty(row, row.k_n)
-                rows.rows[i] = row
-                rows.drift[i] = impact.drift - (h * part) * row.normal
+                s.rows.rows[i] = row
+                s.rows.drift[i] = impact.drift - (h * part) * row.normal
             else:
-                rows.impacts[i].total = 0.0
+                s.rows.impacts[i].total = 0.0
 
 
 @wp.func
@@ -278,44 +250,42 @@ def owned_last(body: int, k: int, rows: wp.ref[RowWork]) -> int:
 
 
 @wp.func
-def add_target(
-    body: int, i: int, sign: float, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
-) -> wp.spatial_vector:
+def add_target(body: int, i: int, sign: float, h: float, s: wp.ref[Solver]) -> wp.spatial_vector:
     """Adds to a body's target ``sign`` times what the impact of a row does from its time on.
 
     Returns by how much its force has moved the body before.
     """
-    impact = rows.impacts[i]
+    impact = s.rows.impacts[i]
     early = wp.spatial_vector()
     if impact.total > 0.0:
-        row = rows.rows[i]
+        row = s.rows.rows[i]
         arm = row.arm
         side = float(-1.0)
         if body != row.a:
-            arm += work.com[row.a] - work.com[row.b]
+            arm += s.work.com[row.a] - s.work.com[row.b]
             side = 1.0
-        change = h * response(work, body, arm, side * impact.force, side * impact.torque)
-        wait = rows.struck_at[body]
-        work.target[body] = work.target[body] + (sign * (h - wait)) * change
+        change = h * response(s.work, body, arm, side * impact.force, side * impact.torque)
+        wait = s.rows.struck_at[body]
+        s.work.target[body] = s.work.target[body] + (sign * (h - wait)) * change
         early = wait * change
     return early
 
 
 @wp.func
-def lead_of_rebound(body: int, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> float:
+def lead_of_rebound(body: int, h: float, s: wp.ref[Solver]) -> float:
     """Second order: how far a parabola is ahead of the step of backward Euler that sweeps take.
 
     As a share of what acceleration moves the body in that step: a h^2/2, less what the velocity of
     its start had lagged behind until the impact.
     """
-    if work.coasting.shape[0] == 0:
+    if s.work.coasting.shape[0] == 0:
         return 0.0
     lag = float(0.0)
-    for k in range(row_count(body, rows)):
-        impact = rows.impacts[row_of(body, k, rows)]
+    for k in range(row_count(body, s.rows)):
+        impact = s.rows.impacts[row_of(body, k, s.rows)]
         if impact.total > 0.0:
             lag = wp.max(lag, impact.lag)
-    return 0.5 - lag * rows.struck_at[body] / h
+    return 0.5 - lag * s.rows.struck_at[body] / h
 
 
 @wp.func
@@ -327,29 +297,23 @@ def free_share(body: int, scale: WorldScale, work: wp.ref[BodyWork]) -> float:
 
 
 @wp.func
-def leave_impacts(
-    body: int,
-    scale: WorldScale,
-    work: wp.ref[BodyWork],
-    rows: wp.ref[RowWork],
-    history: wp.ref[History],
-):
+def leave_impacts(body: int, scale: WorldScale, s: wp.ref[Solver]):
     """Puts a body to where its rebounds are, of which its target takes what they did.
 
     The sweeps let the force of an impact act all step long, though it acts from its time on.
     What it has done goes to the target of the body, so that the recovery leaves it alone.
     """
-    if work.inv_mass[body] > 0.0 and rows.struck_at[body] >= 0.0:
-        share = lead_of_rebound(body, scale.h, work, rows)
+    if s.work.inv_mass[body] > 0.0 and s.rows.struck_at[body] >= 0.0:
+        share = lead_of_rebound(body, scale.h, s)
         if share > 0.0:
-            behind = share * (work.target[body] - work.coasting[body])
+            behind = share * (s.work.target[body] - s.work.coasting[body])
             behind = wp.spatial_vector(wp.spatial_top(behind), wp.vec3(0.0))
-            work.increment[body] = work.increment[body] - behind
-            work.target[body] = work.target[body] - behind
-        for k in range(row_count(body, rows)):
-            early = add_target(body, owned_last(body, k, rows), 1.0, scale.h, work, rows)
-            work.increment[body] = work.increment[body] - early
-        history.falling[body] = free_share(body, scale, work)
+            s.work.increment[body] = s.work.increment[body] - behind
+            s.work.target[body] = s.work.target[body] - behind
+        for k in range(row_count(body, s.rows)):
+            early = add_target(body, owned_last(body, k, s.rows), 1.0, scale.h, s)
+            s.work.increment[body] = s.work.increment[body] - early
+        s.history.falling[body] = free_share(body, scale, s.work)
 
 
 @dataclass(frozen=True)
@@ -366,25 +330,23 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
     """Generates the functions for a scene's effects."""
 
     @wp.func
-    def is_joined(
-        slot: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork], loops: wp.ref[LoopWork]
-    ) -> bool:
+    def is_joined(slot: int, s: wp.ref[Solver]) -> bool:
         """Whether joints decide how a body answers a force."""
         result = bool(False)
         if wp.static(effects.joints):
-            rank = worlds.rank[slot]
-            result = worlds.block_end[rank] > rank + 1 or tree.joint[slot] >= 0
+            rank = s.worlds.rank[slot]
+            result = s.worlds.block_end[rank] > rank + 1 or s.tree.joint[slot] >= 0
         if wp.static(effects.loops):
-            result = result or has_loops(loops, slot)
+            result = result or has_loops(s.loops, slot)
         return result
 
     @wp.func
-    def end_rounds(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
+    def end_rounds(body: int, scale: WorldScale, s: wp.ref[Solver]):
         """A body after the rounds: where it starts from, and how its rows are to part."""
         lag = wp.static(0.0 if effects.second_order else 0.5)
-        aim_rows(body, noise_of(scale), lag, scale.h, work, rows)
-        if rows.struck_at[body] >= 0.0:
-            work.increment[body] = scale.h * rows.struck_qd[body]
+        aim_rows(body, noise_of(scale), lag, scale.h, s)
+        if s.rows.struck_at[body] >= 0.0:
+            s.work.increment[body] = scale.h * s.rows.struck_qd[body]
 
     @wp.func(inline=effects.inline)
     def find_impacts(
@@ -392,24 +354,18 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
         side: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        shapes: wp.ref[ShapeModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> bool:
         """Lets the impacts go through the world, in rounds; returns whether there are any."""
         h = scale.h
-        first = worlds.body_start[world]
-        end = worlds.body_start[world + 1]
+        first = s.worlds.body_start[world]
+        end = s.worlds.body_start[world + 1]
         noise = noise_of(scale)
         for i in range(first, end):
-            begin_rounds(body_at(i, worlds), body_qd, rows)
+            begin_rounds(body_at(i, s.worlds), body_qd, s.rows)
         is_active = bool(False)
         for i in range(first, end):
-            if begin_impacts(body_at(i, worlds), side, scale, shapes, work, rows, history):
+            if begin_impacts(body_at(i, s.worlds), side, scale, s):
                 is_active = True
         if not is_active:
             return False
@@ -418,76 +374,64 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
             change = float(wp.inf)
             sweeps = int(0)
             while change > noise and sweeps < SETTLE:
-                change = strike_world(world, h, worlds, work, rows)
+                change = strike_world(world, h, s)
                 sweeps += 1
-            is_active = continue_world(world, threshold_of(scale), h, worlds, work, rows)
+            is_active = continue_world(world, threshold_of(scale), h, s)
             rounds += 1
         for i in range(first, end):
-            end_rounds(body_at(i, worlds), scale, work, rows)
+            end_rounds(body_at(i, s.worlds), scale, s)
         return True
 
     @wp.func
-    def find_wait(
-        body: int,
-        worlds: wp.ref[WorldWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-    ) -> float:
+    def find_wait(body: int, s: wp.ref[Solver]) -> float:
         """How long the impacts of a body waited [s], the first of them; negative without any.
 
         A body that joints hold, or that something else pushes, is where those say that it is.
         """
         wait = float(-1.0)
-        is_held = is_joined(body, worlds, tree, loops)
-        for k in range(row_count(body, rows)):
-            i = row_of(body, k, rows)
-            impact = rows.impacts[i]
+        is_held = is_joined(body, s)
+        for k in range(row_count(body, s.rows)):
+            i = row_of(body, k, s.rows)
+            impact = s.rows.impacts[i]
             if impact.total > 0.0:
                 wait = wp.where(wait < 0.0, impact.wait, wp.min(wait, impact.wait))
-            elif wp.length_sq(rows.rows[i].force) > 0.0:
+            elif wp.length_sq(s.rows.rows[i].force) > 0.0:
                 is_held = True
         return wp.where(is_held, wp.min(wait, 0.0), wait)
 
     @wp.func
-    def release_impacts(
-        body: int,
-        worlds: wp.ref[WorldWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-    ):
+    def release_impacts(body: int, s: wp.ref[Solver]):
         """Says for how long a body's impacts waited; rows that it owns go back to their gaps."""
-        rows.struck_at[body] = find_wait(body, worlds, rows, tree, loops)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            impact = rows.impacts[i]
+        s.rows.struck_at[body] = find_wait(body, s)
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            impact = s.rows.impacts[i]
             if impact.total > 0.0:
-                impact.force = rows.rows[i].force
+                impact.force = s.rows.rows[i].force
                 if wp.static(effects.angular_friction):
-                    impact.torque = rows.spin[i].torque
-                    rows.spin[i].torque = wp.vec3(0.0)
-                rows.impacts[i] = impact
-                rows.drift[i] = impact.drift
-                rows.rows[i].force = wp.vec3(0.0)
-                rows.rows[i].gap = impact.gap
+                    impact.torque = s.rows.spin[i].torque
+                    s.rows.spin[i].torque = wp.vec3(0.0)
+                s.rows.impacts[i] = impact
+                s.rows.drift[i] = impact.drift
+                s.rows.rows[i].force = wp.vec3(0.0)
+                s.rows.rows[i].gap = impact.gap
 
     @wp.func
-    def restore_impacts(body: int, h: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
+    def restore_impacts(body: int, h: float, s: wp.ref[Solver]):
         """Gives the rows that a body owns their forces back, and the body its target."""
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            impact = rows.impacts[i]
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            impact = s.rows.impacts[i]
             if impact.total > 0.0:
-                rows.rows[i].force = impact.force
+                s.rows.rows[i].force = impact.force
                 if wp.static(effects.angular_friction):
-                    rows.spin[i].torque = impact.torque
-        if work.inv_mass[body] > 0.0:
-            for k in range(row_count(body, rows)):
-                add_target(body, owned_last(body, k, rows), -1.0, h, work, rows)
-            if rows.struck_at[body] >= 0.0:
-                share = lead_of_rebound(body, h, work, rows)
+                    s.rows.spin[i].torque = impact.torque
+        if s.work.inv_mass[body] > 0.0:
+            for k in range(row_count(body, s.rows)):
+                add_target(body, owned_last(body, k, s.rows), -1.0, h, s)
+            if s.rows.struck_at[body] >= 0.0:
+                share = lead_of_rebound(body, h, s)
                 if share > 0.0:
-                    behind = (share / (1.0 - share)) * (work.target[body] - work.coasting[body])
+                    behind = (share / (1.0 - share)) * (s.work.target[body] - s.work.coasting[body])
                     behind = wp.spatial_vector(wp.spatial_top(behind), wp.vec3(0.0))
-                    work.target[body] = work.target[body] + behind
+                    s.work.target[body] = s.work.target[body] + behind
 
     return ImpactFunctions(find_impacts, end_rounds, release_impacts, restore_impacts)

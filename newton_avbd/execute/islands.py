@@ -13,7 +13,15 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_from, world_inertia
 from ..blocks.tree import combined_with
-from ..data import BodyModel, BodyWork, IslandSum, IslandWork, SleepWork, TreeWork, WorldWork
+from ..data import (
+    BodyWork,
+    IslandSum,
+    IslandWork,
+    SleepWork,
+    Solver,
+    Step,
+    WorldWork,
+)
 from .bodies import body_at
 from .drag import resistance
 from .trees import turn_by
@@ -48,14 +56,12 @@ def unite(islands: wp.ref[IslandWork], worlds: wp.ref[WorldWork], a: int, b: int
 
 
 @wp.func
-def join_islands(
-    islands: wp.ref[IslandWork], worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], a: int, b: int
-):
+def join_islands(a: int, b: int, s: wp.ref[Solver]):
     """Makes one island of two bodies that push each other; b may be one that does not move."""
-    if work.inv_mass[b] > 0.0:
-        unite(islands, worlds, a, b)
+    if s.work.inv_mass[b] > 0.0:
+        unite(s.islands, s.worlds, a, b)
     else:
-        islands.fixed[island_of(islands, a)] = 1
+        s.islands.fixed[island_of(s.islands, a)] = 1
 
 
 @wp.func
@@ -104,65 +110,58 @@ def point_inertia(mass: float, r: wp.vec3) -> wp.mat33:
 
 
 @wp.func
-def keep_momentum(
-    world: int,
-    h: float,
-    model: wp.ref[BodyModel],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    islands: wp.ref[IslandWork],
-) -> bool:
+def keep_momentum(world: int, h: float, s: wp.ref[Solver]) -> bool:
     """Moves each free island rigidly so that it has the momentum of its inertial targets.
 
     With r from the island's COM, the missing momentum is sum m (dx* - dx) and the missing angular
     momentum sum r x m (dx* - dx) + I (dtheta* - dtheta), both times h. Returns whether there is
     a free island.
     """
-    first = worlds.body_start[world]
-    last = worlds.body_start[world + 1]
+    first = s.worlds.body_start[world]
+    last = s.worlds.body_start[world + 1]
     largest = int(0)
     # Bodies of an island follow each other for the most part: its sum is stored where they end.
     island = int(-1)
     total = IslandSum()
     for i in range(first, last):
-        body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0:
-            root = island_of(islands, body)
-            if islands.fixed[root] == 0:
+        body = body_at(i, s.worlds)
+        if s.work.inv_mass[body] > 0.0:
+            root = island_of(s.islands, body)
+            if s.islands.fixed[root] == 0:
                 if root != island:
-                    store_sum(islands, island, total)
+                    store_sum(s.islands, island, total)
                     # the root comes first, since it is visited first
                     total = IslandSum()
                     if body != root:
-                        total = islands.sum[root]
+                        total = s.islands.sum[root]
                     island = root
                 total.bodies += 1
-                total.mass += model.mass[body]
-                total.com += model.mass[body] * work.com[body]
-                total.moved += model.mass[body] * wp.spatial_top(work.target[body])
+                total.mass += s.model.mass[body]
+                total.com += s.model.mass[body] * s.work.com[body]
+                total.moved += s.model.mass[body] * wp.spatial_top(s.work.target[body])
                 largest = wp.max(largest, total.bodies)
-    store_sum(islands, island, total)
+    store_sum(s.islands, island, total)
     if largest < 2:
         return False
     island = int(-1)
     for i in range(first, last):
-        body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
-            root = islands.parent[body]
+        body = body_at(i, s.worlds)
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, island):
+            root = s.islands.parent[body]
             if root != island:
-                store_sum(islands, island, total)
-                total = islands.sum[root]
+                store_sum(s.islands, island, total)
+                total = s.islands.sum[root]
                 if body == root:
                     total.com = total.com / total.mass
                     total.moved = total.moved / total.mass
                 island = root
-            missing = work.target[body] - work.increment[body]
-            momentum = model.mass[body] * wp.spatial_top(missing)
-            spin = work.inertia[body] * wp.spatial_bottom(missing)
-            r = work.com[body] - total.com
-            total.inertia += work.inertia[body] + point_inertia(model.mass[body], r)
-            if work.drag.shape[0] > 0:
-                drag = work.drag[body]
+            missing = s.work.target[body] - s.work.increment[body]
+            momentum = s.model.mass[body] * wp.spatial_top(missing)
+            spin = s.work.inertia[body] * wp.spatial_bottom(missing)
+            r = s.work.com[body] - total.com
+            total.inertia += s.work.inertia[body] + point_inertia(s.model.mass[body], r)
+            if s.work.drag.shape[0] > 0:
+                drag = s.work.drag[body]
                 taken = h * resistance(drag, missing)
                 momentum += wp.spatial_top(taken)
                 spin += wp.spatial_bottom(taken)
@@ -174,45 +173,45 @@ def keep_momentum(
             total.momentum += momentum
             total.angular += wp.cross(r, momentum)
             total.angular += spin
-    store_sum(islands, island, total)
+    store_sum(s.islands, island, total)
     island = int(-1)
     for i in range(first, last):
-        body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
-            root = islands.parent[body]
+        body = body_at(i, s.worlds)
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, island):
+            root = s.islands.parent[body]
             if root != island:
-                total = islands.sum[root]
+                total = s.islands.sum[root]
                 if body == root:
                     total.momentum = total.momentum / total.mass
                     total.angular = rigid_turn(total)
-                    islands.sum[root] = total
+                    s.islands.sum[root] = total
                 island = root
-            shift = total.momentum + wp.cross(total.angular, work.com[body] - total.com)
-            work.increment[body] = work.increment[body] + wp.spatial_vector(shift, total.angular)
+            shift = total.momentum + wp.cross(total.angular, s.work.com[body] - total.com)
+            s.work.increment[body] = s.work.increment[body] + wp.spatial_vector(
+                shift, total.angular
+            )
     return True
 
 
 @wp.func
-def turn_with_island(
-    body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork], islands: wp.ref[IslandWork]
-):
+def turn_with_island(body: int, s: wp.ref[Solver]):
     """Turns a body that joints hold as :func:`keep_momentum` has turned its free island.
 
     That turn is rigid to first order, and joints would open by its product with how far the step
     has moved and turned the body. So the body goes to where a rigid turn of the island about its
     COM at the end of the step takes it. Velocities have been read off before.
     """
-    total = islands.sum[islands.parent[body]]
+    total = s.islands.sum[s.islands.parent[body]]
     turn = total.angular
-    r = work.com[body] - total.com
-    moved = wp.spatial_top(work.increment[body])
+    r = s.work.com[body] - total.com
+    moved = wp.spatial_top(s.work.increment[body])
     linear = wp.cross(turn, r)
     end = r + moved - linear - total.moved
     shift = -turned_from(exp_quat(-turn), end) - linear
-    rest = wp.spatial_bottom(work.increment[body]) - turn - tree.turn[body]
+    rest = wp.spatial_bottom(s.work.increment[body]) - turn - s.tree.turn[body]
     rest += combined_with(rest, turn)
-    work.increment[body] = wp.spatial_vector(moved + shift, tree.turn[body] + rest)
-    turn_by(body, rest, tree)
+    s.work.increment[body] = wp.spatial_vector(moved + shift, s.tree.turn[body] + rest)
+    turn_by(body, rest, s.tree)
 
 
 @wp.func
@@ -225,17 +224,7 @@ def end_arm(body: int, is_led: bool, total: IslandSum, work: wp.ref[BodyWork]) -
 
 
 @wp.func
-def keep_spin(
-    world: int,
-    h: float,
-    is_led: bool,
-    body_q: wp.array[wp.transform],
-    model: wp.ref[BodyModel],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    islands: wp.ref[IslandWork],
-    body_qd: wp.array[wp.spatial_vector],
-):
+def keep_spin(world: int, h: float, is_led: bool, step: wp.ref[Step], s: wp.ref[Solver]):
     """Turns the velocities of each free island so that it has its angular momentum.
 
     Of what forces within the island leave as it is, sum r x m v + I w with r at the start and I at
@@ -254,42 +243,46 @@ def keep_spin(
         islands: As :func:`keep_momentum` has summed them.
         body_qd: Velocities after the step.
     """
-    first = worlds.body_start[world]
-    last = worlds.body_start[world + 1]
+    first = s.worlds.body_start[world]
+    last = s.worlds.body_start[world + 1]
     island = int(-1)
     total = IslandSum()
     for i in range(first, last):
-        body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
-            root = islands.parent[body]
+        body = body_at(i, s.worlds)
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, island):
+            root = s.islands.parent[body]
             if root != island:
-                store_sum(islands, island, total)
-                total = islands.sum[root]
+                store_sum(s.islands, island, total)
+                total = s.islands.sum[root]
                 if body == root:
                     total.angular = wp.vec3(0.0)
                     total.inertia = wp.mat33(0.0)
                 island = root
-            free = work.target[body]
-            if work.lead.shape[0] > 0:
-                free -= work.lead[body]
-            inertia = world_inertia(wp.transform_get_rotation(body_q[body]), model.inertia[body])
-            missing = wp.spatial_top(free) / h - wp.spatial_top(body_qd[body])
-            r = end_arm(body, is_led, total, work)
-            total.angular += model.mass[body] * wp.cross(r, missing)
-            total.angular += work.momentum[body] - inertia * wp.spatial_bottom(body_qd[body])
-            total.inertia += inertia + point_inertia(model.mass[body], r)
-    store_sum(islands, island, total)
+            free = s.work.target[body]
+            if s.work.lead.shape[0] > 0:
+                free -= s.work.lead[body]
+            inertia = world_inertia(
+                wp.transform_get_rotation(step.body_q_out[body]), s.model.inertia[body]
+            )
+            missing = wp.spatial_top(free) / h - wp.spatial_top(step.body_qd_out[body])
+            r = end_arm(body, is_led, total, s.work)
+            total.angular += s.model.mass[body] * wp.cross(r, missing)
+            total.angular += s.work.momentum[body] - inertia * wp.spatial_bottom(
+                step.body_qd_out[body]
+            )
+            total.inertia += inertia + point_inertia(s.model.mass[body], r)
+    store_sum(s.islands, island, total)
     island = int(-1)
     for i in range(first, last):
-        body = body_at(i, worlds)
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, island):
-            root = islands.parent[body]
+        body = body_at(i, s.worlds)
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, island):
+            root = s.islands.parent[body]
             if root != island:
-                total = islands.sum[root]
+                total = s.islands.sum[root]
                 if body == root:
                     total.angular = rigid_turn(total)
-                    islands.sum[root].angular = total.angular
+                    s.islands.sum[root].angular = total.angular
                 island = root
-            r = end_arm(body, is_led, total, work)
+            r = end_arm(body, is_led, total, s.work)
             spin = wp.spatial_vector(wp.cross(total.angular, r), total.angular)
-            body_qd[body] = body_qd[body] + spin
+            step.body_qd_out[body] = step.body_qd_out[body] + spin

@@ -7,6 +7,8 @@ of them, which took half the time of a pendulum's step. So structs that stay the
 *resident*: they lie in an array of one, which is what kernels are given. Device functions take them
 by reference (``wp.ref``): by value each call copies a thousand pointers, which a compiler for GPUs
 spends most of its time on where it inlines, and which a function that is not inlined would do.
+What lasts from step to step is one such struct, :class:`.data.Solver`, whose members lie side by
+side; on the host they are a :class:`.data.Context`.
 """
 
 import ctypes
@@ -18,6 +20,7 @@ from typing import Any
 
 import warp as wp
 
+from ..data import Context
 from .barrier import BLOCK, block_size
 from .workers import Workers
 
@@ -135,13 +138,16 @@ class Launcher:
         struct = getattr(kernel.adj.args[i].type, "dtype", None)
         if struct is None or argument is None or isinstance(argument, wp.array):
             return argument
-        content = bytes(argument.__ctype__())
+        content = _content(struct, argument)
         known = self._resident.get(id(argument))
         if known is None or known[1] != content:
             place = wp.empty(1, dtype=struct, device=self._device)
             if self._device.is_cpu:
                 # at once, also while a graph is captured
                 ctypes.memmove(place.ptr, content, len(content))
+            elif isinstance(argument, Context):
+                place.zero_()
+                put_members(struct, argument, place)
             else:
                 wp.launch(putting(struct), dim=1, inputs=[argument, place], device=self._device)
             # graphs that were captured before go on using the old place, and the arrays named there
@@ -149,6 +155,35 @@ class Launcher:
             known = argument, content, place
             self._resident[id(argument)] = known
         return known[2]
+
+
+def put_members(struct: Any, context: Context, place: wp.array) -> None:
+    """Puts structs to where they lie in another one, which is zero so far.
+
+    Each by itself: together they may be more than the arguments of a kernel have room for.
+    """
+    for name, var in struct.vars.items():
+        member = getattr(context, name)
+        if member is None or not any(bytes(member.__ctype__())):
+            continue
+        view = wp.array(
+            ptr=place.ptr + getattr(struct.ctype, name).offset,
+            dtype=var.type,
+            shape=(1,),
+            device=place.device,
+        )
+        wp.launch(putting(var.type), dim=1, inputs=[member, view], device=place.device)
+
+
+def _content(struct: Any, argument: Any) -> bytes:
+    """Bytes of a struct."""
+    if not isinstance(argument, Context):
+        return bytes(argument.__ctype__())
+    whole = struct.ctype()
+    for name, member in zip(argument._fields, argument, strict=True):
+        if member is not None:
+            setattr(whole, name, member.__ctype__())
+    return bytes(whole)
 
 
 class Compiler(Launcher):

@@ -11,9 +11,10 @@ from ..data import (
     BodyModel,
     ContactInput,
     ControlInput,
-    JointModel,
     LinkLoads,
     LinkModel,
+    Solver,
+    Step,
     WorldWork,
 )
 from ..rows.joint import DISTANCE, FREE, ROD
@@ -551,21 +552,14 @@ def link_center(link: int, links: wp.ref[LinkModel], pose: wp.array[wp.transform
 
 @wp.kernel(**KERNEL)
 def load_by_joints(
-    # Model:
-    model: BodyModel,
-    joints: JointModel,
-    links: LinkModel,
     link_parent: wp.array[wp.int32],
     link_child: wp.array[wp.int32],
-    # State in:
-    control: ControlInput,
     pose: wp.array[wp.transform],
     joint_wrench: wp.array[wp.spatial_vector],
-    worlds: WorldWork,
-    # Work out:
     loads: LinkLoads,
-    # Out:
     body_parent_f: wp.array[wp.spatial_vector],
+    step: Step,
+    s: wp.array[Solver],
 ):
     """Takes what joints give each link from its load, and reports it; one thread a joint.
 
@@ -573,22 +567,22 @@ def load_by_joints(
     joints push with by their ``joint_f`` is no such wrench, but an external one.
     """
     i = wp.tid()
-    child = link_child[links.joint[i]]
-    parent = link_parent[links.joint[i]]
-    body = links.body[child]
-    if is_asleep(body, worlds):
+    child = link_child[s[0].links.joint[i]]
+    parent = link_parent[s[0].links.joint[i]]
+    body = s[0].links.body[child]
+    if is_asleep(body, s[0].worlds):
         return
-    at = link_center(child, links, pose)
-    center = wp.transform_point(pose[body], model.com[body])
+    at = link_center(child, s[0].links, pose)
+    center = wp.transform_point(pose[body], s[0].model.com[body])
     push = joint_wrench[i]
     push = pushed_at(wp.spatial_top(push), wp.spatial_bottom(push), center - at)
     wp.atomic_add(body_parent_f, child, push)
-    kind = joints.type[i]
-    if joints.enabled[i] and (kind == FREE or kind == DISTANCE or kind == ROD):
-        push += joint_wrench_of(joints.dof_start[i], control)
+    kind = s[0].joints.type[i]
+    if s[0].joints.enabled[i] and (kind == FREE or kind == DISTANCE or kind == ROD):
+        push += joint_wrench_of(s[0].joints.dof_start[i], step.control)
     wp.atomic_sub(loads.link, child, push)
     if parent >= 0:
-        arm = at - link_center(parent, links, pose)
+        arm = at - link_center(parent, s[0].links, pose)
         wp.atomic_add(
             loads.link, parent, pushed_at(wp.spatial_top(push), wp.spatial_bottom(push), arm)
         )

@@ -18,13 +18,9 @@ import warp as wp
 
 from ..blocks.tree import geometric_stiffness
 from ..data import (
-    BodyModel,
-    BodyWork,
-    ControlInput,
-    History,
-    JointModel,
     LoopWork,
-    TreeWork,
+    Solver,
+    Step,
     WorldScale,
 )
 from ..effects import Effects
@@ -81,34 +77,27 @@ def has_outer_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
 
 
 @wp.func
-def loop_geometry(
-    i: int,
-    model: wp.ref[BodyModel],
-    joints: wp.ref[JointModel],
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
-    loops: wp.ref[LoopWork],
-):
+def loop_geometry(i: int, s: wp.ref[Solver]):
     """Rotations of a joint's anchors after the increments, arms, and child anchor from parent's."""
-    static_slot = work.inv_mass.shape[0] - 1
-    joint = loops.joints[i]
-    child = joints.child[joint]
-    parent = parent_slot(joints, joint, static_slot)
-    frame_p = joints.parent_frame[joint]
-    frame_c = joints.child_frame[joint]
-    arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-    arm_c = anchor_arm(model, tree, child, frame_c, static_slot)
-    offset = anchor_offset(loops.apart[i], work, child, parent, arm_c, arm_p)
-    q_p = anchor_rotation(tree, parent, frame_p)
-    q_c = anchor_rotation(tree, child, frame_c)
+    static_slot = s.work.inv_mass.shape[0] - 1
+    joint = s.loops.joints[i]
+    child = s.joints.child[joint]
+    parent = parent_slot(s.joints, joint, static_slot)
+    frame_p = s.joints.parent_frame[joint]
+    frame_c = s.joints.child_frame[joint]
+    arm_p = anchor_arm(parent, frame_p, static_slot, s)
+    arm_c = anchor_arm(child, frame_c, static_slot, s)
+    offset = anchor_offset(s.loops.apart[i], s.work, child, parent, arm_c, arm_p)
+    q_p = anchor_rotation(s.tree, parent, frame_p)
+    q_c = anchor_rotation(s.tree, child, frame_c)
     return q_p, q_c, arm_p, arm_c, offset
 
 
 @wp.func
-def reach_farther(i: int, closing: float, joints: wp.ref[JointModel], loops: wp.ref[LoopWork]):
+def reach_farther(i: int, closing: float, s: wp.ref[Solver]):
     """Expects that the recovery pulls at a DISTANCE joint where joints of its world close [m]."""
-    if joints.type[loops.joints[i]] == DISTANCE:
-        loops.reach[i] += ASIDE * closing
+    if s.joints.type[s.loops.joints[i]] == DISTANCE:
+        s.loops.reach[i] += ASIDE * closing
 
 
 @wp.func
@@ -129,8 +118,7 @@ def share_recovered(
     arm_p: wp.vec3,
     child: int,
     parent: int,
-    work: wp.ref[BodyWork],
-    loops: wp.ref[LoopWork],
+    s: wp.ref[Solver],
 ) -> float:
     """Share of an open joint that a step closes: what turns nothing by :data:`MOST_TURNED`.
 
@@ -145,13 +133,13 @@ def share_recovered(
         work: The bodies.
         loops: Joints outside of trees.
     """
-    turns_c = mean_inverse(work.inv_inertia[child])
-    turns_p = mean_inverse(work.inv_inertia[parent])
-    yields = work.inv_mass[child] + turns_c * wp.length_sq(arm_c)
-    yields += work.inv_mass[parent] + turns_p * wp.length_sq(arm_p)
+    turns_c = mean_inverse(s.work.inv_inertia[child])
+    turns_p = mean_inverse(s.work.inv_inertia[parent])
+    yields = s.work.inv_mass[child] + turns_c * wp.length_sq(arm_c)
+    yields += s.work.inv_mass[parent] + turns_p * wp.length_sq(arm_p)
     rate = wp.max(turns_c * wp.length(arm_c), turns_p * wp.length(arm_p)) / yields
-    joints_c = loops.body_start[child + 1] - loops.body_start[child]
-    joints = wp.max(joints_c, loops.body_start[parent + 1] - loops.body_start[parent])
+    joints_c = s.loops.body_start[child + 1] - s.loops.body_start[child]
+    joints = wp.max(joints_c, s.loops.body_start[parent + 1] - s.loops.body_start[parent])
     if joints > 1:
         # others pull the string aside
         rate = float(joints) * wp.max(rate, 1.0 / wp.max(length, 1.0e-12))
@@ -165,43 +153,36 @@ def bound_of(i: int, limit: float, start: float, recovery: float, loops: wp.ref[
 
 
 @wp.func
-def beyond_bounds(i: int, joints: wp.ref[JointModel], loops: wp.ref[LoopWork]) -> float:
+def beyond_bounds(i: int, s: wp.ref[Solver]) -> float:
     """How much longer than its upper bound a DISTANCE joint starts [m]; negative where shorter than
     its lower one."""
-    index = joints.dof_start[loops.joints[i]]
-    start = wp.float32(loops.start_coordinate[index])
-    if start < joints.limit_lower[index]:
-        return start - joints.limit_lower[index]
+    index = s.joints.dof_start[s.loops.joints[i]]
+    start = wp.float32(s.loops.start_coordinate[index])
+    if start < s.joints.limit_lower[index]:
+        return start - s.joints.limit_lower[index]
     # an upper bound of 0 is no direction to pull in, but locked
-    if joints.limit_upper[index] > 0.0 and start > joints.limit_upper[index]:
-        return start - joints.limit_upper[index]
+    if s.joints.limit_upper[index] > 0.0 and start > s.joints.limit_upper[index]:
+        return start - s.joints.limit_upper[index]
     return 0.0
 
 
 @wp.func
-def distance_force(
-    i: int,
-    length: float,
-    held: float,
-    recovery: float,
-    joints: wp.ref[JointModel],
-    loops: wp.ref[LoopWork],
-) -> float:
+def distance_force(i: int, length: float, held: float, recovery: float, s: wp.ref[Solver]) -> float:
     """Force of a DISTANCE joint that pushes its anchors apart [N], negative where it pulls.
 
     ``held`` is its multiplier.
     """
-    index = joints.dof_start[loops.joints[i]]
-    start = wp.float32(loops.start_coordinate[index])
+    index = s.joints.dof_start[s.loops.joints[i]]
+    start = wp.float32(s.loops.start_coordinate[index])
     force = float(0.0)
-    lower = joints.limit_lower[index]
+    lower = s.joints.limit_lower[index]
     if lower >= 0.0:
-        bound = bound_of(i, lower, wp.min(start, lower), recovery, loops)
-        force = wp.max(held + loops.k_l[i] * (bound - length), 0.0)
-    upper = joints.limit_upper[index]
+        bound = bound_of(i, lower, wp.min(start, lower), recovery, s.loops)
+        force = wp.max(held + s.loops.k_l[i] * (bound - length), 0.0)
+    upper = s.joints.limit_upper[index]
     if force == 0.0 and upper > 0.0:
-        bound = bound_of(i, upper, wp.max(start, upper), recovery, loops)
-        force = wp.min(held + loops.k_l[i] * (bound - length), 0.0)
+        bound = bound_of(i, upper, wp.max(start, upper), recovery, s.loops)
+        force = wp.min(held + s.loops.k_l[i] * (bound - length), 0.0)
     return force
 
 
@@ -220,13 +201,11 @@ def string_direction(q_p: wp.quat, arm_c: wp.vec3, offset: wp.vec3) -> wp.vec3:
 
 
 @wp.func
-def turn_of(
-    i: int, joints: wp.ref[JointModel], work: wp.ref[BodyWork], loops: wp.ref[LoopWork]
-) -> wp.vec3:
+def turn_of(i: int, s: wp.ref[Solver]) -> wp.vec3:
     """As :func:`.trees.full_turns` [rad]."""
-    joint = loops.joints[i]
-    parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
-    return full_turns(joints.child[joint], parent, work)
+    joint = s.loops.joints[i]
+    parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
+    return full_turns(s.joints.child[joint], parent, s.work)
 
 
 @dataclass(frozen=True)
@@ -263,148 +242,131 @@ def make_loops(effects: Effects) -> LoopFunctions:
         q_c: wp.quat,
         offset: wp.vec3,
         known: wp.float64,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
+        s: wp.ref[Solver],
     ) -> wp.float64:
         """Coordinate of a degree of freedom after the increments; a ball's turn in the step."""
-        joint = loops.joints[i]
+        joint = s.loops.joints[i]
         if wp.static(effects.kinds.balls and effects.coordinates):
-            if joints.type[joint] == BALL:
-                parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
-                turn = ball_turn(joints.child[joint], parent, q_p, work, tree)
+            if s.joints.type[joint] == BALL:
+                parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
+                turn = ball_turn(s.joints.child[joint], parent, q_p, s)
                 return wp.float64(turn[dof])
         about = wp.float64(known)
-        started = known_angles(joints, joint, loops.start_coordinate, joints.dof_start[joint])
-        if dof >= linear_count(joints, joint):
-            turn = turn_of(i, joints, work, loops)
+        started = known_angles(s.joints, joint, s.loops.start_coordinate, s.joints.dof_start[joint])
+        if dof >= linear_count(s.joints, joint):
+            turn = turn_of(i, s)
             if wp.length_sq(turn) > 0.0:
-                about += advance(joints, joint, dof, q_p, q_c, started, turn)
-        turns = angles(joints, joint, q_p, q_c, started, False)
-        return coordinate(joints, joint, dof, q_p, turns, offset, about)
+                about += advance(s.joints, joint, dof, q_p, q_c, started, turn)
+        turns = angles(s.joints, joint, q_p, q_c, started, False)
+        return coordinate(s.joints, joint, dof, q_p, turns, offset, about)
 
     @wp.func
-    def count_turns(
-        i: int,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def count_turns(i: int, s: wp.ref[Solver]):
         """Remembers turns of a joint in the step that orientations do not tell, and hysteresis."""
         if wp.static(effects.dahl):
-            joint = loops.joints[i]
-            if joints.type[joint] == ROD:
-                first = joints.dof_start[joint] + 3
-                keep_dahl(joint, first, loops.coordinate, loops.start_coordinate, joints, history)
-        if wp.length_sq(turn_of(i, joints, work, loops)) > 0.0:
+            joint = s.loops.joints[i]
+            if s.joints.type[joint] == ROD:
+                first = s.joints.dof_start[joint] + 3
+                keep_dahl(
+                    joint, first, s.loops.coordinate, s.loops.start_coordinate, s.joints, s.history
+                )
+        if wp.length_sq(turn_of(i, s)) > 0.0:
             for dof in range(
-                joints.dof_start[loops.joints[i]], joints.dof_start[loops.joints[i] + 1]
+                s.joints.dof_start[s.loops.joints[i]], s.joints.dof_start[s.loops.joints[i] + 1]
             ):
-                history.joint_angle[dof] = loops.coordinate[dof]
+                s.history.joint_angle[dof] = s.loops.coordinate[dof]
 
     @wp.func(inline=effects.inline)
-    def begin_loop(
-        i: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def begin_loop(i: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Misfit, coordinates and penalties of a joint at the start of the step.
 
         Expects increments of zero and rotations at the start of the step. Returns whether the joint
         is open by more than rounding.
         """
         h = scale.step
-        joint = loops.joints[i]
+        joint = s.loops.joints[i]
         static_slot = scale.static_slot
-        child = joints.child[joint]
-        parent = parent_slot(joints, joint, static_slot)
-        loops.apart[i] = start_span(
-            child, parent, joints.parent_frame[joint], static_slot, body_q, model, history
-        )
-        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
-        shift = linear_misfit(joints, joint, q_p, offset)
-        turn = angular_misfit(joints, joint, q_p, q_c)
-        if work.inv_mass[parent] == 0.0:
-            misfit = carried_misfit(parent, arm_p, shift, turn, work, tree)
-            shift = linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
-            turn = angular_lock(joints, joint, q_p, q_c) * wp.spatial_bottom(misfit)
-        loops.misfit[i] = wp.spatial_vector(shift, turn)
-        loops.closing[i] = 0.0
+        child = s.joints.child[joint]
+        parent = parent_slot(s.joints, joint, static_slot)
+        s.loops.apart[i] = start_span(child, parent, s.joints.parent_frame[joint], static_slot, s)
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, s)
+        shift = linear_misfit(s.joints, joint, q_p, offset)
+        turn = angular_misfit(s.joints, joint, q_p, q_c)
+        if s.work.inv_mass[parent] == 0.0:
+            misfit = carried_misfit(parent, arm_p, shift, turn, s)
+            shift = linear_misfit(s.joints, joint, q_p, wp.spatial_top(misfit))
+            turn = angular_lock(s.joints, joint, q_p, q_c) * wp.spatial_bottom(misfit)
+        s.loops.misfit[i] = wp.spatial_vector(shift, turn)
+        s.loops.closing[i] = 0.0
         open_by = wp.length(shift)
         span = float(wp.inf)
-        turning = wp.length(wp.spatial_bottom(work.target[child]))
-        turning += wp.length(wp.spatial_bottom(work.target[parent]))
-        moving = wp.length(wp.spatial_top(work.target[child]))
-        moving += wp.length(wp.spatial_top(work.target[parent]))
-        loops.turn_reach[i] = 2.0 * turning
-        loops.reach[i] = 2.0 * (moving + turning * (wp.length(arm_c) + wp.length(arm_p)))
-        inv_mass = work.inv_mass[child] + work.inv_mass[parent]
-        inv_inertia = mean_inverse(work.inv_inertia[child] + work.inv_inertia[parent])
-        loops.k_l[i] = 0.0
-        loops.k_a[i] = 0.0
-        if not joints.enabled[joint] or inv_mass == 0.0:
-            history.loop_force[i] = wp.vec3(0.0)
-            history.loop_torque[i] = wp.vec3(0.0)
+        turning = wp.length(wp.spatial_bottom(s.work.target[child]))
+        turning += wp.length(wp.spatial_bottom(s.work.target[parent]))
+        moving = wp.length(wp.spatial_top(s.work.target[child]))
+        moving += wp.length(wp.spatial_top(s.work.target[parent]))
+        s.loops.turn_reach[i] = 2.0 * turning
+        s.loops.reach[i] = 2.0 * (moving + turning * (wp.length(arm_c) + wp.length(arm_p)))
+        inv_mass = s.work.inv_mass[child] + s.work.inv_mass[parent]
+        inv_inertia = mean_inverse(s.work.inv_inertia[child] + s.work.inv_inertia[parent])
+        s.loops.k_l[i] = 0.0
+        s.loops.k_a[i] = 0.0
+        if not s.joints.enabled[joint] or inv_mass == 0.0:
+            s.history.loop_force[i] = wp.vec3(0.0)
+            s.history.loop_torque[i] = wp.vec3(0.0)
             return False
-        turn_c = wp.length_sq(wp.spatial_bottom(work.target[child]))
-        turn_p = wp.length_sq(wp.spatial_bottom(work.target[parent]))
-        if loops.is_exact[i] and wp.max(turn_c, turn_p) > STALE * STALE:
-            history.loop_force[i] = wp.vec3(0.0)
-            history.loop_torque[i] = wp.vec3(0.0)
-        loops.kept_force[i] = history.loop_force[i]
-        loops.kept_torque[i] = history.loop_torque[i]
-        loops.k_l[i] = PENALTY / (inv_mass * h * h)
-        loops.k_a[i] = PENALTY / (inv_inertia * h * h)
+        turn_c = wp.length_sq(wp.spatial_bottom(s.work.target[child]))
+        turn_p = wp.length_sq(wp.spatial_bottom(s.work.target[parent]))
+        if s.loops.is_exact[i] and wp.max(turn_c, turn_p) > STALE * STALE:
+            s.history.loop_force[i] = wp.vec3(0.0)
+            s.history.loop_torque[i] = wp.vec3(0.0)
+        s.loops.kept_force[i] = s.history.loop_force[i]
+        s.loops.kept_torque[i] = s.history.loop_torque[i]
+        s.loops.k_l[i] = PENALTY / (inv_mass * h * h)
+        s.loops.k_a[i] = PENALTY / (inv_inertia * h * h)
         # one end kinematic, the other where the last step left it
         is_carried = parent != static_slot
-        if work.inv_mass[parent] == 0.0:
-            is_carried = is_carried and tree.is_left[child]
-        elif work.inv_mass[child] == 0.0:
-            is_carried = is_carried and tree.is_left[parent]
+        if s.work.inv_mass[parent] == 0.0:
+            is_carried = is_carried and s.tree.is_left[child]
+        elif s.work.inv_mass[child] == 0.0:
+            is_carried = is_carried and s.tree.is_left[parent]
         else:
             is_carried = False
         is_open = bool(False)
-        linear = linear_count(joints, joint)
-        if joints.type[joint] == DISTANCE:
-            index = joints.dof_start[joint]
+        linear = linear_count(s.joints, joint)
+        if s.joints.type[joint] == DISTANCE:
+            index = s.joints.dof_start[joint]
             length = wp.length(offset)
-            loops.start_coordinate[index] = wp.float64(length)
-            rounding = ROUNDING * (wp.length(work.com[child]) + length)
-            lower = joints.limit_lower[index]
-            upper = joints.limit_upper[index]
+            s.loops.start_coordinate[index] = wp.float64(length)
+            rounding = ROUNDING * (wp.length(s.work.com[child]) + length)
+            lower = s.joints.limit_lower[index]
+            upper = s.joints.limit_upper[index]
             is_open = length < lower - rounding or (upper >= 0.0 and length > upper + rounding)
-            beyond = beyond_bounds(i, joints, loops)
+            beyond = beyond_bounds(i, s)
             open_by = wp.max(open_by, wp.abs(beyond))
             span = length - beyond
         else:
-            known = known_angles(joints, joint, history.joint_angle, joints.dof_start[joint])
-            turns = angles(joints, joint, q_p, q_c, known, False)
-            for dof in range(linear + angular_count(joints, joint)):
-                index = joints.dof_start[joint] + dof
-                q = coordinate(joints, joint, dof, q_p, turns, offset, history.joint_angle[index])
-                history.joint_angle[index] = q
-                if is_carried and joints.type[joint] != BALL:
+            known = known_angles(s.joints, joint, s.history.joint_angle, s.joints.dof_start[joint])
+            turns = angles(s.joints, joint, q_p, q_c, known, False)
+            for dof in range(linear + angular_count(s.joints, joint)):
+                index = s.joints.dof_start[joint] + dof
+                q = coordinate(
+                    s.joints, joint, dof, q_p, turns, offset, s.history.joint_angle[index]
+                )
+                s.history.joint_angle[index] = q
+                if is_carried and s.joints.type[joint] != BALL:
                     # a kinematic body has been put elsewhere since: what damps feels its motion
-                    q = loops.coordinate[index]
+                    q = s.loops.coordinate[index]
                 if wp.static(effects.second_order):
-                    q = begin_axis(index, q, scale, history.coordinate)
-                loops.start_coordinate[index] = q
-        loops.recovered[i] = 1.0
-        if not loops.is_exact[i]:
-            loops.recovered[i] = share_recovered(
-                open_by, wp.length(turn), span, arm_c, arm_p, child, parent, work, loops
+                    q = begin_axis(index, q, scale, s.history.coordinate)
+                s.loops.start_coordinate[index] = q
+        s.loops.recovered[i] = 1.0
+        if not s.loops.is_exact[i]:
+            s.loops.recovered[i] = share_recovered(
+                open_by, wp.length(turn), span, arm_c, arm_p, child, parent, s
             )
         reach = wp.length(arm_c) + wp.length(arm_p)
-        loops.closing[i] = loops.recovered[i] * (open_by + reach * wp.length(turn))
-        allowed = ROUNDING * (wp.length(work.com[child]) + reach)
+        s.loops.closing[i] = s.loops.recovered[i] * (open_by + reach * wp.length(turn))
+        allowed = ROUNDING * (wp.length(s.work.com[child]) + reach)
         error = wp.length_sq(shift) + reach * reach * wp.length_sq(turn)
         return is_open or error > allowed * allowed
 
@@ -416,29 +378,26 @@ def make_loops(effects: Effects) -> LoopFunctions:
         turn_away: wp.vec3,
         rest_away: wp.vec3,
         h: float,
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Generalized force along a free axis, its curvature, and what friction and stops have in
         it, which are held by multipliers."""
-        joint = loops.joints[i]
-        index = joints.dof_start[joint] + dof
-        moved = wp.float32(q - loops.start_coordinate[index])
-        force = float(control.joint_f[index])
+        joint = s.loops.joints[i]
+        index = s.joints.dof_start[joint] + dof
+        moved = wp.float32(q - s.loops.start_coordinate[index])
+        force = float(step.control.joint_f[index])
         stiffness = float(0.0)
         friction = float(0.0)
         stop = float(0.0)
         if wp.static(effects.rods):
-            if joints.type[joint] == ROD:
-                pull, k_rod = axis_rows.rod_response(joints, index, wp.float32(q), moved, h)
+            if s.joints.type[joint] == ROD:
+                pull, k_rod = axis_rows.rod_response(s.joints, index, wp.float32(q), moved, h)
                 if wp.static(effects.dahl):
                     if dof > 2:
                         # its block stays the same all step long: the steepest slope
                         held, _slope, steepest = dahl_response(
-                            joint, dof - 3, wp.float32(q), moved, joints, history
+                            joint, dof - 3, wp.float32(q), moved, s.joints, s.history
                         )
                         pull += held
                         k_rod += steepest
@@ -446,45 +405,54 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if wp.static(effects.coordinates):
             start_velocity = float(0.0)
             if wp.static(effects.axis_rates):
-                start_velocity = tree.start_velocity[index]
+                start_velocity = s.tree.start_velocity[index]
             pull, k = linear_force(
-                joints, control, joint, dof, q, moved, start_velocity, turn_away, rest_away, h
+                s.joints,
+                step.control,
+                joint,
+                dof,
+                q,
+                moved,
+                start_velocity,
+                turn_away,
+                rest_away,
+                h,
             )
             force += pull
             stiffness += k
-        force += ahead_along(index, history)
-        inertia = wp.where(dof < linear_count(joints, joint), loops.k_l[i], loops.k_a[i])
+        force += ahead_along(index, s.history)
+        inertia = wp.where(dof < linear_count(s.joints, joint), s.loops.k_l[i], s.loops.k_a[i])
         inertia /= wp.static(PENALTY)
         bound_force = float(0.0)
         if wp.static(effects.effort_limits):
             pull, k, least, most = limited_drive(
-                joints, control, joint, dof, q, moved, turn_away, h
+                s.joints, step.control, joint, dof, q, moved, turn_away, h
             )
             bound_force = pull
             force += wp.clamp(pull, least, most)
             if pull > least and pull < most:
                 stiffness += k
         share = inertia / (inertia + stiffness)
-        keep_input(index, inertia, share, bound_force, 1.0 / (h * h), history)
+        keep_input(index, inertia, share, bound_force, 1.0 / (h * h), s.history)
         if wp.static(effects.joint_friction or effects.stops):
-            is_linear = dof < linear_count(joints, joint)
-            penalty = wp.where(is_linear, loops.k_l[i], loops.k_a[i])
+            is_linear = dof < linear_count(s.joints, joint)
+            penalty = wp.where(is_linear, s.loops.k_l[i], s.loops.k_a[i])
             if wp.static(effects.joint_friction):
-                most = axis_rows.most_friction(joints, joint, index)
-                held = history.friction_force[index]
+                most = axis_rows.most_friction(s.joints, joint, index)
+                held = s.history.friction_force[index]
                 friction = wp.clamp(held - penalty * moved, -most, most)
                 force += friction
                 # what slides faster than friction stops in a step is not held back
                 if wp.abs(held) < most or penalty * wp.abs(moved) < wp.static(2.0 * PENALTY) * most:
                     stiffness += penalty
             if wp.static(effects.stops):
-                lower, upper = stops(joints, index, q, moved, 0.0, h)
-                held = history.limit_force[index]
+                lower, upper = stops(s.joints, index, q, moved, 0.0, h)
+                held = s.history.limit_force[index]
                 stop = wp.max(held + penalty * lower, 0.0)
                 if stop == 0.0:
                     stop = wp.min(held + penalty * upper, 0.0)
                 force += stop
-                reach = wp.where(is_linear, loops.reach[i], loops.turn_reach[i])
+                reach = wp.where(is_linear, s.loops.reach[i], s.loops.turn_reach[i])
                 if held != 0.0 or -reach < lower or reach > upper:
                     stiffness += penalty
         return force, stiffness, friction, stop
@@ -494,107 +462,89 @@ def make_loops(effects: Effects) -> LoopFunctions:
         i: int,
         recovery: float,
         h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
         has_dual: bool,
         is_whole: bool,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Force [N] at the anchor and torque [N m] of a joint on its child, and the two arms [m].
 
         With ``has_dual`` they become the joint's multipliers. What a joint locks whose rows are
         solved with the tree counts only if ``is_whole``: otherwise its rows are to find it.
         """
-        joint = loops.joints[i]
-        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
-        if loops.k_l[i] == 0.0:
+        joint = s.loops.joints[i]
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, s)
+        if s.loops.k_l[i] == 0.0:
             return wp.vec3(0.0), wp.vec3(0.0), arm_c, arm_p
         if wp.static(effects.kinds.distances):
-            if is_string(joints, joint):
+            if is_string(s.joints, joint):
                 along = string_direction(q_p, arm_c, offset)
-                pull = wp.dot(history.loop_force[i], along)
-                if loops.is_exact[i]:
+                pull = wp.dot(s.history.loop_force[i], along)
+                if s.loops.is_exact[i]:
                     pull = wp.where(is_whole, pull, 0.0)
                 elif has_dual or not is_whole:
-                    pull = distance_force(i, wp.length(offset), pull, recovery, joints, loops)
+                    pull = distance_force(i, wp.length(offset), pull, recovery, s)
                 if has_dual:
-                    history.loop_force[i] = pull * along
+                    s.history.loop_force[i] = pull * along
                 return pull * along, wp.vec3(0.0), arm_c, arm_p
-        shift = linear_misfit(joints, joint, q_p, offset)
+        shift = linear_misfit(s.joints, joint, q_p, offset)
         arm_p += offset - shift
-        turn = angular_misfit(joints, joint, q_p, q_c)
-        kept = left_open(i, recovery, loops) * loops.misfit[i]
-        force = linear_misfit(joints, joint, q_p, history.loop_force[i])
-        torque = angular_lock(joints, joint, q_p, q_c) * history.loop_torque[i]
-        if not loops.is_exact[i]:
-            force -= loops.k_l[i] * (shift - wp.spatial_top(kept))
-            torque -= loops.k_a[i] * (turn - wp.spatial_bottom(kept))
+        turn = angular_misfit(s.joints, joint, q_p, q_c)
+        kept = left_open(i, recovery, s.loops) * s.loops.misfit[i]
+        force = linear_misfit(s.joints, joint, q_p, s.history.loop_force[i])
+        torque = angular_lock(s.joints, joint, q_p, q_c) * s.history.loop_torque[i]
+        if not s.loops.is_exact[i]:
+            force -= s.loops.k_l[i] * (shift - wp.spatial_top(kept))
+            torque -= s.loops.k_a[i] * (turn - wp.spatial_bottom(kept))
         if has_dual:
-            history.loop_force[i] = force
-            history.loop_torque[i] = torque
-        if loops.is_exact[i] and not is_whole:
+            s.history.loop_force[i] = force
+            s.history.loop_torque[i] = torque
+        if s.loops.is_exact[i] and not is_whole:
             force = wp.vec3(0.0)
             torque = wp.vec3(0.0)
         turn_away = wp.vec3(0.0)
         rest_away = wp.vec3(0.0)
         if wp.static(effects.kinds.balls and effects.drives):
-            if joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(control.target_q, joints, joint, q_p, q_c)
+            if s.joints.type[joint] == BALL:
+                turn_away = joint_rows.ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
         if wp.static(effects.kinds.balls and effects.springs):
-            if joints.type[joint] == BALL:
-                rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
-        if joints.type[joint] == DISTANCE:
+            if s.joints.type[joint] == BALL:
+                rest_away = joint_rows.ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
+        if s.joints.type[joint] == DISTANCE:
             return force, torque, arm_c, arm_p
-        linear = linear_count(joints, joint)
-        started = known_angles(joints, joint, loops.start_coordinate, joints.dof_start[joint])
-        turned = angles(joints, joint, q_p, q_c, started, False)
+        linear = linear_count(s.joints, joint)
+        started = known_angles(s.joints, joint, s.loops.start_coordinate, s.joints.dof_start[joint])
+        turned = angles(s.joints, joint, q_p, q_c, started, False)
         response = wp.vec3(0.0)
-        for dof in range(linear + angular_count(joints, joint)):
-            index = joints.dof_start[joint] + dof
-            known = loops.start_coordinate[index]
-            q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, tree, loops)
-            push, _, friction, stop = axis_force(
-                i, dof, q, turn_away, rest_away, h, joints, control, tree, loops, history
-            )
+        for dof in range(linear + angular_count(s.joints, joint)):
+            index = s.joints.dof_start[joint] + dof
+            known = s.loops.start_coordinate[index]
+            q = coordinate_of(i, dof, q_p, q_c, offset, known, s)
+            push, _, friction, stop = axis_force(i, dof, q, turn_away, rest_away, h, step, s)
             if has_dual and recovery == 0.0:
-                history.limit_force[index] = stop
+                s.history.limit_force[index] = stop
                 if wp.static(effects.joint_friction):
-                    history.friction_force[index] = friction
-                loops.coordinate[index] = q
-            axis = axis_of(joints, joint, dof, q_p, q_c, turned)
+                    s.history.friction_force[index] = friction
+                s.loops.coordinate[index] = q
+            axis = axis_of(s.joints, joint, dof, q_p, q_c, turned)
             if dof < linear:
                 force += push * axis
-            elif joints.type[joint] == ROD:
+            elif s.joints.type[joint] == ROD:
                 response[dof - linear] = push
             else:
                 torque += push * axis
         if wp.static(effects.rods):
-            if joints.type[joint] == ROD:
+            if s.joints.type[joint] == ROD:
                 torque += joint_rows.rod_torque(q_p, q_c, response)
         return force, torque, arm_c, arm_p
 
     @wp.func(inline=effects.inline)
-    def loop_curvature(
-        item: int,
-        doubled: bool,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def loop_curvature(item: int, doubled: bool, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """What a joint adds to the block of one of its bodies: H_ll, H_al and H_aa."""
         i = item / 2
-        joint = loops.joints[i]
-        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, model, joints, work, tree, loops)
-        shift = linear_misfit(joints, joint, q_p, offset)
+        joint = s.loops.joints[i]
+        q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, s)
+        shift = linear_misfit(s.joints, joint, q_p, offset)
         arm = arm_c
         sign = float(1.0)
         if item % 2 == 1:
@@ -602,79 +552,69 @@ def make_loops(effects: Effects) -> LoopFunctions:
             sign = -1.0
         linear_k = wp.mat33(0.0)
         angular_k = wp.mat33(0.0)
-        is_soft = not loops.is_exact[i]
+        is_soft = not s.loops.is_exact[i]
         if is_soft:
-            linear_k = loops.k_l[i] * linear_lock(joints, joint, q_p)
-            angular_k = loops.k_a[i] * angular_lock(joints, joint, q_p, q_c)
+            linear_k = s.loops.k_l[i] * linear_lock(s.joints, joint, q_p)
+            angular_k = s.loops.k_a[i] * angular_lock(s.joints, joint, q_p, q_c)
         pulled = wp.mat33(0.0)
-        if joints.type[joint] == DISTANCE:
+        if s.joints.type[joint] == DISTANCE:
             length = wp.length(offset)
-            reach = loops.reach[i]
+            reach = s.loops.reach[i]
             along = string_direction(q_p, arm_c, offset)
-            held = wp.dot(history.loop_force[i], along)
-            beyond = beyond_bounds(i, joints, loops)
+            held = wp.dot(s.history.loop_force[i], along)
+            beyond = beyond_bounds(i, s)
             if is_soft and (
-                distance_force(i, length + reach, held, 0.0, joints, loops) != 0.0
-                or distance_force(i, length - reach, held, 0.0, joints, loops) != 0.0
+                distance_force(i, length + reach, held, 0.0, s) != 0.0
+                or distance_force(i, length - reach, held, 0.0, s) != 0.0
             ):
                 # what takes out of the length what is beyond its bounds
-                beyond *= loops.recovered[i]
-                held -= (loops.k_l[i] / PENALTY) * beyond
+                beyond *= s.loops.recovered[i]
+                held -= (s.loops.k_l[i] / PENALTY) * beyond
                 shortest = wp.min(length, length - beyond)
                 curvature = wp.outer(along, along)
                 if shortest < reach:
                     # within the step it may come to point anywhere
                     curvature = wp.identity(n=3, dtype=float)
-                linear_k += loops.k_l[i] * curvature
+                linear_k += s.loops.k_l[i] * curvature
                 # what pulls turns with the string
                 square = wp.identity(n=3, dtype=float) - wp.outer(along, along)
                 linear_k += (wp.max(-held, 0.0) / wp.max(shortest, reach)) * square
                 pulled = geometric_stiffness((sign * held) * along, arm)
-        elif loops.k_l[i] > 0.0:
-            linear = linear_count(joints, joint)
-            started = known_angles(joints, joint, loops.start_coordinate, joints.dof_start[joint])
-            turned = angles(joints, joint, q_p, q_c, started, False)
+        elif s.loops.k_l[i] > 0.0:
+            linear = linear_count(s.joints, joint)
+            started = known_angles(
+                s.joints, joint, s.loops.start_coordinate, s.joints.dof_start[joint]
+            )
+            turned = angles(s.joints, joint, q_p, q_c, started, False)
             stiff = wp.vec3(0.0)
-            for dof in range(linear + angular_count(joints, joint)):
-                index = joints.dof_start[joint] + dof
-                known = loops.start_coordinate[index]
-                q = coordinate_of(i, dof, q_p, q_c, offset, known, joints, work, tree, loops)
-                _, stiffness, _, _ = axis_force(
-                    i,
-                    dof,
-                    q,
-                    wp.vec3(0.0),
-                    wp.vec3(0.0),
-                    h,
-                    joints,
-                    control,
-                    tree,
-                    loops,
-                    history,
-                )
+            for dof in range(linear + angular_count(s.joints, joint)):
+                index = s.joints.dof_start[joint] + dof
+                known = s.loops.start_coordinate[index]
+                q = coordinate_of(i, dof, q_p, q_c, offset, known, s)
+                _, stiffness, _, _ = axis_force(i, dof, q, wp.vec3(0.0), wp.vec3(0.0), h, step, s)
                 is_soft = is_soft or stiffness > 0.0
-                axis = axis_of(joints, joint, dof, q_p, q_c, turned)
+                axis = axis_of(s.joints, joint, dof, q_p, q_c, turned)
                 if dof < linear:
                     linear_k += stiffness * wp.outer(axis, axis)
-                elif joints.type[joint] == ROD:
+                elif s.joints.type[joint] == ROD:
                     stiff[dof - linear] = stiffness
                 else:
                     angular_k += stiffness * wp.outer(axis, axis)
             if wp.static(effects.rods):
-                if joints.type[joint] == ROD:
+                if s.joints.type[joint] == ROD:
                     bound = joint_rows.rod_stiffness(q_p, q_c, stiff)
                     for dof in range(3):
-                        axis = axis_of(joints, joint, linear + dof, q_p, q_c, turned)
+                        axis = axis_of(s.joints, joint, linear + dof, q_p, q_c, turned)
                         angular_k += bound[dof] * wp.outer(axis, axis)
-        loops.is_soft[i] = is_soft
+        s.loops.is_soft[i] = is_soft
         if doubled:
             linear_k *= 2.0
             angular_k *= 2.0
         r = wp.skew(arm)
         al = r * linear_k
         aa = al * wp.transpose(r) + angular_k
-        if not loops.is_exact[i]:
-            aa += geometric_stiffness(sign * history.loop_force[i], arm) + pulled
+        if not s.loops.is_exact[i]:
+            aa += geometric_stiffness(sign * s.history.loop_force[i], arm) + pulled
         return linear_k, al, aa
 
     return LoopFunctions(begin_loop, loop_wrench, loop_curvature, count_turns)

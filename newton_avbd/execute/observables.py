@@ -8,15 +8,12 @@ import warp as wp
 
 from ..blocks.tree import handed_down
 from ..data import (
-    BodyModel,
     BodyWork,
-    ControlInput,
     History,
     JointModel,
-    LoopWork,
     RowWork,
-    TreeWork,
-    WorldWork,
+    Solver,
+    Step,
 )
 from ..effects import Effects
 from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
@@ -86,22 +83,7 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
 
     @wp.kernel(**KERNEL)
     def export_parent_force(
-        # Model:
-        model: BodyModel,
-        joints: JointModel,
-        control: ControlInput,
-        h: float,
-        # Work:
-        worlds: WorldWork,
-        work: BodyWork,
-        rows: RowWork,
-        tree: TreeWork,
-        loops: LoopWork,
-        history: History,
-        # State out:
-        body_qd_out: wp.array[wp.spatial_vector],
-        # Out:
-        body_parent_f: wp.array[wp.spatial_vector],
+        body_parent_f: wp.array[wp.spatial_vector], step: Step, s: wp.array[Solver]
     ):
         """What holds a subtree is what its bodies lack: momentum that no other force gave.
 
@@ -109,78 +91,78 @@ def make_export_parent_force(effects: Effects) -> wp.Kernel:
         """
         world = wp.tid()
         if wp.static(effects.sleeping):
-            if world >= worlds.island_start[worlds.island_start.shape[0] - 1]:
+            if world >= s[0].worlds.island_start[s[0].worlds.island_start.shape[0] - 1]:
                 return
-        first = worlds.body_start[world]
-        end = worlds.body_start[world + 1]
-        step = h
+        first = s[0].worlds.body_start[world]
+        end = s[0].worlds.body_start[world + 1]
+        h = step.h
         if wp.static(effects.second_order):
-            step = worlds.step[world]
-        inv_h2 = 1.0 / (step * step)
+            h = s[0].worlds.step[world]
+        inv_h2 = 1.0 / (h * h)
         for i in range(first, end):
-            body = worlds.bodies[i]
+            body = s[0].worlds.bodies[i]
             if wp.static(effects.sleeping and not effects.welds):
                 # of what sleeps, the last force stays
                 body_parent_f[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-            lacking = step * body_qd_out[body] - work.target[body]
+            lacking = h * step.body_qd_out[body] - s[0].work.target[body]
             if wp.static(effects.second_order):
-                lacking += work.lead[body]
+                lacking += s[0].work.lead[body]
             wrench = wp.spatial_vector(
-                (model.mass[body] * inv_h2) * wp.spatial_top(lacking),
-                inv_h2 * (work.inertia[body] * wp.spatial_bottom(lacking)),
+                (s[0].model.mass[body] * inv_h2) * wp.spatial_top(lacking),
+                inv_h2 * (s[0].work.inertia[body] * wp.spatial_bottom(lacking)),
             )
             if wp.static(effects.drag):
-                wrench += resistance(work.drag[body], lacking / step)
+                wrench += resistance(s[0].work.drag[body], lacking / h)
             if wp.static(effects.cables):
-                wrench -= tree.cables.wrench[body]
-            if work.inv_mass[body] == 0.0:
+                wrench -= s[0].tree.cables.wrench[body]
+            if s[0].work.inv_mass[body] == 0.0:
                 wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             if wp.static(effects.contact):
-                for k in range(rows.owned_start[body], rows.owned_end[body]):
-                    row = rows.rows[k]
-                    torque = wp.cross(row.arm, row.force) + row_torque(k, rows)
+                for k in range(s[0].rows.owned_start[body], s[0].rows.owned_end[body]):
+                    row = s[0].rows.rows[k]
+                    torque = wp.cross(row.arm, row.force) + row_torque(k, s[0].rows)
                     wrench += wp.spatial_vector(row.force, torque)
             if wp.static(effects.pairs):
-                for k in range(rows.other_start[body], rows.other_end[body]):
-                    row = rows.rows[rows.other_rows[k]]
-                    arm = row.arm + (work.com[row.a] - work.com[body])
-                    torque = wp.cross(arm, row.force) + row_torque(rows.other_rows[k], rows)
+                for k in range(s[0].rows.other_start[body], s[0].rows.other_end[body]):
+                    row = s[0].rows.rows[s[0].rows.other_rows[k]]
+                    arm = row.arm + (s[0].work.com[row.a] - s[0].work.com[body])
+                    torque = wp.cross(arm, row.force) + row_torque(
+                        s[0].rows.other_rows[k], s[0].rows
+                    )
                     wrench -= wp.spatial_vector(row.force, torque)
-            tree.load[body] = wrench
+            s[0].tree.load[body] = wrench
         if wp.static(effects.spatial_tendons):
             for i in range(first, end):
-                load_tendons(i, -1.0, work, tree)
+                load_tendons(i, -1.0, s[0])
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                joint = loops.joints[i]
-                child = joints.child[joint]
-                force, torque, arm_c, arm_p = loop_wrench(
-                    i, 0.0, step, model, joints, control, work, tree, loops, history, False, True
-                )
+            for i in range(s[0].loops.world_start[world], s[0].loops.world_start[world + 1]):
+                joint = s[0].loops.joints[i]
+                child = s[0].joints.child[joint]
+                force, torque, arm_c, arm_p = loop_wrench(i, 0.0, h, False, True, step, s[0])
                 push = wp.spatial_vector(force, torque + wp.cross(arm_c, force))
-                tree.load[child] = tree.load[child] - push
-                parent = joints.parent[joint]
+                s[0].tree.load[child] = s[0].tree.load[child] - push
+                parent = s[0].joints.parent[joint]
                 if parent >= 0:
                     pull = wp.spatial_vector(force, torque + wp.cross(arm_p, force))
-                    tree.load[parent] = tree.load[parent] + pull
+                    s[0].tree.load[parent] = s[0].tree.load[parent] + pull
                 at = wp.where(wp.static(effects.welds), joint, child)
                 body_parent_f[at] = body_parent_f[at] + push
         for i in range(end - first):
-            body = worlds.bodies[end - 1 - i]
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                load = tree.load[body]
-                parent = tree.parent[body]
-                handed = handed_down(tree.span[body], load)
-                tree.load[parent] = tree.load[parent] + handed
-                child = joints.child[tree.joint[body]]
-                at = wp.where(wp.static(effects.welds), tree.joint[body], child)
+            body = s[0].worlds.bodies[end - 1 - i]
+            if s[0].work.inv_mass[body] > 0.0 and is_linked(body, s[0]):
+                load = s[0].tree.load[body]
+                parent = s[0].tree.parent[body]
+                handed = handed_down(s[0].tree.span[body], load)
+                s[0].tree.load[parent] = s[0].tree.load[parent] + handed
+                child = s[0].joints.child[s[0].tree.joint[body]]
+                at = wp.where(wp.static(effects.welds), s[0].tree.joint[body], child)
                 if child == body:
                     body_parent_f[at] = body_parent_f[at] + load
                 else:
                     body_parent_f[at] = body_parent_f[at] - handed
         # the sweeps of the next step start from zero
         for i in range(first, end):
-            tree.load[worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            s[0].tree.load[s[0].worlds.bodies[i]] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
 
     return export_parent_force
 

@@ -7,19 +7,9 @@ from typing import NamedTuple
 import warp as wp
 
 from ..data import (
-    BodyModel,
-    BodyWork,
-    ContactInput,
-    ControlInput,
-    History,
-    IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
-    ShapeModel,
-    TreeWork,
+    Solver,
+    Step,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
@@ -139,224 +129,116 @@ def make_phases(effects: Effects) -> Phases:
     written_side = make_written_side(effects)
 
     @wp.func
-    def begin_world(
-        world: int,
-        h: float,
-        tolerance: float,
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
-    ) -> WorldScale:
+    def begin_world(world: int, h: float, tolerance: float, s: wp.ref[Solver]) -> WorldScale:
         """How far things may go in the step; takes a much longer step than the last as a start."""
-        scale = measure_world(world, h, tolerance, model, worlds, work)
+        scale = measure_world(world, h, tolerance, s)
         # forces that stopped something within a short step would push too long in a longer one
-        if h > wp.static(MUCH_LONGER if effects.adaptive else LONGER) * history.step[world]:
-            history.age[world] = 0
+        if h > wp.static(MUCH_LONGER if effects.adaptive else LONGER) * s.history.step[world]:
+            s.history.age[world] = 0
         if wp.static(effects.second_order):
-            if worlds.step[world] < history.step[world]:
+            if s.worlds.step[world] < s.history.step[world]:
                 scale.lag = 0.0
-        history.step[world] = h
+        s.history.step[world] = h
         return scale
 
     @wp.func
     def build_rows(
         world: int,
         scale: WorldScale,
-        model: wp.ref[BodyModel],
-        shapes: wp.ref[ShapeModel],
-        joints: wp.ref[JointModel],
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Rows of the contacts: linearised at state_in, warm-started from the last step, penalised.
 
         Returns the deepest penetration [m], and whether impacts bounce.
         """
-        body_start = worlds.body_start[world]
-        body_end = worlds.body_start[world + 1]
+        body_start = s.worlds.body_start[world]
+        body_end = s.worlds.body_start[world + 1]
         deepest = float(0.0)
         has_impacts = bool(False)
         contact_count = int(0)
         for i in range(body_start, body_end):
-            body = body_at(i, worlds)
-            contact_count += rows.owned_end[body] - rows.owned_start[body]
+            body = body_at(i, s.worlds)
+            contact_count += s.rows.owned_end[body] - s.rows.owned_start[body]
         if contact_count > 0:
             for i in range(body_start, body_end):
-                find_rows(
-                    world,
-                    body_at(i, worlds),
-                    scale,
-                    body_q,
-                    model,
-                    shapes,
-                    contacts,
-                    worlds,
-                    work,
-                    rows,
-                    history,
-                )
+                find_rows(world, body_at(i, s.worlds), scale, step, s)
         if wp.static(effects.piles):
-            link_piles(world, scale.slop, model, worlds, work, rows, tree)
+            link_piles(world, scale.slop, s)
         if contact_count > 0:
             if wp.static(effects.light_links):
-                weigh_blocks(body_start, body_end, body_q, model, joints, worlds, work, rows, tree)
+                weigh_blocks(body_start, body_end, s)
             for i in range(body_start, body_end):
-                body = body_at(i, worlds)
-                depth = penalise_rows(
-                    world, body, scale, shapes, contacts, worlds, work, rows, tree, history
-                )
+                body = body_at(i, s.worlds)
+                depth = penalise_rows(world, body, scale, step, s)
                 deepest = wp.max(deepest, depth)
             if wp.static(effects.restitution):
-                has_impacts = find_impacts(
-                    world,
-                    written_side(world, history),
-                    scale,
-                    body_qd,
-                    shapes,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                )
-        history.filling[world, 0] = 0
+                has_impacts = find_impacts(world, written_side(world, s.history), scale, body_qd, s)
+        s.history.filling[world, 0] = 0
         if wp.static(effects.matching):
-            history.filling[world, 0] = contacts.buffer
-            history.filling[world, 1] = contacts.generation[0]
+            s.history.filling[world, 0] = step.contacts.buffer
+            s.history.filling[world, 1] = step.contacts.generation[0]
         return deepest, has_impacts
 
     @wp.func
     def begin_joints(
         world: int,
         scale: WorldScale,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> bool:
         """Misfit and coordinates of joints, where bodies start; whether a joint is open."""
-        body_start = worlds.body_start[world]
-        body_end = worlds.body_start[world + 1]
-        is_open = measure_blocks(
-            body_start,
-            body_end,
-            scale,
-            body_q,
-            body_qd,
-            model,
-            joints,
-            control,
-            worlds,
-            work,
-            rows,
-            tree,
-            loops,
-            history,
-        )
+        body_start = s.worlds.body_start[world]
+        body_end = s.worlds.body_start[world + 1]
+        is_open = measure_blocks(body_start, body_end, scale, body_qd, step, s)
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if measure_loop(
-                    i, scale, body_q, body_qd, model, joints, control, work, tree, loops, history
-                ):
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                if measure_loop(i, scale, body_qd, step, s):
                     is_open = True
-        if place_blocks(
-            body_start,
-            body_end,
-            scale,
-            body_q,
-            model,
-            joints,
-            worlds,
-            work,
-            tree,
-            history,
-        ):
+        if place_blocks(body_start, body_end, scale, s):
             is_open = True
         if wp.static(effects.loops and effects.kinds.distances):
-            first = loops.world_start[world]
-            end = loops.world_start[world + 1]
+            first = s.loops.world_start[world]
+            end = s.loops.world_start[world + 1]
             closing = float(0.0)
             for i in range(first, end):
-                closing = wp.max(closing, loops.closing[i])
+                closing = wp.max(closing, s.loops.closing[i])
             for i in range(first, end):
-                reach_farther(i, closing, joints, loops)
+                reach_farther(i, closing, s)
         if wp.static(effects.cables):
-            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                if begin_cluster(i, work, tree):
+            for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
+                if begin_cluster(i, s):
                     is_open = True
         return is_open
 
     @wp.func
-    def begin_sweeps(
-        world: int,
-        iterations: int,
-        scale: WorldScale,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-    ) -> int:
+    def begin_sweeps(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> int:
         """Sums and factors the blocks; returns how many sweeps the world takes at most.
 
         A body that nothing touches is at its target at once.
         """
         sweeps = int(0)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0:
-                if begin_body(
-                    i,
-                    scale.step,
-                    model,
-                    joints,
-                    control,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    islands,
-                    history,
-                ):
-                    sweeps = iterations
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                if begin_body(i, scale.step, step, s):
+                    sweeps = step.iterations
                 if wp.static(effects.joints and effects.pairs):
-                    if tree.joint[body] >= 0:
-                        join_islands(islands, worlds, work, body, tree.parent[body])
+                    if s.tree.joint[body] >= 0:
+                        join_islands(body, s.tree.parent[body], s)
         if wp.static(effects.piles):
-            factor_piles(world, worlds, work, rows)
+            factor_piles(world, s)
         if wp.static(not effects.ramp):
-            sweeps = sweeps_at_age(history.age[world], sweeps, scale)
+            sweeps = sweeps_at_age(s.history.age[world], sweeps, scale)
         return sweeps
 
     @wp.func
-    def stiffen_impacts(
-        world: int, scale: WorldScale, worlds: wp.ref[WorldWork], rows: wp.ref[RowWork]
-    ):
+    def stiffen_impacts(world: int, scale: WorldScale, s: wp.ref[Solver]):
         """Makes contacts as stiff as the forces that sweeps have found ask for."""
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            stiffen_rows(body_at(i, worlds), scale, rows)
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            stiffen_rows(body_at(i, s.worlds), scale, s.rows)
 
     @wp.func
     def sweep_to_rest(
@@ -364,16 +246,8 @@ def make_phases(effects: Effects) -> Phases:
         sweeps: int,
         recovery: float,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """At most so many sweeps, fewer where one moves nothing by more than is asked for.
 
@@ -386,21 +260,7 @@ def make_phases(effects: Effects) -> Phases:
         sweep = int(0)
         while sweep < most:
             update = sweep_world(
-                world,
-                sweep > 0 and recovery == 0.0,
-                recovery,
-                scale.slop,
-                scale.step,
-                body_q,
-                model,
-                joints,
-                control,
-                worlds,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
+                world, sweep > 0 and recovery == 0.0, recovery, scale.slop, scale.step, step, s
             )
             sweep += 1
             if wp.static(not effects.ramp):
@@ -415,15 +275,7 @@ def make_phases(effects: Effects) -> Phases:
         update: float,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> bool:
         """What rows and loops push with is kept for the next step; islands keep their momentum.
 
@@ -434,125 +286,91 @@ def make_phases(effects: Effects) -> Phases:
             enough = last_update(scale)
             if update > enough * enough:
                 # what does not settle tells nothing of the next step
-                history.smooth[world] = 0
+                s.history.smooth[world] = 0
             if wp.static(effects.cables):
-                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
+                for i in range(
+                    s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]
+                ):
                     # tensions of steps of different order do not compare
-                    if scale.step == scale.h and has_jerked(i, scale, tree.cables):
-                        history.smooth[world] = 0
+                    if scale.step == scale.h and has_jerked(i, scale, s.tree.cables):
+                        s.history.smooth[world] = 0
             if wp.static(effects.loops):
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    remember_loop(i, scale, joints, loops, history)
-        worlds.sweeps[world] = sweeps
-        worlds.update[world] = length_of(update)
-        worlds.settled[world] = settled_update(scale)
+                for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                    remember_loop(i, scale, s)
+        s.worlds.sweeps[world] = sweeps
+        s.worlds.update[world] = length_of(update)
+        s.worlds.settled[world] = settled_update(scale)
         has_islands = bool(False)
         if wp.static(effects.contact):
-            side = written_side(world, history)
+            side = written_side(world, s.history)
             if wp.static(effects.piles):
-                spend_impacts(world, scale, body_qd, model, worlds, work, rows)
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                remember_rows(
-                    body_at(i, worlds), side, scale, body_qd, worlds, work, rows, islands, history
-                )
+                spend_impacts(world, scale, body_qd, s)
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                remember_rows(body_at(i, s.worlds), side, scale, body_qd, s)
             if wp.static(effects.loops and effects.pairs):
-                for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                    joint = loops.joints[i]
-                    child = joints.child[joint]
-                    parent = parent_slot(joints, joint, scale.static_slot)
-                    if work.inv_mass[child] > 0.0:
-                        join_islands(islands, worlds, work, child, parent)
-                    elif work.inv_mass[parent] > 0.0:
-                        join_islands(islands, worlds, work, parent, child)
+                for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                    joint = s.loops.joints[i]
+                    child = s.joints.child[joint]
+                    parent = parent_slot(s.joints, joint, scale.static_slot)
+                    if s.work.inv_mass[child] > 0.0:
+                        join_islands(child, parent, s)
+                    elif s.work.inv_mass[parent] > 0.0:
+                        join_islands(parent, child, s)
             if wp.static(effects.cables and effects.pairs):
-                for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                    join_cluster(i, worlds, work, tree, islands)
+                for i in range(
+                    s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]
+                ):
+                    join_cluster(i, s)
             if wp.static(effects.tendons and effects.pairs):
-                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                    join_tendons(i, islands, worlds, work, tree)
+                for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                    join_tendons(i, s)
             if wp.static(effects.pairs and not effects.ramp):
                 if sweeps > 0:
-                    has_islands = keep_momentum(world, scale.step, model, worlds, work, islands)
+                    has_islands = keep_momentum(world, scale.step, s)
         return has_islands
 
     @wp.func(inline=effects.inline)
-    def break_joints(
-        world: int,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def break_joints(world: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """Breaks joints that carry more than they may."""
-        break_blocks(
-            worlds.body_start[world],
-            worlds.body_start[world + 1],
-            h,
-            model,
-            joints,
-            control,
-            worlds,
-            work,
-            rows,
-            tree,
-            loops,
-            history,
-        )
+        break_blocks(s.worlds.body_start[world], s.worlds.body_start[world + 1], h, step, s)
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                break_loop(i, joints, loops, history)
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                break_loop(i, s)
 
     @wp.func
     def end_armatures(
         world: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-        body_qd_out: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """How fast the coordinates of joints have changed, which armature goes on with."""
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0 and tree.joint[body] >= 0:
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0 and s.tree.joint[body] >= 0:
                 end_armature(
-                    tree.joint[body],
-                    tree.axis_start[body],
-                    tree.coordinate,
-                    tree.start_coordinate,
+                    s.tree.joint[body],
+                    s.tree.axis_start[body],
+                    s.tree.coordinate,
+                    s.tree.start_coordinate,
                     scale,
                     body_qd,
-                    body_qd_out,
-                    joints,
-                    work,
-                    tree,
-                    history,
+                    step,
+                    s,
                 )
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                joint = loops.joints[i]
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                joint = s.loops.joints[i]
                 end_armature(
                     joint,
-                    joints.dof_start[joint],
-                    loops.coordinate,
-                    loops.start_coordinate,
+                    s.joints.dof_start[joint],
+                    s.loops.coordinate,
+                    s.loops.start_coordinate,
                     scale,
                     body_qd,
-                    body_qd_out,
-                    joints,
-                    work,
-                    tree,
-                    history,
+                    step,
+                    s,
                 )
 
     @wp.func
@@ -561,73 +379,37 @@ def make_phases(effects: Effects) -> Phases:
         has_impacts: bool,
         has_islands: bool,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-        body_qd_out: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Velocities, from the increments themselves; bodies that bounce leave their impacts."""
-        body_start = worlds.body_start[world]
-        body_end = worlds.body_start[world + 1]
+        body_start = s.worlds.body_start[world]
+        body_end = s.worlds.body_start[world + 1]
         for i in range(body_start, body_end):
-            body = body_at(i, worlds)
+            body = body_at(i, s.worlds)
             velocity = body_qd[body]
-            if work.inv_mass[body] > 0.0:
-                velocity = end_velocity(
-                    i,
-                    scale,
-                    body_q,
-                    body_qd,
-                    model,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    islands,
-                    has_islands,
-                    history,
-                )
+            if s.work.inv_mass[body] > 0.0:
+                velocity = end_velocity(i, scale, body_qd, has_islands, s)
                 if wp.static(effects.second_order):
                     # until the step is done, that of its start
-                    history.last[body].velocity = body_qd[body]
-            body_qd_out[body] = velocity
+                    s.history.last[body].velocity = body_qd[body]
+            step.body_qd_out[body] = velocity
         if wp.static(effects.second_order):
-            remember_motions(
-                world,
-                scale,
-                model,
-                joints,
-                worlds,
-                work,
-                rows,
-                tree,
-                history,
-                body_qd_out,
-            )
+            remember_motions(world, scale, step, s)
         if wp.static(effects.second_order and effects.tendons):
             for i in range(body_start, body_end):
-                end_tendons(i, scale, tree)
+                end_tendons(i, scale, s.tree)
         if wp.static(effects.spinning):
-            align_spins(body_start, body_end, model, joints, worlds, work, tree, loops, body_qd_out)
+            align_spins(body_start, body_end, step, s)
         if wp.static(effects.restitution):
             if has_impacts:
                 for i in range(body_start, body_end):
-                    release_impacts(body_at(i, worlds), worlds, rows, tree, loops)
+                    release_impacts(body_at(i, s.worlds), s)
                 for i in range(body_start, body_end):
-                    leave_impacts(body_at(i, worlds), scale, work, rows, history)
+                    leave_impacts(body_at(i, s.worlds), scale, s)
         if wp.static(effects.axis_rates):
-            end_armatures(
-                world, scale, body_qd, joints, worlds, work, tree, loops, history, body_qd_out
-            )
+            end_armatures(world, scale, body_qd, step, s)
 
     @wp.func
     def begin_recovery(
@@ -637,31 +419,23 @@ def make_phases(effects: Effects) -> Phases:
         deepest: float,
         is_open: bool,
         scale: WorldScale,
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> int:
         """How many sweeps take out what was wrong before; what closes loops in them is no force."""
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                loops.kept_force[i] = history.loop_force[i]
-                loops.kept_torque[i] = history.loop_torque[i]
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                s.loops.kept_force[i] = s.history.loop_force[i]
+                s.loops.kept_torque[i] = s.history.loop_torque[i]
         return count_passes(sweeps, update, deepest, is_open, scale)
 
     @wp.func
     def end_recovery(
         world: int,
-        iterations: int,
         update: float,
         has_impacts: bool,
         scale: WorldScale,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Closes the joints of a world that did not settle, and goes back to the impacts.
 
@@ -671,34 +445,27 @@ def make_phases(effects: Effects) -> Phases:
             allowed = open_update(scale)
             if update > allowed * allowed:
                 # after impacts that no iteration settles joints are closed all the same
-                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                    body = body_at(i, worlds)
-                    if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                        put_together(body, scale.static_slot, model, joints, work, tree)
+                for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                    body = body_at(i, s.worlds)
+                    if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                        put_together(body, scale.static_slot, s)
         if wp.static(effects.hard_limits):
-            if worlds.sweeps[world] >= iterations:
+            if s.worlds.sweeps[world] >= step.iterations:
                 stop_coordinates(
-                    worlds.body_start[world],
-                    worlds.body_start[world + 1],
-                    scale.static_slot,
-                    model,
-                    joints,
-                    worlds,
-                    work,
-                    tree,
+                    s.worlds.body_start[world], s.worlds.body_start[world + 1], scale.static_slot, s
                 )
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                history.loop_force[i] = loops.kept_force[i]
-                history.loop_torque[i] = loops.kept_torque[i]
-                count_loop_turns(i, joints, work, loops, history)
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                s.history.loop_force[i] = s.loops.kept_force[i]
+                s.history.loop_torque[i] = s.loops.kept_torque[i]
+                count_loop_turns(i, s)
         if wp.static(effects.cables):
-            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                give_back(i, work, tree)
+            for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
+                give_back(i, s)
         if wp.static(effects.restitution):
             if has_impacts:
-                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                    restore_impacts(body_at(i, worlds), scale.h, work, rows)
+                for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                    restore_impacts(body_at(i, s.worlds), scale.h, s)
 
     @wp.func
     def end_poses(
@@ -706,85 +473,34 @@ def make_phases(effects: Effects) -> Phases:
         has_islands: bool,
         has_not_settled: bool,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        islands: wp.ref[IslandWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Poses by the increments; islands get back the momentum that turns and recovery took.
 
         What did not settle has no more energy than it may have.
         """
-        body_start = worlds.body_start[world]
-        body_end = worlds.body_start[world + 1]
+        body_start = s.worlds.body_start[world]
+        body_end = s.worlds.body_start[world + 1]
         for i in range(body_start, body_end):
-            body = body_at(i, worlds)
-            pose = body_q[body]
-            if work.inv_mass[body] > 0.0:
-                pose = end_pose(
-                    i,
-                    scale.h,
-                    body_q,
-                    model,
-                    joints,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    islands,
-                    history,
-                )
-            body_q_out[body] = pose
+            body = body_at(i, s.worlds)
+            pose = s.work.pose[body]
+            if s.work.inv_mass[body] > 0.0:
+                pose = end_pose(i, scale.h, s)
+            step.body_q_out[body] = pose
         if wp.static(effects.gyroscopic and effects.pairs and not effects.drag):
             if has_islands:
                 is_led = bool(False)
                 if wp.static(effects.second_order):
                     if scale.step < scale.h:
                         is_led = True
-                        lead_spin(world, scale, body_q, model, worlds, work, islands, history)
-                keep_spin(
-                    world,
-                    scale.step,
-                    is_led,
-                    body_q_out,
-                    model,
-                    worlds,
-                    work,
-                    islands,
-                    body_qd_out,
-                )
+                        lead_spin(world, scale, s)
+                keep_spin(world, scale.step, is_led, step, s)
         if wp.static(effects.balanced):
             if has_not_settled:
-                bound_world(
-                    world,
-                    scale,
-                    model,
-                    joints,
-                    control,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    islands,
-                    history,
-                    body_q_out,
-                    body_qd_out,
-                )
+                bound_world(world, scale, step, s)
         if wp.static(effects.second_order):
-            remember_states(
-                world, scale, body_q, model, worlds, work, history, body_q_out, body_qd_out
-            )
+            remember_states(world, scale, step, s)
 
     return Phases(
         begin_world,

@@ -32,17 +32,11 @@ from ..algebra.block import factor_block, solve_block
 from ..blocks.tree import carried, handed_down, span_block, times_block
 from ..data import (
     NO_JOINT,
-    BodyModel,
-    BodyWork,
     ContactRow,
-    ControlInput,
-    History,
-    JointModel,
-    LoopWork,
     RowWork,
-    TreeWork,
+    Solver,
+    Step,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
@@ -75,15 +69,15 @@ def is_link(row: ContactRow, rows: wp.ref[RowWork]) -> bool:
 
 
 @wp.func
-def mass_to_hold(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> float:
+def mass_to_hold(row: ContactRow, s: wp.ref[Solver]) -> float:
     """Mass by which a row is to be as stiff as its pile needs it [kg]."""
-    piles = rows.piles
+    piles = s.rows.piles
     if piles.parent[row.b] == row.a:
         return LINK_WEIGHT * piles.held[row.b]
     parent = piles.parent[row.a]
-    if parent == row.b or (parent == ROOT and work.inv_mass[row.b] == 0.0):
+    if parent == row.b or (parent == ROOT and s.work.inv_mass[row.b] == 0.0):
         return LINK_WEIGHT * piles.held[row.a]
-    if in_pile(rows, row.a) and in_pile(rows, row.b):
+    if in_pile(s.rows, row.a) and in_pile(s.rows, row.b):
         if piles.level[row.a] != piles.level[row.b]:
             upper = wp.where(piles.level[row.a] > piles.level[row.b], row.a, row.b)
             return SHARE_WEIGHT * piles.held[upper] / float(piles.supports[upper])
@@ -91,17 +85,17 @@ def mass_to_hold(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork])
 
 
 @wp.func
-def lasting_share(row: ContactRow, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> float:
+def lasting_share(row: ContactRow, s: wp.ref[Solver]) -> float:
     """Share of the force of a row that holds a pile which the next step can expect again."""
-    if not in_pile(rows, row.a):
+    if not in_pile(s.rows, row.a):
         return 1.0
-    if work.inv_mass[row.b] == 0.0:
+    if s.work.inv_mass[row.b] == 0.0:
         # of a body that carries nothing its rows tell
-        return wp.where(rows.piles.held[row.a] > 0.0, rows.piles.lasting[row.a], 1.0)
-    if not in_pile(rows, row.b) or rows.piles.level[row.a] == rows.piles.level[row.b]:
+        return wp.where(s.rows.piles.held[row.a] > 0.0, s.rows.piles.lasting[row.a], 1.0)
+    if not in_pile(s.rows, row.b) or s.rows.piles.level[row.a] == s.rows.piles.level[row.b]:
         return 1.0
-    is_upper = rows.piles.level[row.a] > rows.piles.level[row.b]
-    return rows.piles.lasting[wp.where(is_upper, row.a, row.b)]
+    is_upper = s.rows.piles.level[row.a] > s.rows.piles.level[row.b]
+    return s.rows.piles.lasting[wp.where(is_upper, row.a, row.b)]
 
 
 @wp.func
@@ -111,11 +105,11 @@ def supports(other: int, body: int, rows: wp.ref[RowWork]) -> bool:
 
 
 @wp.func
-def has_joints(i: int, worlds: wp.ref[WorldWork], tree: wp.ref[TreeWork]) -> bool:
+def has_joints(i: int, s: wp.ref[Solver]) -> bool:
     """Whether the i-th body moves with others that joints link to it."""
-    if tree.joint[body_at(i, worlds)] != NO_JOINT or worlds.block_end[i] > i + 1:
+    if s.tree.joint[body_at(i, s.worlds)] != NO_JOINT or s.worlds.block_end[i] > i + 1:
         return True
-    return i > 0 and worlds.block_end[i - 1] == i + 1
+    return i > 0 and s.worlds.block_end[i - 1] == i + 1
 
 
 @wp.func
@@ -135,10 +129,10 @@ def row_of(body: int, i: int, rows: wp.ref[RowWork]) -> int:
 
 
 @wp.func
-def is_grounded(body: int, gap: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> bool:
+def is_grounded(body: int, gap: float, s: wp.ref[Solver]) -> bool:
     """Whether a body is at most ``gap`` [m] from something that the solver does not move."""
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        if work.inv_mass[rows.rows[i].b] == 0.0 and rows.rows[i].gap <= gap:
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        if s.work.inv_mass[s.rows.rows[i].b] == 0.0 and s.rows.rows[i].gap <= gap:
             return True
     return False
 
@@ -202,92 +196,82 @@ def make_piles(
     """
 
     @wp.func(inline=effects.inline)
-    def link_piles(
-        world: int,
-        slop: float,
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-    ):
-        first = worlds.body_start[world]
-        last = worlds.body_start[world + 1]
+    def link_piles(world: int, slop: float, s: wp.ref[Solver]):
+        first = s.worlds.body_start[world]
+        last = s.worlds.body_start[world + 1]
         for i in range(first, last):
-            body = body_at(i, worlds)
-            rows.piles.mass[body] = model.mass[body]
-            is_loose = work.inv_mass[body] > 0.0 and row_count(body, rows) > 0
+            body = body_at(i, s.worlds)
+            s.rows.piles.mass[body] = s.model.mass[body]
+            is_loose = s.work.inv_mass[body] > 0.0 and row_count(body, s.rows) > 0
             if wp.static(effects.joints):
-                is_loose = is_loose and not has_joints(i, worlds, tree)
-            rows.piles.parent[body] = wp.where(is_loose, _UNSEEN, OUTSIDE)
+                is_loose = is_loose and not has_joints(i, s)
+            s.rows.piles.parent[body] = wp.where(is_loose, _UNSEEN, OUTSIDE)
         end = int(first)
         near = float(slop)
         for _ in range(2):
             # what the ground carries comes first: another body may be in the way of what falls
             at = int(end)
             for i in range(first, last):
-                if is_grounded(body_at(i, worlds), near, work, rows):
-                    end = reach(body_at(i, worlds), ROOT, end, rows)
-            end = spread(at, end, rows)
+                if is_grounded(body_at(i, s.worlds), near, s):
+                    end = reach(body_at(i, s.worlds), ROOT, end, s.rows)
+            end = spread(at, end, s.rows)
             near = wp.inf
         for i in range(first, last):
             # what the ground does not carry starts from its first body
-            end = spread(end, reach(body_at(i, worlds), ROOT, end, rows), rows)
+            end = spread(end, reach(body_at(i, s.worlds), ROOT, end, s.rows), s.rows)
         at = int(end)
         while at > first:
             at -= 1
-            body = rows.piles.order[at]
-            if rows.piles.parent[body] >= 0:
-                share = rows.piles.mass[body] / float(rows.piles.supports[body])
+            body = s.rows.piles.order[at]
+            if s.rows.piles.parent[body] >= 0:
+                share = s.rows.piles.mass[body] / float(s.rows.piles.supports[body])
                 before = int(-1)
-                for k in range(row_count(body, rows)):
-                    row = rows.rows[row_of(body, k, rows)]
+                for k in range(row_count(body, s.rows)):
+                    row = s.rows.rows[row_of(body, k, s.rows)]
                     other = row.a + row.b - body
-                    if other != before and supports(other, body, rows):
-                        rows.piles.mass[other] = rows.piles.mass[other] + share
+                    if other != before and supports(other, body, s.rows):
+                        s.rows.piles.mass[other] = s.rows.piles.mass[other] + share
                     before = other
-        rows.piles.end[world] = end
+        s.rows.piles.end[world] = end
         while at < end:
-            body = rows.piles.order[at]
-            parent = rows.piles.parent[body]
-            mass = rows.piles.mass[body]
+            body = s.rows.piles.order[at]
+            parent = s.rows.piles.parent[body]
+            mass = s.rows.piles.mass[body]
             if parent >= 0:
-                whole = rows.piles.whole[parent]
-                rows.piles.whole[body] = whole
+                whole = s.rows.piles.whole[parent]
+                s.rows.piles.whole[body] = whole
                 # of a pile that floats, the reduced mass of the two sides
-                rows.piles.held[body] = wp.where(whole > 0.0, mass * (whole - mass) / whole, mass)
+                s.rows.piles.held[body] = wp.where(whole > 0.0, mass * (whole - mass) / whole, mass)
             else:
-                on_ground = is_grounded(body, wp.inf, work, rows)
-                rows.piles.whole[body] = wp.where(on_ground, 0.0, mass)
+                on_ground = is_grounded(body, wp.inf, s)
+                s.rows.piles.whole[body] = wp.where(on_ground, 0.0, mass)
                 # a body that carries nothing is in the effective mass of its rows
-                carries = on_ground and mass > model.mass[body]
-                rows.piles.held[body] = wp.where(carries, mass, 0.0)
+                carries = on_ground and mass > s.model.mass[body]
+                s.rows.piles.held[body] = wp.where(carries, mass, 0.0)
             at += 1
 
     @wp.func
-    def link_block(body: int, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
+    def link_block(body: int, s: wp.ref[Solver]):
         """Curvature of the rows that link a body to its parent, about its COM."""
         ll = wp.mat33(0.0)
         al = wp.mat33(0.0)
         aa = wp.mat33(0.0)
-        parent = rows.piles.parent[body]
-        for i in range(row_count(body, rows)):
-            k = row_of(body, i, rows)
-            row = rows.rows[k]
+        parent = s.rows.piles.parent[body]
+        for i in range(row_count(body, s.rows)):
+            k = row_of(body, i, s.rows)
+            row = s.rows.rows[k]
             if row.a + row.b - body == parent:
-                arm = row.arm + (work.com[row.a] - work.com[body])
+                arm = row.arm + (s.work.com[row.a] - s.work.com[body])
                 ll, al, aa = contact_rows.curvature(row, arm, ll, al, aa)
                 if wp.static(effects.angular_friction):
-                    aa += spin_rows.curvature(rows.spin[k], row.normal)
+                    aa += spin_rows.curvature(s.rows.spin[k], row.normal)
         return ll, al, aa
 
     @wp.func(inline=effects.inline)
-    def factor_piles(
-        world: int, worlds: wp.ref[WorldWork], work: wp.ref[BodyWork], rows: wp.ref[RowWork]
-    ):
-        piles = rows.piles
+    def factor_piles(world: int, s: wp.ref[Solver]):
+        piles = s.rows.piles
         at = int(piles.end[world])
-        while at > worlds.body_start[world]:
+        while at > s.worlds.body_start[world]:
             at -= 1
             body = piles.order[at]
             parent = piles.parent[body]
@@ -295,14 +279,14 @@ def make_piles(
             h_al = piles.al[body]
             h_aa = piles.aa[body]
             if parent < 0:
-                work.factor[body] = factor_block(h_ll, h_al, h_aa)
+                s.work.factor[body] = factor_block(h_ll, h_al, h_aa)
             else:
-                q_ll, q_al, q_aa = link_block(body, work, rows)
+                q_ll, q_al, q_aa = link_block(body, s)
                 piles.link_ll[body] = q_ll
                 piles.link_al[body] = q_al
                 piles.link_aa[body] = q_aa
                 factor = factor_block(h_ll + q_ll, h_al + q_al, h_aa + q_aa)
-                work.factor[body] = factor
+                s.work.factor[body] = factor
                 ll = wp.mat33(0.0)
                 al = wp.mat33(0.0)
                 aa = wp.mat33(0.0)
@@ -319,7 +303,7 @@ def make_piles(
                 # symmetric but for rounding
                 ll = 0.5 * (ll + wp.transpose(ll))
                 aa = 0.5 * (aa + wp.transpose(aa))
-                ll, al, aa = span_block(work.com[body] - work.com[parent], ll, al, aa)
+                ll, al, aa = span_block(s.work.com[body] - s.work.com[parent], ll, al, aa)
                 piles.ll[parent] = piles.ll[parent] + ll
                 piles.al[parent] = piles.al[parent] + al
                 piles.aa[parent] = piles.aa[parent] + aa
@@ -339,93 +323,66 @@ def make_piles(
         recovery: float,
         slop: float,
         h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> float:
-        first = worlds.body_start[world]
-        end = rows.piles.end[world]
+        first = s.worlds.body_start[world]
+        end = s.rows.piles.end[world]
         if end == first:
             return 0.0
         # in the order of visits, which says who owns a row and updates it
-        for i in range(first, worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if in_pile(rows, body):
-                rows.piles.push[body] = gather(
-                    body,
-                    has_dual,
-                    recovery,
-                    slop,
-                    h,
-                    model,
-                    joints,
-                    control,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                )
+        for i in range(first, s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if in_pile(s.rows, body):
+                s.rows.piles.push[body] = gather(body, has_dual, recovery, slop, h, step, s)
         at = int(end)
         while at > first:
             at -= 1
-            body = rows.piles.order[at]
-            parent = rows.piles.parent[body]
-            push = rows.piles.push[body]
-            alone = solve_block(work.factor[body], wp.spatial_top(push), wp.spatial_bottom(push))
-            rows.piles.update[body] = alone
+            body = s.rows.piles.order[at]
+            parent = s.rows.piles.parent[body]
+            push = s.rows.piles.push[body]
+            alone = solve_block(s.work.factor[body], wp.spatial_top(push), wp.spatial_bottom(push))
+            s.rows.piles.update[body] = alone
             if parent >= 0:
-                span = work.com[body] - work.com[parent]
-                load = handed_down(span, link_wrench(body, alone, rows))
-                rows.piles.push[parent] = rows.piles.push[parent] + load
+                span = s.work.com[body] - s.work.com[parent]
+                load = handed_down(span, link_wrench(body, alone, s.rows))
+                s.rows.piles.push[parent] = s.rows.piles.push[parent] + load
         farthest = float(0.0)
         while at < end:
-            body = rows.piles.order[at]
-            parent = rows.piles.parent[body]
-            update = rows.piles.update[body]
+            body = s.rows.piles.order[at]
+            parent = s.rows.piles.parent[body]
+            update = s.rows.piles.update[body]
             if parent >= 0:
-                span = work.com[body] - work.com[parent]
-                pull = link_wrench(body, carried(span, rows.piles.update[parent]), rows)
+                span = s.work.com[body] - s.work.com[parent]
+                pull = link_wrench(body, carried(span, s.rows.piles.update[parent]), s.rows)
                 update += solve_block(
-                    work.factor[body], wp.spatial_top(pull), wp.spatial_bottom(pull)
+                    s.work.factor[body], wp.spatial_top(pull), wp.spatial_bottom(pull)
                 )
-                rows.piles.update[body] = update
-            work.increment[body] = work.increment[body] + update
+                s.rows.piles.update[body] = update
+            s.work.increment[body] = s.work.increment[body] + update
             if wp.static(effects.loops):
-                place_body(body, work, tree)
-            farthest = wp.max(farthest, moved_by(body, update, work))
+                place_body(body, s)
+            farthest = wp.max(farthest, moved_by(body, update, s.work))
             at += 1
         return farthest
 
     @wp.func
     def spend_impacts(
-        world: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
+        world: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
         """What holds a body and what rests on it makes the change c of their momentum, less what
         pulls them, p. Of c - p the part along c, |c|^2 / (c.(c - p)), ends with the step."""
-        piles = rows.piles
-        first = worlds.body_start[world]
+        piles = s.rows.piles
+        first = s.worlds.body_start[world]
         at = int(piles.end[world])
         least = contact_rows.STRUCK * scale.gravity * scale.step * scale.step
         for i in range(first, at):
             body = piles.order[i]
-            mass = model.mass[body]
-            coasting = coasting_increment(work, body_qd, body, scale.step)
-            change = mass * wp.spatial_top(work.increment[body] - coasting)
-            pull = mass * wp.spatial_top(work.target[body] - coasting)
-            rows.piles.update[body] = wp.spatial_vector(change, pull)
+            mass = s.model.mass[body]
+            coasting = coasting_increment(s.work, body_qd, body, scale.step)
+            change = mass * wp.spatial_top(s.work.increment[body] - coasting)
+            pull = mass * wp.spatial_top(s.work.target[body] - coasting)
+            s.rows.piles.update[body] = wp.spatial_vector(change, pull)
         while at > first:
             at -= 1
             body = piles.order[at]
@@ -435,15 +392,15 @@ def make_piles(
             spent = float(0.0)
             if along > 0.0 and wp.length(change) > least * piles.mass[body]:
                 spent = wp.length_sq(change) / along
-            rows.piles.lasting[body] = wp.max(1.0 - spent, 0.0)
+            s.rows.piles.lasting[body] = wp.max(1.0 - spent, 0.0)
             if piles.supports[body] > 0:
                 share = handed / float(piles.supports[body])
                 before = int(-1)
-                for k in range(row_count(body, rows)):
-                    row = rows.rows[row_of(body, k, rows)]
+                for k in range(row_count(body, s.rows)):
+                    row = s.rows.rows[row_of(body, k, s.rows)]
                     other = row.a + row.b - body
-                    if other != before and supports(other, body, rows):
-                        rows.piles.update[other] = rows.piles.update[other] + share
+                    if other != before and supports(other, body, s.rows):
+                        s.rows.piles.update[other] = s.rows.piles.update[other] + share
                     before = other
 
     return PileFunctions(link_piles, factor_piles, sweep_piles, spend_impacts)

@@ -5,10 +5,8 @@
 import warp as wp
 
 from ..data import (
-    BodyModel,
-    BodyWork,
+    Solver,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from .bodies import body_at
@@ -60,38 +58,31 @@ def make_measure_world(effects: Effects) -> wp.Function:
     """Device function: how far things may go in this step, and how much could rest on a contact."""
 
     @wp.func
-    def measure_world(
-        world: int,
-        h: float,
-        tolerance: float,
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-    ) -> WorldScale:
+    def measure_world(world: int, h: float, tolerance: float, s: wp.ref[Solver]) -> WorldScale:
         scale = WorldScale()
         scale.h = h
         scale.step = h
         scale.tolerance = tolerance
         scale.blend = 1.0
         scale.lag = 0.5
-        scale.static_slot = work.inv_mass.shape[0] - 1
+        scale.static_slot = s.work.inv_mass.shape[0] - 1
         farthest = float(0.0)
         if wp.static(effects.sleeping):
-            farthest = worlds.pace[world]
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
+            farthest = s.worlds.pace[world]
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
             gravity = float(0.0)
-            if work.inv_mass[body] > 0.0:
-                gravity = wp.length_sq(model.gravity[model.world[body]])
+            if s.work.inv_mass[body] > 0.0:
+                gravity = wp.length_sq(s.model.gravity[s.model.world[body]])
                 scale.gravity = wp.max(scale.gravity, gravity)
             if wp.static(effects.contact or effects.cables) or gravity == 0.0:
-                target = work.target[body]
+                target = s.work.target[body]
                 move = wp.length(wp.spatial_top(target))
-                if work.inv_mass[body] > 0.0:
-                    mass = model.mass[body]
+                if s.work.inv_mass[body] > 0.0:
+                    mass = s.model.mass[body]
                     scale.mass += mass
                     # radius of a solid body from its gyration, generously
-                    radius = 2.0 * wp.sqrt(wp.trace(work.inertia[body]) / mass)
+                    radius = 2.0 * wp.sqrt(wp.trace(s.work.inertia[body]) / mass)
                     move += radius * wp.length(wp.spatial_bottom(target))
                 farthest = wp.max(farthest, move)
         scale.gravity = wp.sqrt(scale.gravity)

@@ -33,13 +33,9 @@ from ..data import (
     BodyWork,
     ContactRow,
     History,
-    IslandWork,
-    JointModel,
-    LoopWork,
-    RowWork,
-    TreeWork,
+    Solver,
+    Step,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import contact as contact_rows
@@ -129,12 +125,10 @@ def energy_of(mass: float, inertia: wp.mat33, velocity: wp.spatial_vector) -> fl
 
 
 @wp.func
-def external_wrench(
-    model: wp.ref[BodyModel], body: int, work: wp.ref[BodyWork]
-) -> wp.spatial_vector:
+def external_wrench(body: int, s: wp.ref[Solver]) -> wp.spatial_vector:
     """External force [N], weight included, and torque [N m] on a body."""
-    weight = model.mass[body] * model.gravity[model.world[body]]
-    return work.wrench[body] + wp.spatial_vector(weight, wp.vec3(0.0))
+    weight = s.model.mass[body] * s.model.gravity[s.model.world[body]]
+    return s.work.wrench[body] + wp.spatial_vector(weight, wp.vec3(0.0))
 
 
 @wp.func
@@ -153,17 +147,15 @@ def jumps(
     now: wp.spatial_vector,
     velocity: wp.spatial_vector,
     scale: WorldScale,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-    history: wp.ref[History],
+    s: wp.ref[Solver],
 ) -> bool:
     """Whether what pushes a body has changed by half of it, or half of the weight.
 
     Wrenches count by the energy that they give in a step. What gives next to nothing beside that of
     the body is no jump.
     """
-    mass, inertia = model.mass[body], work.inertia[body]
-    last = history.last[body].wrench
+    mass, inertia = s.model.mass[body], s.work.inertia[body]
+    last = s.history.last[body].wrench
     most = wp.max(given_energy(mass, inertia, now, scale), given_energy(mass, inertia, last, scale))
     weight = scale.gravity * scale.h
     most = wp.max(most, mass * weight * weight)
@@ -229,29 +221,23 @@ def is_flying(body: int, history: wp.ref[History]) -> bool:
 
 @wp.func
 def is_quiet(
-    body: int,
-    velocity: wp.spatial_vector,
-    may_stand: bool,
-    scale: WorldScale,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-    history: wp.ref[History],
+    body: int, velocity: wp.spatial_vector, may_stand: bool, scale: WorldScale, s: wp.ref[Solver]
 ) -> bool:
     """Whether the velocity of a body has not changed in a step: all schemes agree there.
 
     What flies does not count, nor, in scenes with contacts, what moves by little more than
     rounding. A change counts by its kinetic energy, beside that of a share of a free fall's.
     """
-    if work.inv_mass[body] == 0.0 or is_flying(body, history):
+    if s.work.inv_mass[body] == 0.0 or is_flying(body, s.history):
         return True
     if may_stand:
-        far = wp.length(work.com[body])
+        far = wp.length(s.work.com[body])
         stir = STIR * wp.min(far, 1.0) + FAR_STIR * far
-        if squared_move(body, work) <= stir * stir:
+        if squared_move(body, s.work) <= stir * stir:
             return True
     fall = QUIET * scale.gravity * scale.h
-    change = velocity - history.last[body].velocity
-    mass, inertia = model.mass[body], work.inertia[body]
+    change = velocity - s.history.last[body].velocity
+    mass, inertia = s.model.mass[body], s.work.inertia[body]
     allowed = ROUNDING * ROUNDING * energy_of(mass, inertia, velocity) + mass * fall * fall
     return energy_of(mass, inertia, change) <= allowed
 
@@ -262,8 +248,7 @@ def is_resolved(
     velocity: wp.spatial_vector,
     change: wp.spatial_vector,
     scale: WorldScale,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
+    s: wp.ref[Solver],
 ) -> bool:
     """Whether steps are short beside the time in which what holds a body changes.
 
@@ -271,37 +256,33 @@ def is_resolved(
     beyond what changes of a controller's forces give. For a tree with drives along all axes that
     nothing else holds steps are always short enough: what changes fast there are the drives.
     """
-    mass, inertia = model.mass[body], work.inertia[body]
+    mass, inertia = s.model.mass[body], s.work.inertia[body]
     fall = RESOLVED * scale.gravity * scale.h
     allowed = RESOLVED * RESOLVED * energy_of(mass, inertia, velocity) + mass * fall * fall
-    return energy_of(mass, inertia, scale.h * change) <= allowed + INPUTS * work.input_energy[body]
+    return (
+        energy_of(mass, inertia, scale.h * change) <= allowed + INPUTS * s.work.input_energy[body]
+    )
 
 
 @wp.func
 def is_continued(
-    body: int,
-    body_q: wp.array[wp.transform],
-    body_qd: wp.array[wp.spatial_vector],
-    scale: WorldScale,
-    model: wp.ref[BodyModel],
-    work: wp.ref[BodyWork],
-    history: wp.ref[History],
+    body: int, body_qd: wp.array[wp.spatial_vector], scale: WorldScale, s: wp.ref[Solver]
 ) -> bool:
     """Whether a body is as the last step left it, turned little in it, and is pushed as it was."""
-    if is_flying(body, history):
+    if is_flying(body, s.history):
         return True
-    if work.inv_mass[body] == 0.0:
-        return is_led_on(body, body_qd[body], scale, history)
-    if not (body_q[body] == history.last[body].pose):
+    if s.work.inv_mass[body] == 0.0:
+        return is_led_on(body, body_qd[body], scale, s.history)
+    if not (s.work.pose[body] == s.history.last[body].pose):
         return False
-    if not (body_qd[body] == history.last[body].velocity):
+    if not (body_qd[body] == s.history.last[body].velocity):
         return False
-    spin = wp.spatial_bottom(history.last[body].slope)
+    spin = wp.spatial_bottom(s.history.last[body].slope)
     if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
         return False
-    wrench = external_wrench(model, body, work)
-    if not (wrench == history.last[body].wrench):
-        return not jumps(body, wrench, body_qd[body], scale, model, work, history)
+    wrench = external_wrench(body, s)
+    if not (wrench == s.history.last[body].wrench):
+        return not jumps(body, wrench, body_qd[body], scale, s)
     return True
 
 
@@ -312,13 +293,13 @@ def is_pushing(row: ContactRow) -> bool:
 
 
 @wp.func
-def has_impact(body: int, jolt: float, work: wp.ref[BodyWork], rows: wp.ref[RowWork]) -> bool:
+def has_impact(body: int, jolt: float, s: wp.ref[Solver]) -> bool:
     """Whether a contact that a body owns closes by more than ``jolt`` [m] while bodies coast, or by
     a share of it where it did not push."""
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        span = work.com[row.a] - work.com[row.b]
-        u = contact_rows.slip(row, work.coasting[row.a], work.coasting[row.b], span)
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        row = s.rows.rows[i]
+        span = s.work.com[row.a] - s.work.com[row.b]
+        u = contact_rows.slip(row, s.work.coasting[row.a], s.work.coasting[row.b], span)
         least = wp.where(is_pushing(row), jolt, TOUCH * jolt)
         if wp.dot(row.normal, u) + wp.max(row.gap, 0.0) < -least:
             return True
@@ -326,56 +307,43 @@ def has_impact(body: int, jolt: float, work: wp.ref[BodyWork], rows: wp.ref[RowW
 
 
 @wp.func
-def stops_sliding(
-    body: int, has_drift: bool, work: wp.ref[BodyWork], rows: wp.ref[RowWork]
-) -> bool:
+def stops_sliding(body: int, has_drift: bool, s: wp.ref[Solver]) -> bool:
     """Whether friction of a contact that a body owns, and that slid, turns round or holds."""
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        row = rows.rows[i]
-        span = work.com[row.a] - work.com[row.b]
-        u = contact_rows.slip(row, work.coasting[row.a], work.coasting[row.b], span)
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        row = s.rows.rows[i]
+        span = s.work.com[row.a] - s.work.com[row.b]
+        u = contact_rows.slip(row, s.work.coasting[row.a], s.work.coasting[row.b], span)
         if has_drift:
-            u += rows.drift[i]
+            u += s.rows.drift[i]
         if contact_rows.ends_sliding(row, u):
             return True
     return False
 
 
 @wp.func
-def lets_go(body: int, rows: wp.ref[RowWork], history: wp.ref[History]) -> bool:
+def lets_go(body: int, s: wp.ref[Solver]) -> bool:
     """Whether a contact of a body that pushed in the last step is gone or about to open."""
-    left = int(history.pushing[body])
-    for i in range(rows.owned_start[body], rows.owned_end[body]):
-        left -= int(is_pushing(rows.rows[i]))
+    left = int(s.history.pushing[body])
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        left -= int(is_pushing(s.rows.rows[i]))
     return left > 0
 
 
 @wp.func
-def is_beyond(
-    world: int, joints: wp.ref[JointModel], dof: int, at: wp.float64, history: wp.ref[History]
-) -> bool:
+def is_beyond(world: int, dof: int, at: wp.float64, s: wp.ref[Solver]) -> bool:
     """Whether a coordinate that goes on as in the last step would be beyond a limit.
 
     Before the first step of a world nobody knows.
     """
-    if history.age[world] == 0:
+    if s.history.age[world] == 0:
         return False
-    goes_to = wp.float32(at + (at - history.coordinate[dof].start))
-    lower = joints.limit_lower[dof] - LIMIT_JOLT
-    return goes_to < lower or goes_to > joints.limit_upper[dof] + LIMIT_JOLT
+    goes_to = wp.float32(at + (at - s.history.coordinate[dof].start))
+    lower = s.joints.limit_lower[dof] - LIMIT_JOLT
+    return goes_to < lower or goes_to > s.joints.limit_upper[dof] + LIMIT_JOLT
 
 
 @wp.func
-def lead_spin(
-    world: int,
-    scale: WorldScale,
-    body_q: wp.array[wp.transform],
-    model: wp.ref[BodyModel],
-    worlds: wp.ref[WorldWork],
-    work: wp.ref[BodyWork],
-    islands: wp.ref[IslandWork],
-    history: wp.ref[History],
-):
+def lead_spin(world: int, scale: WorldScale, s: wp.ref[Solver]):
     """Has :func:`.islands.keep_spin` restore the angular momentum of a step of second order.
 
     A free island lacks sum r x m v + I w at the start, and what wrenches add, less that at the end,
@@ -383,31 +351,33 @@ def lead_spin(
     cancel: constraints act where bodies end, and these have not moved along their velocities. How
     far the island's COM has moved [m] goes to its ``momentum``.
     """
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, -1):
-            root = islands.parent[body]
-            total = islands.sum[root]
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        body = s.worlds.bodies[i]
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):
+            root = s.islands.parent[body]
+            total = s.islands.sum[root]
             if body == root:
                 total.momentum = wp.vec3(0.0)
-            share = model.mass[body] / total.mass
-            total.momentum += share * wp.spatial_top(work.increment[body])
-            islands.sum[root] = total
-    for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-        body = worlds.bodies[i]
-        if work.inv_mass[body] > 0.0 and is_free_island(islands, body, -1):
-            velocity = history.last[body].velocity
-            push = scale.h * work.wrench[body]
-            v = wp.spatial_top(velocity) + model.inv_mass[body] * wp.spatial_top(push)
-            free = work.lead[body] + wp.spatial_vector(scale.step * v, wp.vec3(0.0))
-            work.target[body] = free
-            moved = wp.spatial_top(work.increment[body])
-            moved -= islands.sum[islands.parent[body]].momentum
-            momentum = spin_momentum(model, body, wp.transform_get_rotation(body_q[body]), velocity)
+            share = s.model.mass[body] / total.mass
+            total.momentum += share * wp.spatial_top(s.work.increment[body])
+            s.islands.sum[root] = total
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        body = s.worlds.bodies[i]
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):
+            velocity = s.history.last[body].velocity
+            push = scale.h * s.work.wrench[body]
+            v = wp.spatial_top(velocity) + s.model.inv_mass[body] * wp.spatial_top(push)
+            free = s.work.lead[body] + wp.spatial_vector(scale.step * v, wp.vec3(0.0))
+            s.work.target[body] = free
+            moved = wp.spatial_top(s.work.increment[body])
+            moved -= s.islands.sum[s.islands.parent[body]].momentum
+            momentum = spin_momentum(
+                s.model, body, wp.transform_get_rotation(s.work.pose[body]), velocity
+            )
             momentum += wp.spatial_bottom(push)
             # keep_spin has the arms of the end
-            momentum -= model.mass[body] * wp.cross(moved, v)
-            work.momentum[body] = momentum
+            momentum -= s.model.mass[body] * wp.cross(moved, v)
+            s.work.momentum[body] = momentum
 
 
 @dataclass(frozen=True)
@@ -442,126 +412,95 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     feel_drag = make_feel_drag(effects)
 
     @wp.func
-    def body_jumps(
-        world: int,
-        i: int,
-        scale: WorldScale,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def body_jumps(world: int, i: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Whether the velocity of a body is about to jump, or a linked body turns fast."""
-        body = body_at(i, worlds)
+        body = body_at(i, s.worlds)
         if wp.static(effects.spinning):
-            if wp.length_sq(work.spin_momentum[body]) > 0.0:
+            if wp.length_sq(s.work.spin_momentum[body]) > 0.0:
                 return True
         if wp.static(effects.contact):
-            if has_impact(body, JOLT * scale.gravity * scale.h * scale.h, work, rows):
+            if has_impact(body, JOLT * scale.gravity * scale.h * scale.h, s):
                 return True
             if wp.static(effects.friction):
-                if stops_sliding(body, wp.static(effects.drift), work, rows):
+                if stops_sliding(body, wp.static(effects.drift), s):
                     return True
             if wp.static(effects.compliance):
                 # a compliant row's gap holds its damping by backward Euler
-                if rows.owned_start[body] < rows.owned_end[body]:
+                if s.rows.owned_start[body] < s.rows.owned_end[body]:
                     return True
         if wp.static(effects.tendons and not effects.compliance):
-            if meets_range(i, scale.h, tree):
+            if meets_range(i, scale.h, s.tree):
                 return True
         if wp.static(effects.kinds.gimbals and effects.axis_rates):
             # the rates of rotors change fast where angles lead the pose
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                if is_gimbal(joints, joint):
-                    angles = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
-                    if is_led(joints, joint, angles):
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                joint = s.tree.joint[body]
+                if is_gimbal(s.joints, joint):
+                    angles = known_angles(
+                        s.joints, joint, s.tree.coordinate, s.tree.axis_start[body]
+                    )
+                    if is_led(s.joints, joint, angles):
                         return True
         if wp.static(effects.joints and effects.joint_friction):
             # rates are known of steps that were smooth
-            is_known = is_going_on(last_of(world, history))
-            if is_known and work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    stopped = joints.friction[dof] * history.input[dof].mobility * scale.h
-                    if history.piece[dof][2] != 0:
+            is_known = is_going_on(last_of(world, s.history))
+            if is_known and s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                joint = s.tree.joint[body]
+                for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+                    stopped = s.joints.friction[dof] * s.history.input[dof].mobility * scale.h
+                    if s.history.piece[dof][2] != 0:
                         # friction stops in this step what slips
-                        if wp.abs(history.coordinate[dof].rate) < stopped:
+                        if wp.abs(s.history.coordinate[dof].rate) < stopped:
                             return True
         if wp.static(effects.joints and effects.hard_limits):
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                k = tree.axis_start[body]
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    if joints.type[joint] != BALL:
-                        if is_beyond(world, joints, dof, tree.coordinate[k], history):
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                joint = s.tree.joint[body]
+                k = s.tree.axis_start[body]
+                for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+                    if s.joints.type[joint] != BALL:
+                        if is_beyond(world, dof, s.tree.coordinate[k], s):
                             return True
                     k += 1
         return False
 
     @wp.func
-    def loop_jumps(
-        world: int,
-        i: int,
-        joints: wp.ref[JointModel],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def loop_jumps(world: int, i: int, s: wp.ref[Solver]) -> bool:
         """Whether a joint outside of the trees is about to meet a limit, or may pull at once."""
-        joint = loops.joints[i]
-        if joints.type[joint] == DISTANCE:
+        joint = s.loops.joints[i]
+        if s.joints.type[joint] == DISTANCE:
             return True
         if wp.static(effects.hard_limits):
-            for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                if joints.type[joint] != BALL:
-                    if is_beyond(world, joints, dof, loops.coordinate[dof], history):
+            for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+                if s.joints.type[joint] != BALL:
+                    if is_beyond(world, dof, s.loops.coordinate[dof], s):
                         return True
         return False
 
     @wp.func
-    def is_smooth(
-        world: int,
-        scale: WorldScale,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def is_smooth(world: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Whether no velocity of a world is about to jump."""
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            if body_jumps(world, i, scale, joints, worlds, work, rows, tree, history):
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            if body_jumps(world, i, scale, s):
                 return False
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                if loop_jumps(world, i, joints, loops, history):
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                if loop_jumps(world, i, s):
                     return False
         if wp.static(effects.cables):
-            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                if may_jerk(i, work, tree.cables):
+            for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
+                if may_jerk(i, s):
                     return False
         return True
 
     @wp.func
     def goes_on(
-        body: int,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        scale: WorldScale,
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        history: wp.ref[History],
+        body: int, body_qd: wp.array[wp.spatial_vector], scale: WorldScale, s: wp.ref[Solver]
     ) -> bool:
         """Whether a body moves on as in the last step."""
         if wp.static(effects.contact):
-            if lets_go(body, rows, history):
+            if lets_go(body, s):
                 return False
-        return is_continued(body, body_q, body_qd, scale, model, work, history)
+        return is_continued(body, body_qd, scale, s)
 
     @wp.func
     def will_fly(
@@ -569,27 +508,23 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         body: int,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
+        s: wp.ref[Solver],
     ) -> bool:
         """Whether nothing holds a body in a step, not even a contact that its parabola nears."""
         if wp.static(effects.drag or effects.cables or effects.tendons):
             return False
         if wp.static(effects.joints):
-            if is_in_tree(i, worlds, tree):
+            if is_in_tree(i, s):
                 return False
         if wp.static(effects.loops):
-            if has_loops(loops, body):
+            if has_loops(s.loops, body):
                 return False
         if wp.static(effects.contact):
-            for k in range(row_count(body, rows)):
-                row = rows.rows[row_of(body, k, rows)]
-                span = work.com[row.a] - work.com[row.b]
-                target_a = parabola(row.a, scale.h, body_qd, work)
-                target_b = parabola(row.b, scale.h, body_qd, work)
+            for k in range(row_count(body, s.rows)):
+                row = s.rows.rows[row_of(body, k, s.rows)]
+                span = s.work.com[row.a] - s.work.com[row.b]
+                target_a = parabola(row.a, scale.h, body_qd, s.work)
+                target_b = parabola(row.b, scale.h, body_qd, s.work)
                 u = contact_rows.slip(row, target_a, target_b, span)
                 is_near = wp.dot(row.normal, u) + row.gap <= scale.slop
                 if is_near or wp.length_sq(row.force) > 0.0:
@@ -598,26 +533,18 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
 
     @wp.func
     def begin_body(
-        i: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        i: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ) -> bool:
         """A body by backward Euler, so that nothing is ahead; returns whether it is held."""
-        body = body_at(i, worlds)
-        work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        work.coasting[body] = work.increment[body]
-        history.flying[body] = 0
-        if work.inv_mass[body] == 0.0:
+        body = body_at(i, s.worlds)
+        s.work.lead[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        s.work.coasting[body] = s.work.increment[body]
+        s.history.flying[body] = 0
+        if s.work.inv_mass[body] == 0.0:
             return False
-        work.coasting[body] = scale.h * body_qd[body]
-        if will_fly(i, body, scale, body_qd, worlds, work, rows, tree, loops):
-            history.flying[body] = 1
+        s.work.coasting[body] = scale.h * body_qd[body]
+        if will_fly(i, body, scale, body_qd, s):
+            s.history.flying[body] = 1
             return False
         return True
 
@@ -628,100 +555,87 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         is_smooth: bool,
         is_continued: bool,
         scale: WorldScale,
-        worlds: wp.ref[WorldWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> WorldScale:
         """The scale of a world's step, of second order where it continues a smooth motion."""
         out = scale
-        out.age = history.slope_age[world]
+        out.age = s.history.slope_age[world]
         age = float(0.5)
         if is_smooth and is_continued:
-            history.smooth[world] = wp.min(last + 1, LASTING)
+            s.history.smooth[world] = wp.min(last + 1, LASTING)
             age = wp.where(last == LASTING, wp.static(a), wp.static(a_0))
             b_now = wp.where(last == LASTING, wp.static(b), wp.static(b_0))
             out = second_order(out, age, b_now)
         else:
-            history.smooth[world] = wp.where(is_smooth, SMOOTH, JUMPED)
+            s.history.smooth[world] = wp.where(is_smooth, SMOOTH, JUMPED)
             if last < JUMPED:
-                history.smooth[world] = last + 1
-        worlds.step[world] = out.step
-        history.slope_age[world] = age * out.h
+                s.history.smooth[world] = last + 1
+        s.worlds.step[world] = out.step
+        s.history.slope_age[world] = age * out.h
         return out
 
     @wp.func
     def fly_body(
-        body: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
+        body: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
         """Lead and target of a body that flies: the trapezoidal rule, which makes a parabola.
 
         Its velocity is that of backward Euler; its angular momentum is kept by the end.
         """
-        turn = 0.5 * wp.spatial_bottom(work.target[body] + work.coasting[body])
+        turn = 0.5 * wp.spatial_bottom(s.work.target[body] + s.work.coasting[body])
         if wp.static(effects.gyroscopic):
             if not takes_midpoint(turn):
-                turn = wp.spatial_bottom(work.target[body])
+                turn = wp.spatial_bottom(s.work.target[body])
             elif wp.length_sq(turn) > SLOW * SLOW:
                 half = 0.5 * scale.h
-                rotation = wp.transform_get_rotation(body_q[body])
+                rotation = wp.transform_get_rotation(s.work.pose[body])
                 w, _momentum = mean_spin(
-                    model, body, rotation, body_qd[body], work.wrench[body], half
+                    s.model, body, rotation, body_qd[body], s.work.wrench[body], half
                 )
                 turn = scale.h * w
-        shift = 0.5 * wp.spatial_top(work.target[body] + work.coasting[body])
+        shift = 0.5 * wp.spatial_top(s.work.target[body] + s.work.coasting[body])
         target = wp.spatial_vector(shift, turn)
         if wp.static(effects.carried_rounding):
             if is_short(scale.h):
-                pose, velocity = body_q[body], body_qd[body]
-                flight = flight_from(body, pose, velocity, history.flights)
+                pose, velocity = s.work.pose[body], body_qd[body]
+                flight = flight_from(body, pose, velocity, s.history.flights)
                 start = wp.transform_get_rotation(pose)
-                work.gained[body] = flight.lost + gained_in_flight(
-                    model,
+                s.work.gained[body] = flight.lost + gained_in_flight(
+                    s.model,
                     body,
                     start,
                     velocity,
-                    work.wrench[body],
+                    s.work.wrench[body],
                     exp_quat(wp.quat_rotate_inv(start, turn)),
                     scale.h,
                 )
-                history.flights[body] = flight
-        work.lead[body] = target - (scale.step / scale.h) * work.target[body]
-        work.target[body] = target
-        work.increment[body] = target
+                s.history.flights[body] = flight
+        s.work.lead[body] = target - (scale.step / scale.h) * s.work.target[body]
+        s.work.target[body] = target
+        s.work.increment[body] = target
 
     @wp.func
     def lead_body(
-        body: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
+        body: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
         """Lead, target and first guess of a body."""
         step = scale.step
         velocity = body_qd[body]
-        if work.inv_mass[body] == 0.0:
+        if s.work.inv_mass[body] == 0.0:
             # goes h v, and is felt to move at v
-            work.lead[body] = (scale.h - step) * velocity
+            s.work.lead[body] = (scale.h - step) * velocity
             if wp.static(effects.put_bodies):
-                work.put[body] = (step / scale.h) * work.put[body]
+                s.work.put[body] = (step / scale.h) * s.work.put[body]
             return
-        last = history.last[body]
+        last = s.history.last[body]
         ahead = lead(scale, velocity, last.slope)
         gained = lead(scale, last.acceleration, last.gain)
         v = velocity + gained
         # external forces are those of the whole step: all of their impulse, none of the last one's
-        wrench = (scale.h / step) * external_wrench(model, body, work)
-        push = model.inv_mass[body] * wp.spatial_top(wrench)
+        wrench = (scale.h / step) * external_wrench(body, s)
+        push = s.model.inv_mass[body] * wp.spatial_top(wrench)
         dx = target_translation(wp.spatial_top(v), push, step)
-        rotation = wp.transform_get_rotation(body_q[body])
+        rotation = wp.transform_get_rotation(s.work.pose[body])
         turn = wp.spatial_bottom(ahead)
         dtheta = wp.vec3(0.0)
         end = rotation
@@ -729,9 +643,9 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         pushed = last.acceleration
         if wp.static(effects.gyroscopic):
             # of the start, and all that the external torque gives
-            momentum = work.momentum[body]
+            momentum = s.work.momentum[body]
             if wp.static(effects.drag):
-                momentum = spin_momentum(model, body, rotation, velocity)
+                momentum = spin_momentum(s.model, body, rotation, velocity)
                 momentum += step * wp.spatial_bottom(wrench)
             began = momentum - step * wp.spatial_bottom(wrench)
             kick = step * wp.spatial_bottom(wrench) + lead(scale, last.torque, last.spun)
@@ -742,14 +656,14 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
             end = swing * rotation
             axes = wp.quat_to_matrix(end)
             back = wp.transpose(axes)
-            work.inertia[body] = axes * model.inertia[body] * back
-            spun = axes * (model.inv_inertia[body] * (back * last.torque))
+            s.work.inertia[body] = axes * s.model.inertia[body] * back
+            spun = axes * (s.model.inv_inertia[body] * (back * last.torque))
             whole = momentum
             if wp.static(effects.carried_rounding):
                 if is_short(scale.h):
                     # what turns along with the body keeps its momentum: nothing large cancels
                     whole = kick - turned_by(swing, began)
-            w = axes * (model.inv_inertia[body] * (back * whole))
+            w = axes * (s.model.inv_inertia[body] * (back * whole))
             if wp.static(effects.carried_rounding):
                 if is_short(scale.h):
                     start = wp.spatial_bottom(velocity)
@@ -758,197 +672,165 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     w += start
             dtheta = step * w
             pushed = wp.spatial_vector(wp.spatial_top(pushed), spun)
-            work.momentum[body] = momentum
+            s.work.momentum[body] = momentum
         else:
-            dtheta = target_turn(model, body, rotation, v, wrench, step)
+            dtheta = target_turn(s.model, body, rotation, v, wrench, step)
             if wp.static(effects.carried_rounding):
                 if is_short(scale.h):
                     none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-                    spun = target_turn(model, body, rotation, none, wrench, step)
+                    spun = target_turn(s.model, body, rotation, none, wrench, step)
                     gained += wp.spatial_vector(wp.vec3(0.0), spun / step)
         free = ahead + wp.spatial_vector(dx, dtheta)
-        work.target[body] = free
+        s.work.target[body] = free
         if wp.static(effects.drag):
-            feel_drag(body, end, velocity, ahead, step, model, work)
+            feel_drag(body, end, velocity, ahead, step, s)
         if wp.static(effects.carried_rounding):
             if is_short(scale.h):
                 gained += last.lost + wp.spatial_vector(step * push, wp.vec3(0.0))
                 if wp.static(effects.drag):
-                    gained += (work.target[body] - free) / step
-                work.gained[body] = gained
-        target = work.target[body]
+                    gained += (s.work.target[body] - free) / step
+                s.work.gained[body] = gained
+        target = s.work.target[body]
         coasting = ahead + step * v
-        work.lead[body] = ahead
-        work.coasting[body] = coasting
+        s.work.lead[body] = ahead
+        s.work.coasting[body] = coasting
         if wp.static(effects.joints):
             # as the last steps have it, acceleration goes on to change
             change = (scale.h / scale.age) * (last.acceleration - last.gain)
-            history.acceleration[body] = history.acceleration[body] + change
+            s.history.acceleration[body] = s.history.acceleration[body] + change
         pushed_shift = beyond_rounding((step * step) * wp.spatial_top(pushed), dx)
         pushed_turn = beyond_rounding((step * step) * wp.spatial_bottom(pushed), dtheta)
-        work.increment[body] = target + wp.spatial_vector(pushed_shift, pushed_turn)
+        s.work.increment[body] = target + wp.spatial_vector(pushed_shift, pushed_turn)
 
     @wp.func
     def start_body(
-        body: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
+        body: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
         """Lead, target and first guess of a body, by the order of its world's step."""
-        if is_flying(body, history):
-            fly_body(body, scale, body_q, body_qd, model, work, history)
+        if is_flying(body, s.history):
+            fly_body(body, scale, body_qd, s)
         elif scale.step < scale.h:
-            lead_body(body, scale, body_q, body_qd, model, work, history)
+            lead_body(body, scale, body_qd, s)
         elif follows_second_order(scale):
             if wp.static(effects.joints):
                 # that of the end of a step of second order says too little of the next
-                history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+                s.history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
 
     @wp.func
-    def lead_rows(body: int, scale: WorldScale, work: wp.ref[BodyWork], rows: wp.ref[RowWork]):
+    def lead_rows(body: int, scale: WorldScale, s: wp.ref[Solver]):
         """Penalties of the rows that a body owns, by the step; friction sees velocities."""
         stiffer = (scale.h * scale.h) / (scale.step * scale.step)
-        for i in range(rows.owned_start[body], rows.owned_end[body]):
-            row = rows.rows[i]
-            rows.rows[i].k_n = stiffer * row.k_n
-            rows.rows[i].k_t = stiffer * row.k_t
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            row = s.rows.rows[i]
+            s.rows.rows[i].k_n = stiffer * row.k_n
+            s.rows.rows[i].k_t = stiffer * row.k_t
             if wp.static(effects.angular_friction):
-                rows.spin[i].k_twist = stiffer * rows.spin[i].k_twist
-                rows.spin[i].k_roll = stiffer * rows.spin[i].k_roll
+                s.rows.spin[i].k_twist = stiffer * s.rows.spin[i].k_twist
+                s.rows.spin[i].k_roll = stiffer * s.rows.spin[i].k_roll
             if wp.static(effects.put_bodies):
                 # where a body is put only its move is known: what lies on it goes with that
-                if wp.length_sq(work.put[row.b]) > 0.0:
+                if wp.length_sq(s.work.put[row.b]) > 0.0:
                     continue
             if wp.static(effects.drift):
-                span = work.com[row.a] - work.com[row.b]
-                slid = contact_rows.slip(row, work.lead[row.a], work.lead[row.b], span)
+                span = s.work.com[row.a] - s.work.com[row.b]
+                slid = contact_rows.slip(row, s.work.lead[row.a], s.work.lead[row.b], span)
                 slid -= wp.dot(row.normal, slid) * row.normal
-                rows.drift[i] = (scale.step / scale.h) * rows.drift[i] - slid
+                s.rows.drift[i] = (scale.step / scale.h) * s.rows.drift[i] - slid
 
     @wp.func
     def begin_step(
         world: int,
         has_bounce: bool,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
         body_qd: wp.array[wp.spatial_vector],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> WorldScale:
         """Decides on the order of a world's step, and makes targets and rows those of it."""
         is_held = bool(False)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            if begin_body(i, scale, body_qd, worlds, work, rows, tree, loops, history):
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            if begin_body(i, scale, body_qd, s):
                 is_held = True
-        last = last_of(world, history)
+        last = last_of(world, s.history)
         may_last = is_held and last != QUIET_WORLD and not has_bounce
-        may_last = may_last and is_smooth(
-            world, scale, joints, worlds, work, rows, tree, loops, history
-        )
+        may_last = may_last and is_smooth(world, scale, s)
         lasts = may_last and is_going_on(last)
         if lasts:
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = body_at(i, worlds)
-                if lasts and not goes_on(body, body_q, body_qd, scale, model, work, rows, history):
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                body = body_at(i, s.worlds)
+                if lasts and not goes_on(body, body_qd, scale, s):
                     lasts = False
-        out = order_world(world, last, may_last, lasts, scale, worlds, history)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            start_body(body_at(i, worlds), out, body_q, body_qd, model, work, history)
+        out = order_world(world, last, may_last, lasts, scale, s)
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            start_body(body_at(i, s.worlds), out, body_qd, s)
         if wp.static(effects.contact):
             if out.step < out.h:
-                for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                    lead_rows(body_at(i, worlds), out, work, rows)
+                for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                    lead_rows(body_at(i, s.worlds), out, s)
         return out
 
     @wp.func
-    def slips_otherwise(
-        body: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork], history: wp.ref[History]
-    ) -> bool:
+    def slips_otherwise(body: int, s: wp.ref[Solver]) -> bool:
         """Whether friction of a body's joint pushes otherwise than in the last step, or holds, or a
         stop of it holds or lets go."""
         result = bool(False)
         if wp.static(effects.joints and (effects.joint_friction or effects.hard_limits)):
-            if is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-                    slip = history.piece[dof][2] + 2
-                    if wp.abs(history.piece[dof][0]) == 1:
+            if is_linked(body, s):
+                joint = s.tree.joint[body]
+                for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+                    slip = s.history.piece[dof][2] + 2
+                    if wp.abs(s.history.piece[dof][0]) == 1:
                         slip += HELD_BY_STOP
-                    last = history.coordinate[dof].slip
+                    last = s.history.coordinate[dof].slip
                     if slip != last:
-                        history.coordinate[dof].slip = slip
+                        s.history.coordinate[dof].slip = slip
                         if wp.static(effects.joint_friction):
                             # in the first step it may have stopped what moved
-                            if last == 0 and slip == 2 and joints.friction[dof] > 0.0:
-                                began = history.last[body].velocity
-                                began -= history.last[tree.parent[body]].velocity
-                                linear = linear_count(joints, joint)
+                            if last == 0 and slip == 2 and s.joints.friction[dof] > 0.0:
+                                began = s.history.last[body].velocity
+                                began -= s.history.last[s.tree.parent[body]].velocity
+                                linear = linear_count(s.joints, joint)
                                 if wp.length_sq(wp.spatial_bottom(began)) > 0.0 or linear > 0:
                                     result = True
                         result = result or last != 0
         return result
 
     @wp.func
-    def remember_motion(
-        body: int,
-        scale: WorldScale,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ):
+    def remember_motion(body: int, scale: WorldScale, s: wp.ref[Solver]):
         """How a body has moved in the step, before anything old is recovered, and what pushes."""
         if wp.static(effects.contact):
             pushing = int(0)
-            for i in range(rows.owned_start[body], rows.owned_end[body]):
-                pushing += int(is_pushing(rows.rows[i]))
-            history.pushing[body] = pushing
-        if is_flying(body, history):
+            for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+                pushing += int(is_pushing(s.rows.rows[i]))
+            s.history.pushing[body] = pushing
+        if is_flying(body, s.history):
             return
         if wp.static(effects.joints and effects.coordinates):
-            if is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                k = tree.axis_start[body]
-                for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+            if is_linked(body, s):
+                joint = s.tree.joint[body]
+                k = s.tree.axis_start[body]
+                for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
                     end_axis(
                         dof,
-                        tree.start_coordinate[k],
-                        tree.coordinate[k],
+                        s.tree.start_coordinate[k],
+                        s.tree.coordinate[k],
                         scale,
-                        history.coordinate,
+                        s.history.coordinate,
                     )
                     k += 1
-        slope = history.last[body].slope
-        history.last[body].slope = next_slope(scale, work.increment[body], slope)
+        slope = s.history.last[body].slope
+        s.history.last[body].slope = next_slope(scale, s.work.increment[body], slope)
 
     @wp.func
-    def remember_loop(
-        i: int,
-        scale: WorldScale,
-        joints: wp.ref[JointModel],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
-    ):
+    def remember_loop(i: int, scale: WorldScale, s: wp.ref[Solver]):
         """Likewise the coordinates of a joint outside of the trees."""
-        joint = loops.joints[i]
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
+        joint = s.loops.joints[i]
+        for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
             end_axis(
                 dof,
-                loops.start_coordinate[dof],
-                loops.coordinate[dof],
+                s.loops.start_coordinate[dof],
+                s.loops.coordinate[dof],
                 scale,
-                history.coordinate,
+                s.history.coordinate,
             )
 
     @wp.func
@@ -958,49 +840,46 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         pose: wp.transform,
         velocity: wp.spatial_vector,
         scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ):
         """Where a step has left a body, how fast, and what its constraints did to that."""
-        before = wp.transform_get_rotation(body_q[body])
-        last = history.last[body]
+        before = wp.transform_get_rotation(s.work.pose[body])
+        last = s.history.last[body]
         began = last.velocity
-        wrench = external_wrench(model, body, work)
-        given = wp.spatial_vector(model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
+        wrench = external_wrench(body, s)
+        given = wp.spatial_vector(s.model.inv_mass[body] * wp.spatial_top(wrench), wp.vec3(0.0))
         if wp.static(effects.gyroscopic):
             after = wp.transform_get_rotation(pose)
             is_new = bool(True)
-            change = -spin_momentum(model, body, before, began)
+            change = -spin_momentum(s.model, body, before, began)
             if wp.static(effects.carried_rounding):
                 if is_carried(scale):
                     # of momenta, which are large, the difference would round
                     is_new = False
-                    swing = exp_quat(wp.spatial_bottom(work.increment[body]))
-                    gained = wp.spatial_bottom((velocity - began) + work.gained[body])
+                    swing = exp_quat(wp.spatial_bottom(s.work.increment[body]))
+                    gained = wp.spatial_bottom((velocity - began) + s.work.gained[body])
                     gained -= turned_by(swing, wp.spatial_bottom(began))
-                    change = turned_inertia(after, model.inertia[body], gained) - turned_by(
+                    change = turned_inertia(after, s.model.inertia[body], gained) - turned_by(
                         swing, change
                     )
             if is_new:
-                change += spin_momentum(model, body, after, velocity)
+                change += spin_momentum(s.model, body, after, velocity)
             change -= scale.h * wp.spatial_bottom(wrench)
             last.torque = (change - lead(scale, last.torque, last.spun)) / scale.step
             last.spun = next_slope(scale, change, last.spun)
         else:
-            spin = turned_inertia(before, model.inv_inertia[body], wp.spatial_bottom(wrench))
+            spin = turned_inertia(before, s.model.inv_inertia[body], wp.spatial_bottom(wrench))
             given = wp.spatial_vector(wp.spatial_top(given), spin)
         change_v = velocity - began
         if wp.static(effects.carried_rounding):
             if is_carried(scale):
-                change_v += work.gained[body]
+                change_v += s.work.gained[body]
         change_v -= scale.h * given
         pushed = (change_v - lead(scale, last.acceleration, last.gain)) / scale.step
         # a step after one of second order may be as little resolved as that one
         if scale.step < scale.h or follows_second_order(scale):
-            if not is_resolved(body, velocity, pushed - last.acceleration, scale, model, work):
-                history.smooth[world] = wp.static(UNRESOLVED if may_be_taut else JUMPED)
+            if not is_resolved(body, velocity, pushed - last.acceleration, scale, s):
+                s.history.smooth[world] = wp.static(UNRESOLVED if may_be_taut else JUMPED)
         last.acceleration = pushed
         last.gain = next_slope(scale, change_v, last.gain)
         if wp.static(not effects.cables):
@@ -1011,68 +890,39 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         last.velocity = velocity
         last.wrench = wrench
         last.pose = pose
-        history.last[body] = last
+        s.history.last[body] = last
 
     @wp.func
-    def remember_motions(
-        world: int,
-        scale: WorldScale,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def remember_motions(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]):
         """How the bodies of a world have moved, if that is of use to the next step."""
         quiet = bool(True)
-        for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-            body = body_at(i, worlds)
-            if slips_otherwise(body, joints, tree, history):
-                history.smooth[world] = JUMPED
-            velocity = body_qd_out[body]
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if slips_otherwise(body, s):
+                s.history.smooth[world] = JUMPED
+            velocity = step.body_qd_out[body]
             may_stand = wp.static(effects.contact)
-            if quiet and not is_quiet(body, velocity, may_stand, scale, model, work, history):
+            if quiet and not is_quiet(body, velocity, may_stand, scale, s):
                 quiet = False
         if quiet:
-            history.smooth[world] = QUIET_WORLD
-        if is_remembered(world, scale, history):
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = body_at(i, worlds)
-                if work.inv_mass[body] > 0.0:
-                    remember_motion(body, scale, joints, work, rows, tree, history)
+            s.history.smooth[world] = QUIET_WORLD
+        if is_remembered(world, scale, s.history):
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                body = body_at(i, s.worlds)
+                if s.work.inv_mass[body] > 0.0:
+                    remember_motion(body, scale, s)
 
     @wp.func
-    def remember_states(
-        world: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def remember_states(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]):
         """Likewise where the step has left them."""
-        if is_remembered(world, scale, history):
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                body = body_at(i, worlds)
-                if work.inv_mass[body] == 0.0:
-                    remember_led(body, body_qd_out[body], scale, history)
-                elif not is_flying(body, history):
+        if is_remembered(world, scale, s.history):
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                body = body_at(i, s.worlds)
+                if s.work.inv_mass[body] == 0.0:
+                    remember_led(body, step.body_qd_out[body], scale, s.history)
+                elif not is_flying(body, s.history):
                     remember_state(
-                        world,
-                        body,
-                        body_q_out[body],
-                        body_qd_out[body],
-                        scale,
-                        body_q,
-                        model,
-                        work,
-                        history,
+                        world, body, step.body_q_out[body], step.body_qd_out[body], scale, s
                     )
 
     return SecondOrderFunctions(

@@ -14,16 +14,15 @@ import warp as wp
 
 from ..blocks.body import is_mobile
 from ..data import (
-    BodyModel,
-    BodyWork,
     ContactInput,
     ContactRecord,
     ControlInput,
     History,
     JointModel,
     RowWork,
-    ShapeModel,
     SleepWork,
+    Solver,
+    Step,
     TendonModel,
     WorldWork,
 )
@@ -60,113 +59,63 @@ def make_watch_bodies(effects: Effects) -> wp.Kernel:
     external_wrench = make_wrench(effects)
 
     @wp.func
-    def watch_body(
-        body: int,
-        wrench: wp.spatial_vector,
-        model: wp.ref[BodyModel],
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        h: float,
-        worlds: wp.ref[WorldWork],
-        sleep: wp.ref[SleepWork],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def watch_body(body: int, wrench: wp.spatial_vector, step: wp.ref[Step], s: wp.ref[Solver]):
         """Sees how a body moves that does not go on sleeping."""
-        pose = body_q[body]
-        velocity = body_qd[body]
-        before = sleep.pose[body]
-        island = worlds.island[body]
-        is_pushed = not wrench == sleep.wrench[body]
-        sleep.pose[body] = pose
-        sleep.wrench[body] = wrench
+        pose = step.body_q[body]
+        velocity = step.body_qd[body]
+        before = s.sleep.pose[body]
+        island = s.worlds.island[body]
+        is_pushed = not wrench == s.sleep.wrench[body]
+        s.sleep.pose[body] = pose
+        s.sleep.wrench[body] = wrench
         if island >= 0:
-            disturb(body, worlds, sleep)
-        if not is_mobile(model, body):
+            disturb(body, s.worlds, s.sleep)
+        if not is_mobile(s.model, body):
             if island >= AWAKE:
-                sleep.stirred[0] = 1
+                s.sleep.stirred[0] = 1
             is_fixed = pose == before and velocity == STANDSTILL
-            worlds.island[body] = wp.where(is_fixed, STILL, MOVING)
-            move = h * wp.length(wp.spatial_top(velocity))
-            wp.atomic_max(worlds.pace, worlds.of_body[body], move)
-            body_q_out[body] = unit_pose(pose, body, worlds)
-            body_qd_out[body] = velocity
+            s.worlds.island[body] = wp.where(is_fixed, STILL, MOVING)
+            move = step.h * wp.length(wp.spatial_top(velocity))
+            wp.atomic_max(s.worlds.pace, s.worlds.of_body[body], move)
+            step.body_q_out[body] = unit_pose(pose, body, s.worlds)
+            step.body_qd_out[body] = velocity
             return
         if island < AWAKE:
-            worlds.island[body] = AWAKE
-            sleep.stirred[0] = 1
-        size_sq = wp.trace(model.inertia[body]) * model.inv_mass[body]
+            s.worlds.island[body] = AWAKE
+            s.sleep.stirred[0] = 1
+        size_sq = wp.trace(s.model.inertia[body]) * s.model.inv_mass[body]
         shift = wp.transform_get_translation(pose) - wp.transform_get_translation(before)
         turn = wp.transform_get_rotation(pose) - wp.transform_get_rotation(before)
         v = wp.spatial_top(velocity)
         w = wp.spatial_bottom(velocity)
-        rest = REST * h * wp.length(model.gravity[model.world[body]])
+        rest = REST * step.h * wp.length(s.model.gravity[s.model.world[body]])
         # comparisons that numbers which are not finite fail
         is_slow = wp.dot(v, v) + size_sq * wp.dot(w, w) <= rest * rest
         is_here = (
             wp.dot(shift, shift) <= JUMP * JUMP * size_sq and wp.dot(turn, turn) <= JUMP * JUMP
         )
         is_at_rest = is_slow and is_here and not is_pushed and island == AWAKE
-        sleep.still[body] = wp.where(is_at_rest, wp.max(sleep.still[body], 0.0) + h, 0.0)
+        s.sleep.still[body] = wp.where(is_at_rest, wp.max(s.sleep.still[body], 0.0) + step.h, 0.0)
 
     @wp.func(inline=True)  # a call would copy all that it takes, for each body that sleeps
-    def watch(
-        body: int,
-        model: wp.ref[BodyModel],
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        body_f: wp.array[wp.spatial_vector],
-        control: wp.ref[ControlInput],
-        h: float,
-        worlds: wp.ref[WorldWork],
-        sleep: wp.ref[SleepWork],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def watch(body: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """Passes on a body that goes on sleeping, and looks at any other."""
-        wrench = external_wrench(model, body, body_f, control)
+        wrench = external_wrench(s.model, body, step.body_f, step.control)
         if wp.static(effects.servos):
-            wrench[0] += asked_of(body, model)
-        if worlds.island[body] >= 0:
-            pose = body_q[body]
-            velocity = body_qd[body]
-            if pose == sleep.pose[body] and velocity == STANDSTILL:
-                if wrench == sleep.wrench[body]:
-                    body_q_out[body] = pose
-                    body_qd_out[body] = velocity
+            wrench[0] += asked_of(body, s.model)
+        if s.worlds.island[body] >= 0:
+            pose = step.body_q[body]
+            velocity = step.body_qd[body]
+            if pose == s.sleep.pose[body] and velocity == STANDSTILL:
+                if wrench == s.sleep.wrench[body]:
+                    step.body_q_out[body] = pose
+                    step.body_qd_out[body] = velocity
                     return
-        watch_body(body, wrench, model, body_q, body_qd, h, worlds, sleep, body_q_out, body_qd_out)
+        watch_body(body, wrench, step, s)
 
     @wp.kernel(**KERNEL)
-    def watch_bodies(
-        # Model:
-        model: wp.array[BodyModel],
-        # State in:
-        body_q: wp.array[wp.transform],
-        body_qd: wp.array[wp.spatial_vector],
-        body_f: wp.array[wp.spatial_vector],
-        control: ControlInput,
-        h: float,
-        # Work:
-        worlds: wp.array[WorldWork],
-        sleep: wp.array[SleepWork],
-        # State out:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
-        watch(
-            wp.tid(),
-            model[0],
-            body_q,
-            body_qd,
-            body_f,
-            control,
-            h,
-            worlds[0],
-            sleep[0],
-            body_q_out,
-            body_qd_out,
-        )
+    def watch_bodies(step: Step, s: wp.array[Solver]):
+        watch(wp.tid(), step, s[0])
 
     return watch_bodies
 
@@ -271,108 +220,90 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
     """Kernel, one thread: wakes and puts to sleep, and lists what is awake island by island."""
 
     @wp.func
-    def watch_gravity(
-        model: wp.ref[BodyModel], worlds: wp.ref[WorldWork], sleep: wp.ref[SleepWork]
-    ):
+    def watch_gravity(s: wp.ref[Solver]):
         """Disturbs the bodies whose gravity has changed."""
         is_changed = bool(False)
-        for i in range(sleep.gravity.shape[0]):
-            change = model.gravity[i] - sleep.gravity[i]
+        for i in range(s.sleep.gravity.shape[0]):
+            change = s.model.gravity[i] - s.sleep.gravity[i]
             is_changed = is_changed or not wp.dot(change, change) == 0.0
         if is_changed:
-            for body in range(sleep.order.shape[0]):
-                change = model.gravity[model.world[body]] - sleep.gravity[model.world[body]]
+            for body in range(s.sleep.order.shape[0]):
+                change = s.model.gravity[s.model.world[body]] - s.sleep.gravity[s.model.world[body]]
                 if not wp.dot(change, change) == 0.0:
-                    disturb(body, worlds, sleep)
-            for i in range(sleep.gravity.shape[0]):
-                sleep.gravity[i] = model.gravity[i]
+                    disturb(body, s.worlds, s.sleep)
+            for i in range(s.sleep.gravity.shape[0]):
+                s.sleep.gravity[i] = s.model.gravity[i]
 
     @wp.func
-    def is_asleep(
-        contact: int,
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-    ):
+    def is_asleep(contact: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """Whether a contact is one of a body that sleeps."""
-        static_slot = worlds.rank.shape[0] - 1
-        a = body_slot(shapes, contacts.shape0[contact], static_slot)
-        b = body_slot(shapes, contacts.shape1[contact], static_slot)
-        return worlds.island[a] >= 0 or worlds.island[b] >= 0
+        static_slot = s.worlds.rank.shape[0] - 1
+        a = body_slot(s.shapes, step.contacts.shape0[contact], static_slot)
+        b = body_slot(s.shapes, step.contacts.shape1[contact], static_slot)
+        return s.worlds.island[a] >= 0 or s.worlds.island[b] >= 0
 
     @wp.func
-    def list_contacts(
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-        sleep: wp.ref[SleepWork],
-        rows: wp.ref[RowWork],
-    ) -> int:
+    def list_contacts(step: wp.ref[Step], s: wp.ref[Solver]) -> int:
         """Lists the contacts of bodies that are awake, disturbs what touches those or what moves;
         returns the sum of the marks of the other contacts."""
-        static_slot = sleep.tied.shape[0] - 1
-        count = wp.min(contacts.count[0], contacts.capacity)
+        static_slot = s.sleep.tied.shape[0] - 1
+        count = wp.min(step.contacts.count[0], step.contacts.capacity)
         sleeping = int(0)
         listed = int(0)
         contact = int(0)
         while contact < count:
-            end = end_of_run(contact, count, contacts)
-            shape0 = contacts.shape0[contact]
-            shape1 = contacts.shape1[contact]
+            end = end_of_run(contact, count, step.contacts)
+            shape0 = step.contacts.shape0[contact]
+            shape1 = step.contacts.shape1[contact]
             is_sleeping = bool(False)
-            if wp.min(shape0, shape1) >= 0 and wp.max(shape0, shape1) < shapes.body.shape[0]:
-                a = body_slot(shapes, shape0, static_slot)
-                b = body_slot(shapes, shape1, static_slot)
-                island_a = worlds.island[a]
-                island_b = worlds.island[b]
+            if wp.min(shape0, shape1) >= 0 and wp.max(shape0, shape1) < s.shapes.body.shape[0]:
+                a = body_slot(s.shapes, shape0, static_slot)
+                b = body_slot(s.shapes, shape1, static_slot)
+                island_a = s.worlds.island[a]
+                island_b = s.worlds.island[b]
                 is_sleeping = wp.max(island_a, island_b) >= 0
                 marks = mark_of(shape0, shape1) * (end - contact)
                 if is_sleeping:
                     sleeping += marks
                 if island_a == AWAKE:
-                    sleep.met[a] = sleep.met[a] + marks
+                    s.sleep.met[a] = s.sleep.met[a] + marks
                 if island_b == AWAKE:
-                    sleep.met[b] = sleep.met[b] + marks
+                    s.sleep.met[b] = s.sleep.met[b] + marks
                 if island_a == MOVING or (island_a == AWAKE and island_b >= 0):
-                    disturb(b, worlds, sleep)
+                    disturb(b, s.worlds, s.sleep)
                 if island_b == MOVING or (island_b == AWAKE and island_a >= 0):
-                    disturb(a, worlds, sleep)
+                    disturb(a, s.worlds, s.sleep)
                 if wp.static(effects.moving_surfaces):
                     for k in range(contact, end):
-                        if wp.length_sq(contacts.surface_velocity[k]) > 0.0:
-                            disturb(a, worlds, sleep)
-                            disturb(b, worlds, sleep)
+                        if wp.length_sq(step.contacts.surface_velocity[k]) > 0.0:
+                            disturb(a, s.worlds, s.sleep)
+                            disturb(b, s.worlds, s.sleep)
             if not is_sleeping:
                 for k in range(contact, end):
-                    rows.awake[listed] = k
+                    s.rows.awake[listed] = k
                     listed += 1
             contact = end
-        rows.awake_count[0] = listed
+        s.rows.awake_count[0] = listed
         return sleeping
 
     @wp.func
-    def find_changed_contacts(
-        shapes: wp.ref[ShapeModel],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
-        sleep: wp.ref[SleepWork],
-    ):
+    def find_changed_contacts(step: wp.ref[Step], s: wp.ref[Solver]):
         """Disturbs what sleeps and has other contacts than before."""
-        static_slot = sleep.tied.shape[0] - 1
-        for contact in range(wp.min(contacts.count[0], contacts.capacity)):
-            shape0 = contacts.shape0[contact]
-            shape1 = contacts.shape1[contact]
-            if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
+        static_slot = s.sleep.tied.shape[0] - 1
+        for contact in range(wp.min(step.contacts.count[0], step.contacts.capacity)):
+            shape0 = step.contacts.shape0[contact]
+            shape1 = step.contacts.shape1[contact]
+            if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= s.shapes.body.shape[0]:
                 continue
             for side in range(2):
                 shape = wp.where(side == 0, shape0, shape1)
-                body = body_slot(shapes, shape, static_slot)
-                if worlds.island[body] >= 0:
-                    sleep.met[body] = sleep.met[body] + mark_of(shape0, shape1)
-        for k in range(sleep.filled[0]):
-            body = sleep.order[k]
-            if sleep.met[body] != sleep.contacts[body]:
-                disturb(body, worlds, sleep)
+                body = body_slot(s.shapes, shape, static_slot)
+                if s.worlds.island[body] >= 0:
+                    s.sleep.met[body] = s.sleep.met[body] + mark_of(shape0, shape1)
+        for k in range(s.sleep.filled[0]):
+            body = s.sleep.order[k]
+            if s.sleep.met[body] != s.sleep.contacts[body]:
+                disturb(body, s.worlds, s.sleep)
 
     @wp.func
     def move_records(
@@ -385,309 +316,246 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                 history.torque[to_side, to + i - start] = history.torque[side, i]
 
     @wp.func
-    def close_gaps(sleep: wp.ref[SleepWork], history: wp.ref[History]):
+    def close_gaps(s: wp.ref[Solver]):
         """Takes those that have woken from the list of sleepers, and their records with them."""
         count = int(0)
-        at = history.records.shape[1] / 2
-        for k in range(sleep.filled[0]):
-            body = sleep.order[k]
-            if sleep.start[body] >= 0:
-                move_records(sleep.start[body], sleep.end[body], 0, at, 0, history)
-                sleep.end[body] += at - sleep.start[body]
-                sleep.start[body] = at
-                at = sleep.end[body]
-                sleep.order[count] = body
+        at = s.history.records.shape[1] / 2
+        for k in range(s.sleep.filled[0]):
+            body = s.sleep.order[k]
+            if s.sleep.start[body] >= 0:
+                move_records(s.sleep.start[body], s.sleep.end[body], 0, at, 0, s.history)
+                s.sleep.end[body] += at - s.sleep.start[body]
+                s.sleep.start[body] = at
+                at = s.sleep.end[body]
+                s.sleep.order[count] = body
                 count += 1
-        sleep.filled[0] = count
-        sleep.filled[1] = at
-        sleep.filled[2] = 0
+        s.sleep.filled[0] = count
+        s.sleep.filled[1] = at
+        s.sleep.filled[2] = 0
 
     @wp.func
-    def wake_islands(
-        worlds: wp.ref[WorldWork],
-        sleep: wp.ref[SleepWork],
-        rows: wp.ref[RowWork],
-        history: wp.ref[History],
-    ):
+    def wake_islands(s: wp.ref[Solver]):
         """Wakes the bodies of islands that are disturbed, with the loads that they slept with, and
         lists the blocks that are awake."""
-        for k in range(sleep.filled[0]):
-            body = sleep.order[k]
-            island = worlds.island[body]
-            if island >= 0 and sleep.woken[island] != 0:
-                worlds.island[body] = AWAKE
-                sleep.still[body] = -1.0
-            if worlds.island[body] < 0:
-                side = history.parity[worlds.of_body[body]]
+        for k in range(s.sleep.filled[0]):
+            body = s.sleep.order[k]
+            island = s.worlds.island[body]
+            if island >= 0 and s.sleep.woken[island] != 0:
+                s.worlds.island[body] = AWAKE
+                s.sleep.still[body] = -1.0
+            if s.worlds.island[body] < 0:
+                side = s.history.parity[s.worlds.of_body[body]]
                 if wp.static(effects.contact):
                     if side > 0:
-                        start = sleep.start[body]
-                        move_records(start, sleep.end[body], 0, start, side, history)
-                    history.start[side, body] = sleep.start[body]
-                    history.end[side, body] = sleep.end[body]
-                sleep.start[body] = -1
-                sleep.filled[2] = 1
+                        start = s.sleep.start[body]
+                        move_records(start, s.sleep.end[body], 0, start, side, s.history)
+                    s.history.start[side, body] = s.sleep.start[body]
+                    s.history.end[side, body] = s.sleep.end[body]
+                s.sleep.start[body] = -1
+                s.sleep.filled[2] = 1
         at = int(0)
-        for world in range(worlds.body_start.shape[0] - 1):
-            sleep.block_start[world] = at
-            i = int(worlds.body_start[world])
-            while i < worlds.body_start[world + 1]:
-                mover = mover_of(i, worlds.block_end[i], worlds)
-                if mover >= 0 and worlds.island[mover] == AWAKE:
-                    sleep.blocks[at] = i
+        for world in range(s.worlds.body_start.shape[0] - 1):
+            s.sleep.block_start[world] = at
+            i = int(s.worlds.body_start[world])
+            while i < s.worlds.body_start[world + 1]:
+                mover = mover_of(i, s.worlds.block_end[i], s.worlds)
+                if mover >= 0 and s.worlds.island[mover] == AWAKE:
+                    s.sleep.blocks[at] = i
                     at += 1
                 else:
-                    for k in range(i, worlds.block_end[i]):
-                        forget_rows(worlds.bodies[k], rows)
-                i = worlds.block_end[i]
-            sleep.block_start[world + 1] = at
-        for body in range(sleep.order.shape[0]):
-            sleep.woken[body] = 0
-            sleep.met[body] = 0
+                    for k in range(i, s.worlds.block_end[i]):
+                        forget_rows(s.worlds.bodies[k], s.rows)
+                i = s.worlds.block_end[i]
+            s.sleep.block_start[world + 1] = at
+        for body in range(s.sleep.order.shape[0]):
+            s.sleep.woken[body] = 0
+            s.sleep.met[body] = 0
 
     @wp.func
-    def put_to_sleep(
-        body: int,
-        island: int,
-        body_q: wp.array[wp.transform],
-        worlds: wp.ref[WorldWork],
-        sleep: wp.ref[SleepWork],
-        rows: wp.ref[RowWork],
-        history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
-    ):
+    def put_to_sleep(body: int, island: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """Stops a body where it is, and keeps what is remembered of its contacts."""
-        worlds.island[body] = island
-        forget_rows(body, rows)
-        body_q_out[body] = body_q[body]
-        body_qd_out[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        at = sleep.filled[1]
+        s.worlds.island[body] = island
+        forget_rows(body, s.rows)
+        step.body_q_out[body] = step.body_q[body]
+        step.body_qd_out[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        at = s.sleep.filled[1]
         end = int(at)
         if wp.static(effects.contact):
-            side = history.parity[worlds.of_body[body]]
-            start = history.start[side, body]
-            count = history.end[side, body] - start
-            if at + count <= history.records.shape[1]:
-                move_records(start, start + count, side, at, 0, history)
+            side = s.history.parity[s.worlds.of_body[body]]
+            start = s.history.start[side, body]
+            count = s.history.end[side, body] - start
+            if at + count <= s.history.records.shape[1]:
+                move_records(start, start + count, side, at, 0, s.history)
                 end = at + count
-        sleep.start[body] = at
-        sleep.end[body] = end
-        sleep.order[sleep.filled[0]] = body
-        sleep.filled[0] = sleep.filled[0] + 1
-        sleep.filled[1] = end
+        s.sleep.start[body] = at
+        s.sleep.end[body] = end
+        s.sleep.order[s.sleep.filled[0]] = body
+        s.sleep.filled[0] = s.sleep.filled[0] + 1
+        s.sleep.filled[1] = end
 
     @wp.func
-    def measure_islands(world: int, worlds: wp.ref[WorldWork], sleep: wp.ref[SleepWork]):
+    def measure_islands(world: int, s: wp.ref[Solver]):
         """How many bodies the islands of a world have, and for how long they have been at rest."""
-        for block in range(sleep.block_start[world], sleep.block_start[world + 1]):
-            i = sleep.blocks[block]
-            end = worlds.block_end[i]
-            mover = mover_of(i, end, worlds)
-            root = island_of(sleep.islands, mover)
+        for block in range(s.sleep.block_start[world], s.sleep.block_start[world + 1]):
+            i = s.sleep.blocks[block]
+            end = s.worlds.block_end[i]
+            mover = mover_of(i, end, s.worlds)
+            root = island_of(s.sleep.islands, mover)
             if mover == root:
-                sleep.quiet[root] = wp.inf
-                sleep.size[root] = 0
-            sleep.size[root] = sleep.size[root] + end - i
+                s.sleep.quiet[root] = wp.inf
+                s.sleep.size[root] = 0
+            s.sleep.size[root] = s.sleep.size[root] + end - i
             for k in range(i, end):
-                body = worlds.bodies[k]
-                if worlds.island[body] == AWAKE:
-                    still = sleep.still[body]
+                body = s.worlds.bodies[k]
+                if s.worlds.island[body] == AWAKE:
+                    still = s.sleep.still[body]
                     # what rested on something that is gone is about to fall
-                    if sleep.met[body] != sleep.contacts[body]:
+                    if s.sleep.met[body] != s.sleep.contacts[body]:
                         still = wp.min(still, 0.0)
-                    sleep.contacts[body] = sleep.met[body]
-                    sleep.met[body] = 0
-                    sleep.quiet[root] = wp.min(sleep.quiet[root], still)
+                    s.sleep.contacts[body] = s.sleep.met[body]
+                    s.sleep.met[body] = 0
+                    s.sleep.quiet[root] = wp.min(s.sleep.quiet[root], still)
 
     @wp.func
     def begin_seen_island(
         world: int,
         island: int,
         root: int,
-        worlds: wp.ref[WorldWork],
         seen: wp.ref[WorldWork],
-        sleep: wp.ref[SleepWork],
-        history: wp.ref[History],
         seen_history: wp.ref[History],
+        s: wp.ref[Solver],
     ):
         """What holds for a world holds for its islands."""
-        seen.pace[island] = worlds.pace[world]
-        seen_history.parity[island] = history.parity[world]
-        seen_history.step[island] = history.step[world]
-        seen_history.age[island] = history.age[world]
+        seen.pace[island] = s.worlds.pace[world]
+        seen_history.parity[island] = s.history.parity[world]
+        seen_history.step[island] = s.history.step[world]
+        seen_history.age[island] = s.history.age[world]
         for i in range(2):
-            seen_history.filling[island, i] = history.filling[world, i]
+            seen_history.filling[island, i] = s.history.filling[world, i]
         if wp.static(effects.second_order):
-            seen.step[island] = worlds.step[world]
-            seen_history.slope_age[island] = history.slope_age[world]
+            seen.step[island] = s.worlds.step[world]
+            seen_history.slope_age[island] = s.history.slope_age[world]
             # what slept was at rest
             seen_history.smooth[island] = wp.where(
-                sleep.quiet[root] < 0.0, QUIET_WORLD, history.smooth[world]
+                s.sleep.quiet[root] < 0.0, QUIET_WORLD, s.history.smooth[world]
             )
         if wp.static(effects.loops):
-            holder = sleep.loop_body[world]
+            holder = s.sleep.loop_body[world]
             is_ahead = bool(True)
             if holder >= 0:
-                if worlds.island[holder] == AWAKE:
-                    holder_root = island_of(sleep.islands, holder)
-                    is_ahead = worlds.rank[root] > worlds.rank[holder_root]
-            sleep.seen_loop_start[island] = sleep.loop_start[world + int(is_ahead)]
+                if s.worlds.island[holder] == AWAKE:
+                    holder_root = island_of(s.sleep.islands, holder)
+                    is_ahead = s.worlds.rank[root] > s.worlds.rank[holder_root]
+            s.sleep.seen_loop_start[island] = s.sleep.loop_start[world + int(is_ahead)]
 
     @wp.func
     def form(
-        model: wp.ref[BodyModel],
-        shapes: wp.ref[ShapeModel],
-        body_q: wp.array[wp.transform],
-        contacts: wp.ref[ContactInput],
-        worlds: wp.ref[WorldWork],
         seen: wp.ref[WorldWork],
-        rows: wp.ref[RowWork],
-        sleep: wp.ref[SleepWork],
-        history: wp.ref[History],
         seen_history: wp.ref[History],
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Wakes what is disturbed, finds the islands of what is awake, and puts to sleep."""
-        static_slot = sleep.tied.shape[0] - 1
-        if sleep.filled[2] != 0:
-            close_gaps(sleep, history)
-        watch_gravity(model, worlds, sleep)
+        static_slot = s.sleep.tied.shape[0] - 1
+        if s.sleep.filled[2] != 0:
+            close_gaps(s)
+        watch_gravity(s)
         sleeping = int(0)
         if wp.static(effects.contact):
-            sleeping = list_contacts(shapes, contacts, worlds, sleep, rows)
-        if sleeping != sleep.marks[0]:
+            sleeping = list_contacts(step, s)
+        if sleeping != s.sleep.marks[0]:
             if wp.static(effects.contact):
-                find_changed_contacts(shapes, contacts, worlds, sleep)
+                find_changed_contacts(step, s)
             else:
-                for k in range(sleep.filled[0]):
-                    if sleep.contacts[sleep.order[k]] != 0:
-                        disturb(sleep.order[k], worlds, sleep)
-        if sleep.stirred[0] != 0:
-            sleep.stirred[0] = 0
-            wake_islands(worlds, sleep, rows, history)
+                for k in range(s.sleep.filled[0]):
+                    if s.sleep.contacts[s.sleep.order[k]] != 0:
+                        disturb(s.sleep.order[k], s.worlds, s.sleep)
+        if s.sleep.stirred[0] != 0:
+            s.sleep.stirred[0] = 0
+            wake_islands(s)
             if wp.static(effects.contact):
-                sleeping = list_contacts(shapes, contacts, worlds, sleep, rows)
+                sleeping = list_contacts(step, s)
 
         # What is linked.
-        world_count = worlds.body_start.shape[0] - 1
-        for block in range(sleep.block_start[world_count]):
-            i = sleep.blocks[block]
-            for k in range(i, worlds.block_end[i]):
-                body = worlds.bodies[k]
-                begin_island(sleep.islands, body)
-                tied = sleep.tied[body]
-                if worlds.island[tied] == AWAKE:
-                    sleep.islands.parent[body] = tied
+        world_count = s.worlds.body_start.shape[0] - 1
+        for block in range(s.sleep.block_start[world_count]):
+            i = s.sleep.blocks[block]
+            for k in range(i, s.worlds.block_end[i]):
+                body = s.worlds.bodies[k]
+                begin_island(s.sleep.islands, body)
+                tied = s.sleep.tied[body]
+                if s.worlds.island[tied] == AWAKE:
+                    s.sleep.islands.parent[body] = tied
         if wp.static(effects.contact):
-            for k in range(rows.awake_count[0]):
-                shape0 = contacts.shape0[rows.awake[k]]
-                shape1 = contacts.shape1[rows.awake[k]]
-                if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= shapes.body.shape[0]:
+            for k in range(s.rows.awake_count[0]):
+                shape0 = step.contacts.shape0[s.rows.awake[k]]
+                shape1 = step.contacts.shape1[s.rows.awake[k]]
+                if wp.min(shape0, shape1) < 0 or wp.max(shape0, shape1) >= s.shapes.body.shape[0]:
                     continue
-                a = body_slot(shapes, shape0, static_slot)
-                b = body_slot(shapes, shape1, static_slot)
-                if worlds.island[a] == AWAKE and worlds.island[b] == AWAKE:
-                    if worlds.of_body[a] == worlds.of_body[b]:
-                        unite(sleep.islands, worlds, a, b)
+                a = body_slot(s.shapes, shape0, static_slot)
+                b = body_slot(s.shapes, shape1, static_slot)
+                if s.worlds.island[a] == AWAKE and s.worlds.island[b] == AWAKE:
+                    if s.worlds.of_body[a] == s.worlds.of_body[b]:
+                        unite(s.sleep.islands, s.worlds, a, b)
 
         # Who sleeps now, and who is where in the list of the others.
         island = int(0)
         at = int(0)
         kept = int(0)
-        before = sleep.filled[0]
+        before = s.sleep.filled[0]
         for world in range(world_count):
-            measure_islands(world, worlds, sleep)
+            measure_islands(world, s)
             seen.island_start[world] = island
-            first_block = sleep.block_start[world]
-            sleep.block_start[world] = kept
-            for block in range(first_block, sleep.block_start[world + 1]):
-                i = sleep.blocks[block]
-                end = worlds.block_end[i]
-                mover = mover_of(i, end, worlds)
-                root = island_of(sleep.islands, mover)
-                if sleep.quiet[root] >= REST_TIME:
+            first_block = s.sleep.block_start[world]
+            s.sleep.block_start[world] = kept
+            for block in range(first_block, s.sleep.block_start[world + 1]):
+                i = s.sleep.blocks[block]
+                end = s.worlds.block_end[i]
+                mover = mover_of(i, end, s.worlds)
+                root = island_of(s.sleep.islands, mover)
+                if s.sleep.quiet[root] >= REST_TIME:
                     for k in range(i, end):
-                        body = worlds.bodies[k]
-                        if worlds.island[body] == AWAKE:
-                            put_to_sleep(
-                                body,
-                                root,
-                                body_q,
-                                worlds,
-                                sleep,
-                                rows,
-                                history,
-                                body_q_out,
-                                body_qd_out,
-                            )
+                        body = s.worlds.bodies[k]
+                        if s.worlds.island[body] == AWAKE:
+                            put_to_sleep(body, root, step, s)
                     continue
-                sleep.blocks[kept] = i
+                s.sleep.blocks[kept] = i
                 kept += 1
                 if mover == root:
-                    begin_seen_island(
-                        world, island, root, worlds, seen, sleep, history, seen_history
-                    )
+                    begin_seen_island(world, island, root, seen, seen_history, s)
                     seen.body_start[island] = at
-                    sleep.place[root] = at
-                    at += sleep.size[root]
+                    s.sleep.place[root] = at
+                    at += s.sleep.size[root]
                     island += 1
-                place = sleep.place[root]
-                sleep.place[root] = place + end - i
+                place = s.sleep.place[root]
+                s.sleep.place[root] = place + end - i
                 if wp.static(effects.closures):
-                    sleep.seen_block_of[place] = sleep.block_of[i]
+                    s.sleep.seen_block_of[place] = s.sleep.block_of[i]
                 for k in range(i, end):
-                    body = worlds.bodies[k]
+                    body = s.worlds.bodies[k]
                     seen.bodies[place + k - i] = body
                     seen.rank[body] = place + k - i
                     seen.block_end[place + k - i] = place + end - i
             if wp.static(effects.loops):
-                sleep.seen_loop_start[island] = sleep.loop_start[world + 1]
-        sleep.block_start[world_count] = kept
+                s.sleep.seen_loop_start[island] = s.sleep.loop_start[world + 1]
+        s.sleep.block_start[world_count] = kept
         seen.island_start[world_count] = island
         seen.body_start[island] = at
         if wp.static(effects.contact):
-            if sleep.filled[0] > before:
-                for k in range(rows.awake_count[0]):
-                    contact = rows.awake[k]
-                    if is_asleep(contact, shapes, contacts, worlds):
-                        sleeping += mark_of(contacts.shape0[contact], contacts.shape1[contact])
-        sleep.marks[0] = sleeping
+            if s.sleep.filled[0] > before:
+                for k in range(s.rows.awake_count[0]):
+                    contact = s.rows.awake[k]
+                    if is_asleep(contact, step, s):
+                        sleeping += mark_of(
+                            step.contacts.shape0[contact], step.contacts.shape1[contact]
+                        )
+        s.sleep.marks[0] = sleeping
 
     @wp.kernel(**KERNEL)
     def form_islands(
-        # Model:
-        model: wp.array[BodyModel],
-        shapes: wp.array[ShapeModel],
-        # State in:
-        body_q: wp.array[wp.transform],
-        contacts: ContactInput,
-        # Work:
-        worlds: wp.array[WorldWork],
-        seen: wp.array[WorldWork],
-        rows: wp.array[RowWork],
-        sleep: wp.array[SleepWork],
-        history: wp.array[History],
-        seen_history: wp.array[History],
-        # State out:
-        body_q_out: wp.array[wp.transform],
-        body_qd_out: wp.array[wp.spatial_vector],
+        seen: wp.array[WorldWork], seen_history: wp.array[History], step: Step, s: wp.array[Solver]
     ):
-        form(
-            model[0],
-            shapes[0],
-            body_q,
-            contacts,
-            worlds[0],
-            seen[0],
-            rows[0],
-            sleep[0],
-            history[0],
-            seen_history[0],
-            body_q_out,
-            body_qd_out,
-        )
+        form(seen[0], seen_history[0], step, s[0])
 
     return form_islands
 
@@ -741,18 +609,7 @@ def make_end_islands(effects: Effects) -> wp.Kernel:
 
 @wp.kernel(**KERNEL)
 def export_sleeping_force(
-    # Model:
-    model: BodyModel,
-    shapes: ShapeModel,
-    # Contacts in:
-    contacts: ContactInput,
-    # Work:
-    worlds: WorldWork,
-    work: BodyWork,
-    sleep: SleepWork,
-    history: History,
-    # Out:
-    contact_f: wp.array[wp.spatial_vector],
+    contacts: ContactInput, contact_f: wp.array[wp.spatial_vector], s: wp.array[Solver]
 ):
     """As :func:`.observables.export_contact_force`, of what sleeps: the load that it slept with.
 
@@ -764,17 +621,17 @@ def export_sleeping_force(
     is_real = contact < contacts.count[0] and contact < contact_f.shape[0]
     if not is_real or wp.min(shape0, shape1) < 0:
         return
-    static_slot = sleep.tied.shape[0] - 1
-    a = body_slot(shapes, shape0, static_slot)
-    b = body_slot(shapes, shape1, static_slot)
+    static_slot = s[0].sleep.tied.shape[0] - 1
+    a = body_slot(s[0].shapes, shape0, static_slot)
+    b = body_slot(s[0].shapes, shape1, static_slot)
     point0 = contacts.point0[contact]
     point1 = contacts.point1[contact]
-    if shapes.frame.shape[0] > 0:
-        point0 = point_on(shapes, shape0, point0)
-        point1 = point_on(shapes, shape1, point1)
-    arm0 = body_arm(work.pose, model, a, static_slot, point0)
-    arm1 = body_arm(work.pose, model, b, static_slot, point1)
-    apart = (work.com[b] - work.com[a]) + (arm1 - arm0)
+    if s[0].shapes.frame.shape[0] > 0:
+        point0 = point_on(s[0].shapes, shape0, point0)
+        point1 = point_on(s[0].shapes, shape1, point1)
+    arm0 = body_arm(a, static_slot, point0, s[0])
+    arm1 = body_arm(b, static_slot, point1, s[0])
+    apart = (s[0].work.com[b] - s[0].work.com[a]) + (arm1 - arm0)
     margins = contacts.margin0[contact] - contacts.margin1[contact]
     arm = arm0 + 0.5 * (apart + margins * contacts.normal[contact])
     best = FAR * FAR * wp.min(wp.length_sq(arm0), wp.length_sq(arm1))
@@ -787,15 +644,15 @@ def export_sleeping_force(
     this.point1 = point1
     for side in range(2):
         body = wp.where(side == 0, a, b)
-        if worlds.island[body] >= 0:
-            for i in range(sleep.start[body], sleep.end[body]):
-                record = history.records[0, i]
+        if s[0].worlds.island[body] >= 0:
+            for i in range(s[0].sleep.start[body], s[0].sleep.end[body]):
+                record = s[0].history.records[0, i]
                 distance = anchor_distance(record, this)
                 if record.shape0 == shape0 and record.shape1 == shape1 and distance < best:
                     best = distance
                     # the record has the force on the body that does not own it
                     sign = wp.where(side == 0, -1.0, 1.0)
                     torque = wp.cross(arm, record.force)
-                    if history.torque.shape[1] > 0:
-                        torque += history.torque[0, i]
+                    if s[0].history.torque.shape[1] > 0:
+                        torque += s[0].history.torque[0, i]
                     contact_f[contact] = sign * wp.spatial_vector(record.force, torque)

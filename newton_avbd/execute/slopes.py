@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from ..data import AxisMotion, ControlInput, History, JointModel, WorldScale
+from ..data import AxisMotion, History, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows.axis import drive_change, most_effort
 from ..rows.joint import BALL
@@ -152,38 +152,33 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
 
     @wp.func
     def change_within(
-        joint: int,
-        dof: int,
-        scale: WorldScale,
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        history: wp.ref[History],
+        joint: int, dof: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> float:
         """By how much targets and limited actuators change a force since the last step [N or N m].
 
         A force at its limit has no stiffness, and one that has left it has its own again.
         """
-        last = history.input[dof]
+        last = s.history.input[dof]
         change = float(0.0)
         resists = float(0.0)
         if wp.static(effects.drives):
             target = float(0.0)
-            if joints.type[joint] != BALL:
-                first = joints.dof_start[joint]
-                target = control.target_q[joints.coord_start[joint] + dof - first]
-            speed = control.target_qd[dof]
-            change = drive_change(joints, dof, target - last.target, speed - last.speed)
-            resists = scale.h * (scale.h * joints.target_ke[dof] + joints.target_kd[dof])
-            history.input[dof].target = target
-            history.input[dof].speed = speed
+            if s.joints.type[joint] != BALL:
+                first = s.joints.dof_start[joint]
+                target = step.control.target_q[s.joints.coord_start[joint] + dof - first]
+            speed = step.control.target_qd[dof]
+            change = drive_change(s.joints, dof, target - last.target, speed - last.speed)
+            resists = scale.h * (scale.h * s.joints.target_ke[dof] + s.joints.target_kd[dof])
+            s.history.input[dof].target = target
+            s.history.input[dof].speed = speed
         if wp.static(effects.effort_limits):
-            most = most_effort(joints, dof)
+            most = most_effort(s.joints, dof)
             least = -most
             if wp.static(effects.pushed_axes):
-                push = control.pushes[dof]
+                push = step.control.pushes[dof]
                 change += push.drive - last.bound_push
                 resists += scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
-                history.input[dof].bound_push = push.drive
+                s.history.input[dof].bound_push = push.drive
                 least = wp.max(least, push.least)
                 most = wp.min(most, push.most)
                 if push.count > 0:
@@ -192,48 +187,40 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
             after = wp.clamp(last.bound_force + change, least, most)
             if last.share > 0.0:
                 if after != last.bound_force + change:
-                    history.input[dof].share = 1.0
+                    s.history.input[dof].share = 1.0
                 elif before != last.bound_force:
                     free = 1.0 / (1.0 + last.mobility * resists)
-                    history.input[dof].share = wp.min(last.share, free)
+                    s.history.input[dof].share = wp.min(last.share, free)
             change = after - before
         return change
 
     @wp.func
-    def begin_inputs(
-        joint: int,
-        scale: WorldScale,
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        history: wp.ref[History],
-    ) -> float:
+    def begin_inputs(joint: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> float:
         """At the start of a step; returns twice the energy that its changes give in one [J]."""
         given = float(0.0)
         if wp.static(effects.second_order):
-            first = joints.dof_start[joint]
-            for dof in range(first, joints.dof_start[joint + 1]):
-                last = history.input[dof]
-                push = control.joint_f[dof]
+            first = s.joints.dof_start[joint]
+            for dof in range(first, s.joints.dof_start[joint + 1]):
+                last = s.history.input[dof]
+                push = step.control.joint_f[dof]
                 if wp.static(effects.pushed_axes):
-                    push += control.pushes[dof].force
+                    push += step.control.pushes[dof].force
                 jump = push - last.push
                 if wp.static(acts_within):
-                    jump += change_within(joint, dof, scale, joints, control, history)
-                share = history.input[dof].share
-                history.input[dof].push = push
+                    jump += change_within(joint, dof, scale, step, s)
+                share = s.history.input[dof].share
+                s.history.input[dof].push = push
                 ahead = step_ahead(jump, last.ahead, share, scale)
-                history.input[dof].ahead = ahead
+                s.history.input[dof].ahead = ahead
                 change = jump + ahead[0] - last.ahead[0]
                 given += last.mobility * change * change
         return scale.h * scale.h * given
 
     @wp.func
-    def resists_everywhere(
-        joint: int, joints: wp.ref[JointModel], history: wp.ref[History]
-    ) -> bool:
+    def resists_everywhere(joint: int, s: wp.ref[Solver]) -> bool:
         """Whether drives resist motion along all axes of a joint, beside their inertia."""
-        for dof in range(joints.dof_start[joint], joints.dof_start[joint + 1]):
-            if history.input[dof].share > FREE_SHARE:
+        for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+            if s.history.input[dof].share > FREE_SHARE:
                 return False
         return True
 

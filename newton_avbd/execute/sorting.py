@@ -6,9 +6,11 @@ The lists are the same, each in the order of the contact buffer; where they begi
 of the bodies in the model.
 """
 
+from typing import Any
+
 import warp as wp
 
-from ..data import BodyWork, ContactInput, RowWork, ShapeModel, WorldWork
+from ..data import Context, RowWork, Solver, Step
 from .coloring import sort_part
 from .contacts import find_owner
 from .launch import KERNEL, Launcher
@@ -27,34 +29,24 @@ def clear_counts(
 
 
 @wp.kernel(**KERNEL)
-def count_by_owner(
-    # Model:
-    shapes: ShapeModel,
-    # Contacts in:
-    contacts: ContactInput,
-    # Work:
-    worlds: WorldWork,
-    work: BodyWork,
-    # Work out:
-    rows: RowWork,
-):
+def count_by_owner(step: Step, s: wp.array[Solver]):
     """How many contacts each body owns, and how many others own; one thread a place in the buffer.
 
     ``owned_end`` and ``other_end`` hold the counts.
     """
     contact = wp.tid()
-    count = contacts.count[0]
+    count = step.contacts.count[0]
     if contact == 0:
-        worlds.overflow[0] = wp.max(worlds.overflow[0], count - contacts.capacity)
+        s[0].worlds.overflow[0] = wp.max(s[0].worlds.overflow[0], count - step.contacts.capacity)
     a = int(-1)
     b = int(-1)
     if contact < count:
-        a, b = find_owner(contact, shapes, contacts, worlds, work)
-    rows.owner[contact] = a
+        a, b = find_owner(contact, step, s[0])
+    s[0].rows.owner[contact] = a
     if a >= 0:
-        wp.atomic_add(rows.owned_end, a, 1)
-        if work.inv_mass[b] > 0.0:
-            wp.atomic_add(rows.other_end, b, 1)
+        wp.atomic_add(s[0].rows.owned_end, a, 1)
+        if s[0].work.inv_mass[b] > 0.0:
+            wp.atomic_add(s[0].rows.other_end, b, 1)
 
 
 @wp.kernel(**KERNEL)
@@ -84,21 +76,14 @@ def order_lists(
     rows.other_end[body] = rows.other_start[body]
 
 
-def sort_at_once(
-    launch: Launcher,
-    shapes: ShapeModel,
-    contacts: ContactInput,
-    worlds: WorldWork,
-    work: BodyWork,
-    rows: RowWork,
-) -> None:
+def sort_at_once(launch: Launcher, step: Any, context: Context, capacity: int) -> None:
     """Sorts all contacts by owner, in ten launches."""
-    bodies = worlds.bodies.shape[0]
+    bodies, rows = context.worlds.bodies.shape[0], context.rows
     launch(clear_counts, bodies, [rows])
-    if contacts.capacity:
-        launch(count_by_owner, contacts.capacity, [shapes, contacts, worlds, work, rows])
+    if capacity:
+        launch(count_by_owner, capacity, [step, context])
     scan(launch, rows.owned_end, bodies, rows.sums, rows.owned_start)
     scan(launch, rows.other_end, bodies, rows.sums, rows.other_start)
-    if contacts.capacity:
-        launch(list_by_owner, contacts.capacity, [rows])
+    if capacity:
+        launch(list_by_owner, capacity, [rows])
     launch(order_lists, bodies, [rows])

@@ -6,15 +6,8 @@ import warp as wp
 
 from ..algebra.block import solve_block
 from ..data import (
-    BodyModel,
-    BodyWork,
-    ControlInput,
-    History,
-    JointModel,
-    LoopWork,
-    RowWork,
-    TreeWork,
-    WorldWork,
+    Solver,
+    Step,
 )
 from ..effects import Effects
 from .beginning import is_tree
@@ -35,36 +28,16 @@ def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:
         recovery: float,
         slop: float,
         h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> float:
         """Returns the square of how far that moved it [m^2], a turn by its radius of gyration."""
-        wrench = gather(
-            body,
-            has_dual,
-            recovery,
-            slop,
-            h,
-            model,
-            joints,
-            control,
-            work,
-            rows,
-            tree,
-            loops,
-            history,
-        )
-        update = solve_block(work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
-        work.increment[body] = work.increment[body] + update
+        wrench = gather(body, has_dual, recovery, slop, h, step, s)
+        update = solve_block(s.work.factor[body], wp.spatial_top(wrench), wp.spatial_bottom(wrench))
+        s.work.increment[body] = s.work.increment[body] + update
         if wp.static(effects.loops):
-            place_body(body, work, tree)
-        return moved_by(body, update, work)
+            place_body(body, s)
+        return moved_by(body, update, s.work)
 
     return sweep
 
@@ -81,63 +54,24 @@ def make_sweep_block(
         recovery: float,
         slop: float,
         h: float,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> float:
         """Returns the square of how far one of its bodies moved [m^2]."""
-        body = body_at(first, worlds)
+        body = body_at(first, s.worlds)
         if wp.static(effects.joints):
-            end = worlds.block_end[first]
-            if is_tree(first, end, body, tree):
-                return sweep_tree(
-                    first,
-                    end,
-                    has_dual,
-                    recovery,
-                    slop,
-                    h,
-                    body_q,
-                    model,
-                    joints,
-                    control,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                )
+            end = s.worlds.block_end[first]
+            if is_tree(first, end, body, s.tree):
+                return sweep_tree(first, end, has_dual, recovery, slop, h, step, s)
         is_held = bool(False)
         if wp.static(effects.contact):
-            is_held = has_rows(rows, body)
+            is_held = has_rows(s.rows, body)
         if wp.static(effects.loops):
-            is_held = is_held or has_loops(loops, body)
+            is_held = is_held or has_loops(s.loops, body)
         if wp.static(effects.piles):
-            is_held = is_held and not in_pile(rows, body)
-        if work.inv_mass[body] > 0.0 and is_held:
-            return sweep_body(
-                body,
-                has_dual,
-                recovery,
-                slop,
-                h,
-                model,
-                joints,
-                control,
-                work,
-                rows,
-                tree,
-                loops,
-                history,
-            )
+            is_held = is_held and not in_pile(s.rows, body)
+        if s.work.inv_mass[body] > 0.0 and is_held:
+            return sweep_body(body, has_dual, recovery, slop, h, step, s)
         return 0.0
 
     return sweep_block
@@ -160,16 +94,8 @@ def make_sweep_world(
         recovery: float,
         slop: float,
         h: float,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> float:
         """Visits all blocks; returns the square of how far one of their bodies moved [m^2].
 
@@ -177,66 +103,33 @@ def make_sweep_world(
         of the penetration beyond ``slop``, and all misfit of joints.
         """
         farthest = float(0.0)
-        first = int(worlds.body_start[world])
-        while first < worlds.body_start[world + 1]:
+        first = int(s.worlds.body_start[world])
+        while first < s.worlds.body_start[world + 1]:
             if wp.static(effects.ramp):
-                body = body_at(first, worlds)
-                if work.inv_mass[body] > 0.0 and has_rows(rows, body):
-                    sweep_body_ramped(body, h, model, work, rows)
+                body = body_at(first, s.worlds)
+                if s.work.inv_mass[body] > 0.0 and has_rows(s.rows, body):
+                    sweep_body_ramped(body, h, s)
             else:
                 farthest = wp.max(
                     farthest,
-                    sweep_block(
-                        first,
-                        has_dual,
-                        recovery,
-                        slop,
-                        h,
-                        body_q,
-                        model,
-                        joints,
-                        control,
-                        worlds,
-                        work,
-                        rows,
-                        tree,
-                        loops,
-                        history,
-                    ),
+                    sweep_block(first, has_dual, recovery, slop, h, step, s),
                 )
-            first = worlds.block_end[first]
+            first = s.worlds.block_end[first]
         if wp.static(effects.piles):
             farthest = wp.max(
                 farthest,
-                sweep_piles(
-                    world,
-                    has_dual,
-                    recovery,
-                    slop,
-                    h,
-                    model,
-                    joints,
-                    control,
-                    worlds,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                ),
+                sweep_piles(world, has_dual, recovery, slop, h, step, s),
             )
         if wp.static(effects.loops):
-            for i in range(loops.world_start[world], loops.world_start[world + 1]):
-                loop_wrench(
-                    i, recovery, h, model, joints, control, work, tree, loops, history, True, True
-                )
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                loop_wrench(i, recovery, h, True, True, step, s)
         if wp.static(effects.cables):
-            for i in range(tree.cables.world_start[world], tree.cables.world_start[world + 1]):
-                changed = solve_cluster(i, recovery, joints, worlds, work, tree, history)
+            for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
+                changed = solve_cluster(i, recovery, s)
                 farthest = wp.max(farthest, changed)
         if wp.static(effects.ramp):
-            for i in range(worlds.body_start[world], worlds.body_start[world + 1]):
-                sweep_duals_ramped(body_at(i, worlds), work, rows)
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                sweep_duals_ramped(body_at(i, s.worlds), s)
         return farthest
 
     return sweep_world

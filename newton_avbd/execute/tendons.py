@@ -24,13 +24,10 @@ from ..data import (
     BodyModel,
     BodyWork,
     Closure,
-    History,
-    IslandWork,
-    JointModel,
+    Solver,
     TendonSpan,
     TreeWork,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import axis as axis_rows
@@ -77,15 +74,9 @@ def make_join_tendons(join: wp.Function) -> wp.Function:
     """Device function that makes one island of what tendons of a block tie, by ``join``."""
 
     @wp.func
-    def join_tendons(
-        first: int,
-        islands: wp.ref[IslandWork],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
-        closures = tree.closures
-        tendons = tree.tendons
+    def join_tendons(first: int, s: wp.ref[Solver]):
+        closures = s.tree.closures
+        tendons = s.tree.tendons
         number = closures.block_of[first]
         if number < 0:
             return
@@ -98,12 +89,12 @@ def make_join_tendons(join: wp.Function) -> wp.Function:
             for k in range(tendons.start[i], tendons.start[i + 1]):
                 body = tendons.body[k]
                 if one < 0 and body >= 0:
-                    if work.inv_mass[body] > 0.0:
+                    if s.work.inv_mass[body] > 0.0:
                         one = body
             for k in range(tendons.start[i], tendons.start[i + 1]):
                 body = tendons.body[k]
                 if one >= 0 and body >= 0 and body != one:
-                    join(islands, worlds, work, one, body)
+                    join(one, body, s)
 
     return join_tendons
 
@@ -157,36 +148,33 @@ def make_tendons(effects: Effects) -> TendonFunctions:
     compliance = effects.compliance
 
     @wp.func
-    def center_of(k: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> wp.vec3:
+    def center_of(k: int, s: wp.ref[Solver]) -> wp.vec3:
         """COM of the body of an element, from the origin of its tendon [m]."""
-        return tree.tendons.apart[k] + joint_shift(work, tree.tendons.body[k])
+        return s.tree.tendons.apart[k] + joint_shift(s.work, s.tree.tendons.body[k])
 
     @wp.func
-    def span_of(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> wp.vec3:
+    def span_of(body: int, s: wp.ref[Solver]) -> wp.vec3:
         """From the COM of the parent in the tree to that of a body [m]."""
-        return tree.apart[body] + joint_shift(work, body) - joint_shift(work, tree.parent[body])
+        return (
+            s.tree.apart[body]
+            + joint_shift(s.work, body)
+            - joint_shift(s.work, s.tree.parent[body])
+        )
 
     @wp.func
-    def begin_points(
-        i: int,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ):
+    def begin_points(i: int, s: wp.ref[Solver]):
         """Where a tendon starts, from the first of its bodies: far from the origin of the world
         positions are coarse, and their differences exact. A kinematic body counts as not yet moved.
         """
-        tendons = tree.tendons
-        static_slot = work.inv_mass.shape[0] - 1
+        tendons = s.tree.tendons
+        static_slot = s.work.inv_mass.shape[0] - 1
         first = int(-1)
         for k in range(tendons.start[i], tendons.start[i + 1]):
             if first < 0 and tendons.body[k] != static_slot and tendons.body[k] >= 0:
                 first = tendons.body[k]
-        origin = wp.transform_get_translation(body_q[first])
-        shift = wp.quat_rotate(wp.transform_get_rotation(body_q[first]), model.com[first])
-        shift += history.lost[first]
+        origin = wp.transform_get_translation(s.work.pose[first])
+        shift = wp.quat_rotate(wp.transform_get_rotation(s.work.pose[first]), s.model.com[first])
+        shift += s.history.lost[first]
         for k in range(tendons.start[i], tendons.start[i + 1]):
             body = tendons.body[k]
             if body == static_slot:
@@ -194,38 +182,31 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                 tendons.apart[k] = (place - origin) - shift
                 tendons.begun[k] = tendons.apart[k]
             elif body >= 0:
-                pose = body_q[body]
+                pose = s.work.pose[body]
                 away = wp.transform_get_translation(pose) - origin
-                center = wp.quat_rotate(wp.transform_get_rotation(pose), model.com[body])
-                tendons.apart[k] = away + (center + history.lost[body] - shift)
-                arm = anchor_arm(model, tree, body, tendons.frame[k], static_slot)
+                center = wp.quat_rotate(wp.transform_get_rotation(pose), s.model.com[body])
+                tendons.apart[k] = away + (center + s.history.lost[body] - shift)
+                arm = anchor_arm(body, tendons.frame[k], static_slot, s)
                 tendons.begun[k] = tendons.apart[k] + arm
-                if is_put(body, work):
-                    ahead = tree.update[body]
+                if is_put(body, s.work):
+                    ahead = s.tree.update[body]
                     turned = wp.cross(wp.spatial_bottom(ahead), arm)
                     tendons.begun[k] = tendons.begun[k] - wp.spatial_top(ahead) - turned
 
     @wp.func
-    def find_length(
-        i: int,
-        is_start: bool,
-        model: wp.ref[BodyModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> wp.float64:
+    def find_length(i: int, is_start: bool, s: wp.ref[Solver]) -> wp.float64:
         """Length of a tendon [m or rad], and its path where it is spatial."""
-        tendons = tree.tendons
+        tendons = s.tree.tendons
         first = tendons.start[i]
-        static_slot = work.inv_mass.shape[0] - 1
+        static_slot = s.work.inv_mass.shape[0] - 1
         total = wp.float64(0.0)
         if tendons.kind[first] == JOINT:
             for k in range(first, tendons.start[i + 1]):
-                q = tree.coordinate[tendons.axis[k]]
+                q = s.tree.coordinate[tendons.axis[k]]
                 if is_start:
-                    q = tree.start_coordinate[tendons.axis[k]]
+                    q = s.tree.start_coordinate[tendons.axis[k]]
                     if wp.static(effects.second_order):
-                        q = history.coordinate[tendons.dof[k]].start
+                        q = s.history.coordinate[tendons.dof[k]].start
                 q += wp.float64(tendons.ref[tendons.dof[k]])
                 total += wp.float64(tendons.value[k]) * q
             return total
@@ -237,69 +218,56 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                     frame = tendons.frame[k]
                     if body != static_slot and not is_start:
                         # read off the increments, so that it rounds as they do
-                        arm = anchor_arm(model, tree, body, frame, static_slot)
-                        if is_put(body, work):
+                        arm = anchor_arm(body, frame, static_slot, s)
+                        if is_put(body, s.work):
                             point = double(tendons.apart[k] + arm)
                         else:
-                            turned = turned_from(tree.swing[body], arm)
-                            point += double(joint_shift(work, body) + turned)
+                            turned = turned_from(s.tree.swing[body], arm)
+                            point += double(joint_shift(s.work, body) + turned)
                     tendons.point[k] = point
                     if tendons.kind[k] == SPHERE or tendons.kind[k] == CYLINDER:
                         tendons.rotation[k] = wp.transform_get_rotation(frame)
                         if body != static_slot:
-                            tendons.rotation[k] = anchor_rotation(tree, body, frame)
+                            tendons.rotation[k] = anchor_rotation(s.tree, body, frame)
             total = find_path(i, tendons)
         return total
 
     @wp.func
     def led_by(
-        closure: Closure,
-        length: wp.float64,
-        other: wp.float64,
-        joints: wp.ref[JointModel],
-        tree: wp.ref[TreeWork],
+        closure: Closure, length: wp.float64, other: wp.float64, s: wp.ref[Solver]
     ) -> wp.vec2:
         """How far a tendon is from where its equality constraint leads it [m or rad], and by how
         much more for more of the other one. Both count from their lengths in the reference pose."""
         lead = wp.float64(0.0)
         if closure.other != closure.tendon:
-            lead = other - wp.float64(tree.tendons.rest[closure.other])
+            lead = other - wp.float64(s.tree.tendons.rest[closure.other])
         value = wp.float64(0.0)
         slope = wp.float64(0.0)
         for k in range(5):
             slope = value + slope * lead
-            value = wp.float64(joints.polynomials[closure.equality, 4 - k]) + value * lead
-        left = length - wp.float64(tree.tendons.rest[closure.tendon]) - value
+            value = wp.float64(s.joints.polynomials[closure.equality, 4 - k]) + value * lead
+        left = length - wp.float64(s.tree.tendons.rest[closure.tendon]) - value
         return wp.vec2(wp.float32(left), wp.float32(slope))
 
     @wp.func
-    def begin_tendon(
-        closure: Closure,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def begin_tendon(closure: Closure, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Length of a tendon at the start of the step, or what its equality constraint misses then.
 
         Expects increments of zero, and the tendons of a constraint to have begun. Returns whether
         it is beyond its limits, or misses anything, by more than rounding.
         """
-        tendons = tree.tendons
+        tendons = s.tree.tendons
         i = closure.tendon
         length = tendons.length[i]
         rounding = rounding_of(length)
         if closure.other >= 0:
-            misfit = led_by(closure, length, tendons.length[closure.other], joints, tree)[0]
-            tree.closures.misfit[closure.row] = misfit
+            misfit = led_by(closure, length, tendons.length[closure.other], s)[0]
+            s.tree.closures.misfit[closure.row] = misfit
             return wp.abs(misfit) > rounding
         is_fixed = tendons.kind[tendons.start[i]] == JOINT
         if not is_fixed:
-            begin_points(i, body_q, model, work, tree, history)
-        length = find_length(i, True, model, work, tree, history)
+            begin_points(i, s)
+        length = find_length(i, True, s)
         tendons.length[i] = length
         started = length
         rate = tendons.velocity[i]
@@ -317,43 +285,34 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         return wp.static(not compliance) and is_beyond
 
     @wp.func
-    def pull_along(
-        i: int,
-        ends: int,
-        share: float,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ) -> float:
+    def pull_along(i: int, ends: int, share: float, h: float, s: wp.ref[Solver]) -> float:
         """Adds a share of how the length of a tendon changes with the bodies to a row.
 
         ``ends`` says where the row keeps what its elements pull. Returns about how far a unit of
         tension moves bodies that nothing else holds along it [m/N].
         """
-        tendons = tree.tendons
-        closures = tree.closures
+        tendons = s.tree.tendons
+        closures = s.tree.closures
         first = tendons.start[i]
         mobility = float(0.0)
         if tendons.kind[first] == JOINT:
             for k in range(first, tendons.start[i + 1]):
                 body = tendons.body[k]
-                joint = tree.joint[body]
+                joint = s.tree.joint[body]
                 coefficient = share * tendons.value[k]
                 place = closures.ends[ends + k - first]
-                if place >= 0 and is_linked(joints, tree, body):
+                if place >= 0 and is_linked(body, s):
                     met = closures.met[place]
                     met[0] = met[0] + coefficient
                     closures.met[place] = met
-                    free = model.inv_mass[body]
-                    if linear_count(joints, joint) == 0:
-                        free = wp.trace(model.inv_inertia[body])
+                    free = s.model.inv_mass[body]
+                    if linear_count(s.joints, joint) == 0:
+                        free = wp.trace(s.model.inv_inertia[body])
                     mobility += coefficient * coefficient * h * h * free
             return mobility
         if wp.static(effects.spatial_tendons):
-            for s in range(first, tendons.span_end[i]):
-                span = tendons.spans[s]
+            for along in range(first, tendons.span_end[i]):
+                span = tendons.spans[along]
                 for end in range(2):
                     k = wp.where(end == 0, span.a, span.b)
                     slot = closures.ends[ends + k - first]
@@ -361,55 +320,50 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                         point = wp.where(end == 0, span.start, span.end)
                         sign = wp.where(end == 0, -share, share)
                         force = sign * span.share * span.along
-                        torque = wp.cross(point - center_of(k, work, tree), force)
+                        torque = wp.cross(point - center_of(k, s), force)
                         way = wp.spatial_vector(force, torque)
                         closures.way[slot] = closures.way[slot] + way
-                        mobility += mobility_of(tendons.body[k], way, h, model)
+                        mobility += mobility_of(tendons.body[k], way, h, s.model)
         return mobility
 
     @wp.func
-    def axis_motion(
-        body: int,
-        dof: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ) -> wp.spatial_vector:
+    def axis_motion(body: int, dof: int, s: wp.ref[Solver]) -> wp.spatial_vector:
         """Motion of a body's COM, and its turn, by a unit of an axis of its joint; of a root that
         floats by a shift or a turn along an axis of the world."""
         motion = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        if not is_linked(joints, tree, body):
+        if not is_linked(body, s):
             motion[dof] = 1.0
             return motion
-        joint = tree.joint[body]
-        static_slot = work.inv_mass.shape[0] - 1
-        child = joints.child[joint]
-        frame = joints.child_frame[joint]
+        joint = s.tree.joint[body]
+        static_slot = s.work.inv_mass.shape[0] - 1
+        child = s.joints.child[joint]
+        frame = s.joints.child_frame[joint]
         sign = float(1.0)
         if child != body:
             sign = -1.0
-            frame = joints.parent_frame[joint]
+            frame = s.joints.parent_frame[joint]
         q_p = anchor_rotation(
-            tree, parent_slot(joints, joint, static_slot), joints.parent_frame[joint]
+            s.tree, parent_slot(s.joints, joint, static_slot), s.joints.parent_frame[joint]
         )
-        linear = linear_count(joints, joint)
+        linear = linear_count(s.joints, joint)
         if dof < linear:
-            return wp.spatial_vector(sign * linear_axis(joints, joint, dof, q_p), wp.vec3(0.0))
-        q_c = anchor_rotation(tree, child, joints.child_frame[joint])
+            return wp.spatial_vector(sign * linear_axis(s.joints, joint, dof, q_p), wp.vec3(0.0))
+        q_c = anchor_rotation(s.tree, child, s.joints.child_frame[joint])
         known = wp.vec3(0.0)
         if wp.static(effects.kinds.gimbals):
-            known = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
-        axis = sign * angular_axis(joints, joint, dof - linear, q_p, q_c, known)
-        arm = anchor_arm(model, tree, body, frame, static_slot)
+            known = known_angles(s.joints, joint, s.tree.coordinate, s.tree.axis_start[body])
+        axis = sign * angular_axis(s.joints, joint, dof - linear, q_p, q_c, known)
+        arm = anchor_arm(body, frame, static_slot, s)
         return wp.spatial_vector(wp.cross(arm, axis), axis)
 
     @wp.func
-    def axis_count(body: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> int:
+    def axis_count(body: int, s: wp.ref[Solver]) -> int:
         """How many axes the joint of a body has, six of a root that floats."""
-        if not is_linked(joints, tree, body):
+        if not is_linked(body, s):
             return 6
-        return linear_count(joints, tree.joint[body]) + angular_count(joints, tree.joint[body])
+        return linear_count(s.joints, s.tree.joint[body]) + angular_count(
+            s.joints, s.tree.joint[body]
+        )
 
     @wp.func
     def takes_start(a: int, b: int, rank: wp.array[wp.int32], work: wp.ref[BodyWork]) -> bool:
@@ -441,10 +395,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         moved: wp.vec3,
         at_start: bool,
         rank: wp.array[wp.int32],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
+        s: wp.ref[Solver],
     ) -> float:
         """Sum of the second derivatives of a span's length by one axis and each that it passes,
         times its tension; what is negative of the axis' own does not count.
@@ -457,16 +408,16 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         across = moved - wp.dot(n, moved) * n
         turn = wp.spatial_bottom(motion)
         total = float(0.0)
-        a = tree.tendons.body[span.a]
-        b = tree.tendons.body[span.b]
-        center_a = center_of(span.a, work, tree)
-        center_b = center_of(span.b, work, tree)
-        while a != b and work.inv_mass[a] + work.inv_mass[b] > 0.0:
-            is_start = takes_start(a, b, rank, work)
+        a = s.tree.tendons.body[span.a]
+        b = s.tree.tendons.body[span.b]
+        center_a = center_of(span.a, s)
+        center_b = center_of(span.b, s)
+        while a != b and s.work.inv_mass[a] + s.work.inv_mass[b] > 0.0:
+            is_start = takes_start(a, b, rank, s.work)
             body = wp.where(is_start, a, b)
             center = wp.where(is_start, center_a, center_b)
-            for dof in range(axis_count(body, joints, tree)):
-                other = axis_motion(body, dof, model, joints, work, tree)
+            for dof in range(axis_count(body, s)):
+                other = axis_motion(body, dof, s)
                 u = end_motion(other, is_start, center, span)
                 second = wp.dot(across, u - wp.dot(n, u) * n) / length
                 if is_start == at_start:
@@ -488,104 +439,76 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                             scale = 1.0 / wp.max(wp.length(u), 1.0e-6)
                     total += scale * wp.abs(second)
             if is_start:
-                center_a -= span_of(body, work, tree)
-                a = tree.parent[body]
+                center_a -= span_of(body, s)
+                a = s.tree.parent[body]
             else:
-                center_b -= span_of(body, work, tree)
-                b = tree.parent[body]
+                center_b -= span_of(body, s)
+                b = s.tree.parent[body]
         return total
 
     @wp.func
-    def bend(
-        i: int,
-        tension: float,
-        h: float,
-        rank: wp.array[wp.int32],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def bend(i: int, tension: float, h: float, rank: wp.array[wp.int32], s: wp.ref[Solver]):
         """Adds what bounds the curvature of a tendon's path to the axes that it passes."""
-        tendons = tree.tendons
-        for s in range(tendons.start[i], tendons.span_end[i]):
-            span = tendons.spans[s]
+        tendons = s.tree.tendons
+        for along in range(tendons.start[i], tendons.span_end[i]):
+            span = tendons.spans[along]
             a = tendons.body[span.a]
             b = tendons.body[span.b]
-            center_a = center_of(span.a, work, tree)
-            center_b = center_of(span.b, work, tree)
-            while a != b and work.inv_mass[a] + work.inv_mass[b] > 0.0:
-                is_start = takes_start(a, b, rank, work)
+            center_a = center_of(span.a, s)
+            center_b = center_of(span.b, s)
+            while a != b and s.work.inv_mass[a] + s.work.inv_mass[b] > 0.0:
+                is_start = takes_start(a, b, rank, s.work)
                 body = wp.where(is_start, a, b)
                 center = wp.where(is_start, center_a, center_b)
-                for dof in range(axis_count(body, joints, tree)):
-                    motion = axis_motion(body, dof, model, joints, work, tree)
+                for dof in range(axis_count(body, s)):
+                    motion = axis_motion(body, dof, s)
                     moved = end_motion(motion, is_start, center, span)
                     bound = bend_sum(
-                        span,
-                        span.share * tension,
-                        body,
-                        dof,
-                        motion,
-                        moved,
-                        is_start,
-                        rank,
-                        model,
-                        joints,
-                        work,
-                        tree,
+                        span, span.share * tension, body, dof, motion, moved, is_start, rank, s
                     )
-                    turned = wp.spatial_bottom(tree.update[body])
+                    turned = wp.spatial_bottom(s.tree.update[body])
                     is_wild = wp.length_sq(turned) > WILD * WILD
                     if is_wild and wp.length_sq(wp.spatial_bottom(motion)) > 0.0:
                         # what turns a light body over within the step has more on its way
                         lever = wp.length(moved)
                         most = lever + lever * lever / wp.max(span.length, 1.0e-6)
-                        inert = wp.static(1 / 3) * wp.trace(work.inertia[body])
-                        inert += model.mass[body] * wp.length_sq(wp.spatial_top(motion))
+                        inert = wp.static(1 / 3) * wp.trace(s.work.inertia[body])
+                        inert += s.model.mass[body] * wp.length_sq(wp.spatial_top(motion))
                         most *= wp.abs(span.share * tension)
                         bound = wp.max(bound, most - inert / (h * h))
-                    if is_linked(joints, tree, body):
-                        at = tree.axis_start[body] + dof
+                    if is_linked(body, s):
+                        at = s.tree.axis_start[body] + dof
                         tendons.curvature[at] = tendons.curvature[at] + bound
                     else:
                         curved = tendons.root_curvature[body]
                         curved[dof] = curved[dof] + bound
                         tendons.root_curvature[body] = curved
                 if is_start:
-                    center_a -= span_of(body, work, tree)
-                    a = tree.parent[body]
+                    center_a -= span_of(body, s)
+                    a = s.tree.parent[body]
                 else:
-                    center_b -= span_of(body, work, tree)
-                    b = tree.parent[body]
+                    center_b -= span_of(body, s)
+                    b = s.tree.parent[body]
 
     @wp.func
     def tendon_row(
-        closure: Closure,
-        recovery: float,
-        h: float,
-        rank: wp.array[wp.int32],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
+        closure: Closure, recovery: float, h: float, rank: wp.array[wp.int32], s: wp.ref[Solver]
     ):
         """The row of a tendon where its bodies are now."""
-        tendons = tree.tendons
-        closures = tree.closures
+        tendons = s.tree.tendons
+        closures = s.tree.closures
         row = closure.row
         i = closure.tendon
         for slot in range(closure.slot, closure.slot_end):
             closures.way[slot] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        length = find_length(i, False, model, work, tree, history)
+        length = find_length(i, False, s)
         if closure.other >= 0:
-            other = find_length(closure.other, False, model, work, tree, history)
-            led = led_by(closure, length, other, joints, tree)
-            pull_along(i, closure.ends, 1.0, h, model, joints, work, tree)
+            other = find_length(closure.other, False, s)
+            led = led_by(closure, length, other, s)
+            pull_along(i, closure.ends, 1.0, h, s)
             if closure.other != i:
                 ends = closure.ends + tendons.start[i + 1] - tendons.start[i]
-                pull_along(closure.other, ends, -led[1], h, model, joints, work, tree)
+                pull_along(closure.other, ends, -led[1], h, s)
             left = led[0]
             if recovery == 0.0:
                 left -= closures.misfit[row]
@@ -605,7 +528,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         is_held = axis_rows.is_held(law)
         if force == 0.0 and stiffness == 0.0 and not is_held:
             return
-        mobility = pull_along(i, closure.ends, 1.0, h, model, joints, work, tree)
+        mobility = pull_along(i, closure.ends, 1.0, h, s)
         tension = -force
         if is_held:
             tension = -tendons.force[i]
@@ -618,34 +541,25 @@ def make_tendons(effects: Effects) -> TendonFunctions:
             closures.multiplier[row] = -wp.float64(force) * soft
         if wp.static(effects.spatial_tendons):
             if tendons.kind[tendons.start[i]] != JOINT:
-                bend(i, tension, h, rank, model, joints, work, tree)
+                bend(i, tension, h, rank, s)
 
     @wp.func
-    def settle_tendon(
-        closure: Closure,
-        recovery: float,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> float:
+    def settle_tendon(closure: Closure, recovery: float, h: float, s: wp.ref[Solver]) -> float:
         """After the bodies have moved: what the row has found of its tendon.
 
         Returns the square of how far its length is off what the row takes it for, as far as that
         moves bodies [m^2], zero where rounding hides it, and infinity on a wrong piece of its law.
         """
-        tendons = tree.tendons
-        closures = tree.closures
+        tendons = s.tree.tendons
+        closures = s.tree.closures
         row = closure.row
         i = closure.tendon
-        length = find_length(i, False, model, work, tree, history)
+        length = find_length(i, False, s)
         missed = float(0.0)
         is_wrong = bool(False)
         if closure.other >= 0:
-            other = find_length(closure.other, False, model, work, tree, history)
-            missed = led_by(closure, length, other, joints, tree)[0]
+            other = find_length(closure.other, False, s)
+            missed = led_by(closure, length, other, s)[0]
             if recovery == 0.0:
                 missed -= closures.misfit[row]
         else:
@@ -685,25 +599,23 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         return wp.where(wp.abs(missed) > rounding_of(length), missed * missed, 0.0)
 
     @wp.func
-    def tendon_wrench(
-        closure: Closure, sign: float, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
-    ):
+    def tendon_wrench(closure: Closure, sign: float, s: wp.ref[Solver]):
         """Adds what a spatial tendon pulls its bodies with to their loads, times a sign."""
-        tendons = tree.tendons
+        tendons = s.tree.tendons
         i = closure.tendon
         if closure.other >= 0 or tendons.kind[tendons.start[i]] == JOINT:
             return
-        for s in range(tendons.start[i], tendons.span_end[i]):
-            span = tendons.spans[s]
+        for place in range(tendons.start[i], tendons.span_end[i]):
+            span = tendons.spans[place]
             for end in range(2):
                 k = wp.where(end == 0, span.a, span.b)
                 body = tendons.body[k]
-                if work.inv_mass[body] > 0.0:
+                if s.work.inv_mass[body] > 0.0:
                     point = wp.where(end == 0, span.start, span.end)
                     along = wp.where(end == 0, -sign, sign) * span.share * tendons.force[i]
                     force = along * span.along
-                    torque = wp.cross(point - center_of(k, work, tree), force)
-                    tree.load[body] = tree.load[body] + wp.spatial_vector(force, torque)
+                    torque = wp.cross(point - center_of(k, s), force)
+                    s.tree.load[body] = s.tree.load[body] + wp.spatial_vector(force, torque)
 
     @wp.func
     def end_tendon(closure: Closure, scale: WorldScale, tree: wp.ref[TreeWork]):

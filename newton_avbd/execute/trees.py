@@ -27,17 +27,14 @@ from ..blocks.closure import (
     solve_ground,
 )
 from ..data import (
-    BodyModel,
     BodyWork,
-    ControlInput,
-    History,
     JointModel,
     LoopWork,
-    RowWork,
+    Solver,
+    Step,
     TreeAxis,
     TreeWork,
     WorldScale,
-    WorldWork,
 )
 from ..effects import Effects
 from ..rows import axis as axis_rows
@@ -76,13 +73,7 @@ WIDE = wp.constant(0.8)
 
 
 @wp.func
-def anchor_arm(
-    model: wp.ref[BodyModel],
-    tree: wp.ref[TreeWork],
-    slot: int,
-    frame: wp.transform,
-    static_slot: int,
-) -> wp.vec3:
+def anchor_arm(slot: int, frame: wp.transform, static_slot: int, s: wp.ref[Solver]) -> wp.vec3:
     """From the COM of a body, moved by its increment, to an anchor on it [m], world axes.
 
     The static world is taken to lie at its anchor.
@@ -90,7 +81,7 @@ def anchor_arm(
     point = wp.transform_get_translation(frame)
     if slot == static_slot:
         return wp.vec3(0.0)
-    return wp.quat_rotate(tree.rotation[slot], point - model.com[slot])
+    return wp.quat_rotate(s.tree.rotation[slot], point - s.model.com[slot])
 
 
 @wp.func
@@ -109,27 +100,21 @@ def joint_shift(work: wp.ref[BodyWork], slot: int) -> wp.vec3:
 
 @wp.func
 def start_span(
-    body: int,
-    parent: int,
-    frame_p: wp.transform,
-    static_slot: int,
-    body_q: wp.array[wp.transform],
-    model: wp.ref[BodyModel],
-    history: wp.ref[History],
+    body: int, parent: int, frame_p: wp.transform, static_slot: int, s: wp.ref[Solver]
 ) -> wp.vec3:
     """From the COM of the parent to that of the body at the start of the step [m].
 
     Far from the origin positions of bodies are coarse, and their difference is exact: so it is
     taken first, with what the poses' rounding has lost.
     """
-    pose = body_q[body]
+    pose = s.work.pose[body]
     x = wp.transform_get_translation(pose)
-    arm = wp.quat_rotate(wp.transform_get_rotation(pose), model.com[body])
+    arm = wp.quat_rotate(wp.transform_get_rotation(pose), s.model.com[body])
     if parent == static_slot:
-        return (x - wp.transform_get_translation(frame_p)) + (arm + history.lost[body])
-    pose_p = body_q[parent]
-    arm -= wp.quat_rotate(wp.transform_get_rotation(pose_p), model.com[parent])
-    lost = history.lost[body] - history.lost[parent]
+        return (x - wp.transform_get_translation(frame_p)) + (arm + s.history.lost[body])
+    pose_p = s.work.pose[parent]
+    arm -= wp.quat_rotate(wp.transform_get_rotation(pose_p), s.model.com[parent])
+    lost = s.history.lost[body] - s.history.lost[parent]
     return (x - wp.transform_get_translation(pose_p)) + (arm + lost)
 
 
@@ -147,19 +132,14 @@ def anchor_offset(
 
 @wp.func
 def carried_misfit(
-    parent: int,
-    arm_p: wp.vec3,
-    shift: wp.vec3,
-    turn: wp.vec3,
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
+    parent: int, arm_p: wp.vec3, shift: wp.vec3, turn: wp.vec3, s: wp.ref[Solver]
 ) -> wp.spatial_vector:
     """Misfit of a joint that is not new in this step.
 
     A kinematic parent has been put ahead of its child by what it moves in a step; that is new.
     """
-    if work.inv_mass[parent] == 0.0:
-        ahead = algebra.carried(arm_p, tree.update[parent])
+    if s.work.inv_mass[parent] == 0.0:
+        ahead = algebra.carried(arm_p, s.tree.update[parent])
         return wp.spatial_vector(shift, turn) + ahead
     return wp.spatial_vector(shift, turn)
 
@@ -176,33 +156,27 @@ def turn_by(body: int, rest: wp.vec3, tree: wp.ref[TreeWork]):
 
 
 @wp.func
-def place_body(body: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]):
+def place_body(body: int, s: wp.ref[Solver]):
     """Orientation of a body after its increment, the turn of :func:`begin_turn` first.
 
     The rest is small, where the increment is many radians.
     """
-    turn_by(body, wp.spatial_bottom(work.increment[body]) - tree.turn[body], tree)
+    turn_by(body, wp.spatial_bottom(s.work.increment[body]) - s.tree.turn[body], s.tree)
 
 
 @wp.func
-def begin_turn(
-    body: int,
-    turn: wp.vec3,
-    body_q: wp.array[wp.transform],
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
-):
+def begin_turn(body: int, turn: wp.vec3, s: wp.ref[Solver]):
     """Orientation of a body that is to turn as said [rad], whatever the sweeps add to it."""
-    rotation = wp.transform_get_rotation(body_q[body])
-    tree.turn[body] = turn
+    rotation = wp.transform_get_rotation(s.work.pose[body])
+    s.tree.turn[body] = turn
     if wp.length_sq(turn) > 0.0:
-        tree.turned[body] = exp_quat(turn) * rotation
-        place_body(body, work, tree)
+        s.tree.turned[body] = exp_quat(turn) * rotation
+        place_body(body, s)
     else:
-        swing = exp_quat(wp.spatial_bottom(work.increment[body]))
-        tree.turned[body] = rotation
-        tree.rotation[body] = swing * rotation
-        tree.swing[body] = swing
+        swing = exp_quat(wp.spatial_bottom(s.work.increment[body]))
+        s.tree.turned[body] = rotation
+        s.tree.rotation[body] = swing * rotation
+        s.tree.swing[body] = swing
 
 
 @wp.func
@@ -213,12 +187,7 @@ def is_put(slot: int, work: wp.ref[BodyWork]) -> bool:
 
 @wp.func
 def anchor_shift(
-    child: int,
-    parent: int,
-    arm_c: wp.vec3,
-    arm_p: wp.vec3,
-    work: wp.ref[BodyWork],
-    tree: wp.ref[TreeWork],
+    child: int, parent: int, arm_c: wp.vec3, arm_p: wp.vec3, s: wp.ref[Solver]
 ) -> wp.vec3:
     """How far the child anchor has moved in the step against the parent's [m].
 
@@ -226,9 +195,9 @@ def anchor_shift(
     rounds as the arms do, 1e-8 m of decimeters, and rows that imply each other but for the slope of
     a taut net make a hundred times as much of it.
     """
-    moved = joint_shift(work, child) - joint_shift(work, parent)
-    moved += turned_from(tree.swing[child], arm_c)
-    return moved - turned_from(tree.swing[parent], arm_p)
+    moved = joint_shift(s.work, child) - joint_shift(s.work, parent)
+    moved += turned_from(s.tree.swing[child], arm_c)
+    return moved - turned_from(s.tree.swing[parent], arm_p)
 
 
 @wp.func
@@ -264,12 +233,10 @@ def is_fast_shaft(body: int, work: wp.ref[BodyWork]) -> bool:
 
 
 @wp.func
-def ball_turn(
-    child: int, parent: int, q_p: wp.quat, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
-) -> wp.vec3:
+def ball_turn(child: int, parent: int, q_p: wp.quat, s: wp.ref[Solver]) -> wp.vec3:
     """Turn of a ball joint in the step [rad], parent anchor frame."""
-    turn = rotation_vector(relative_turn(child, parent, tree))
-    about = full_turns(child, parent, work)
+    turn = rotation_vector(relative_turn(child, parent, s.tree))
+    about = full_turns(child, parent, s.work)
     if wp.length_sq(about) > 0.0:
         axis = wp.normalize(turn)
         angle = wp.dot(axis, about)
@@ -278,12 +245,12 @@ def ball_turn(
 
 
 @wp.func
-def is_linked(joints: wp.ref[JointModel], tree: wp.ref[TreeWork], body: int) -> bool:
+def is_linked(body: int, s: wp.ref[Solver]) -> bool:
     """Whether the tree's joint of the body exists and is enabled."""
-    joint = tree.joint[body]
+    joint = s.tree.joint[body]
     if joint < 0:
         return False
-    return joints.enabled[joint]
+    return s.joints.enabled[joint]
 
 
 @wp.func
@@ -294,13 +261,11 @@ def parent_slot(joints: wp.ref[JointModel], joint: int, static_slot: int) -> int
 
 
 @wp.func
-def turning_mobility(
-    body: int, model: wp.ref[BodyModel], work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
-) -> wp.mat33:
+def turning_mobility(body: int, s: wp.ref[Solver]) -> wp.mat33:
     """What a torque does to the spin of a body after the increments [1/(kg m^2)], world axes."""
-    if work.inv_mass[body] == 0.0:
+    if s.work.inv_mass[body] == 0.0:
         return wp.mat33(0.0)
-    return world_inertia(tree.rotation[body], model.inv_inertia[body])
+    return world_inertia(s.tree.rotation[body], s.model.inv_inertia[body])
 
 
 @wp.func
@@ -367,7 +332,7 @@ def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
 
 
 @wp.func
-def held_by_loops(body: int, loops: wp.ref[LoopWork], history: wp.ref[History]):
+def held_by_loops(body: int, s: wp.ref[Solver]):
     """Wrench on a body of joints that close loops of its block, and its geometric stiffness [N m].
 
     They are what the sweep before has found: what carries a taut net grows many times over within a
@@ -375,14 +340,14 @@ def held_by_loops(body: int, loops: wp.ref[LoopWork], history: wp.ref[History]):
     """
     stiffness = wp.mat33(0.0)
     wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-    for k in range(loops.body_start[body], loops.body_start[body + 1]):
-        item = loops.items[k]
+    for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+        item = s.loops.items[k]
         i = item / 2
-        if loops.is_exact[i]:
+        if s.loops.is_exact[i]:
             sign = wp.where(item % 2 == 0, 1.0, -1.0)
-            force = sign * history.loop_force[i]
-            torque = sign * history.loop_torque[i] + wp.cross(loops.arms[item], force)
-            stiffness += algebra.geometric_stiffness(force, loops.arms[item])
+            force = sign * s.history.loop_force[i]
+            torque = sign * s.history.loop_torque[i] + wp.cross(s.loops.arms[item], force)
+            stiffness += algebra.geometric_stiffness(force, s.loops.arms[item])
             wrench += wp.spatial_vector(force, torque)
     return wrench, stiffness
 
@@ -543,14 +508,12 @@ def make_trees(
         return q_p, q_c
 
     @wp.func
-    def anchors_of(
-        joint: int, body: int, parent: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]
-    ):
+    def anchors_of(joint: int, body: int, parent: int, s: wp.ref[Solver]):
         """What :func:`frames_of` returns, and rotations of the anchors of the joint's parent and
         child as ``tree`` has them."""
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, parent, frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
+        sign, frame_p, frame_c = frames_of(joint, body, s.joints)
+        q_p = anchor_rotation(s.tree, parent, frame_p)
+        q_c = anchor_rotation(s.tree, body, frame_c)
         if wp.static(effects.flipped):
             q_p, q_c = in_joint_order(sign, q_p, q_c)
         return sign, frame_p, frame_c, q_p, q_c
@@ -564,80 +527,61 @@ def make_trees(
         q_p: wp.quat,
         q_c: wp.quat,
         static_slot: int,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> bool:
         """Misfit of the body's joint at the start of the step, by what :func:`anchors_of` returns.
 
         Expects increments of zero, the guess of them in ``tree.update``, and rotations at the
         start. Returns whether the misfit is beyond rounding.
         """
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
-        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-        apart = start_span(body, parent, frame_p, static_slot, body_q, model, history)
-        tree.apart[body] = apart
-        linear = linear_misfit(joints, joint, q_p, apart + (arm_c - arm_p))
-        angular = sign * angular_misfit(joints, joint, q_p, q_c)
-        misfit = carried_misfit(parent, arm_p, linear, angular, work, tree)
-        if work.inv_mass[parent] == 0.0:
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
+        arm_p = anchor_arm(parent, frame_p, static_slot, s)
+        arm_c = anchor_arm(body, frame_c, static_slot, s)
+        apart = start_span(body, parent, frame_p, static_slot, s)
+        s.tree.apart[body] = apart
+        linear = linear_misfit(s.joints, joint, q_p, apart + (arm_c - arm_p))
+        angular = sign * angular_misfit(s.joints, joint, q_p, q_c)
+        misfit = carried_misfit(parent, arm_p, linear, angular, s)
+        if s.work.inv_mass[parent] == 0.0:
             # only what the joint locks
-            linear = linear_misfit(joints, joint, q_p, wp.spatial_top(misfit))
-            lock = angular_lock(joints, joint, q_p, q_c)
+            linear = linear_misfit(s.joints, joint, q_p, wp.spatial_top(misfit))
+            lock = angular_lock(s.joints, joint, q_p, q_c)
             angular = lock * wp.spatial_bottom(misfit)
-        tree.misfit[body] = wp.spatial_vector(linear, angular)
+        s.tree.misfit[body] = wp.spatial_vector(linear, angular)
         reach = wp.length(arm_c) + wp.length(arm_p)
-        tree.rounding[body] = ROUNDING * reach
-        allowed = ROUNDING * (wp.length(work.com[body]) + reach)
+        s.tree.rounding[body] = ROUNDING * reach
+        allowed = ROUNDING * (wp.length(s.work.com[body]) + reach)
         return wp.length_sq(linear) + reach * reach * wp.length_sq(angular) > allowed * allowed
 
     @wp.func
-    def put_together(
-        body: int,
-        static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def put_together(body: int, static_slot: int, s: wp.ref[Solver]):
         """Moves the body to where its joint is closed, whatever that takes; parents go first."""
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
-        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
-        tilt = sign * angular_misfit(joints, joint, q_p, q_c)
-        tree.rotation[body] = exp_quat(-tilt) * tree.rotation[body]
-        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-        offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-        misfit = linear_misfit(joints, joint, q_p, offset)
-        work.increment[body] = work.increment[body] - wp.spatial_vector(misfit, wp.vec3(0.0))
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, s)
+        tilt = sign * angular_misfit(s.joints, joint, q_p, q_c)
+        s.tree.rotation[body] = exp_quat(-tilt) * s.tree.rotation[body]
+        arm_p = anchor_arm(parent, frame_p, static_slot, s)
+        arm_c = anchor_arm(body, frame_c, static_slot, s)
+        offset = anchor_offset(s.tree.apart[body], s.work, body, parent, arm_c, arm_p)
+        misfit = linear_misfit(s.joints, joint, q_p, offset)
+        s.work.increment[body] = s.work.increment[body] - wp.spatial_vector(misfit, wp.vec3(0.0))
 
     @wp.func
-    def align_ends(
-        joint: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        body_qd: wp.array[wp.spatial_vector],
-    ):
+    def align_ends(joint: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """Takes what a joint locks from the spins of its ends, by a torque between them."""
-        child = joints.child[joint]
-        parent = parent_slot(joints, joint, work.inv_mass.shape[0] - 1)
-        q_p = anchor_rotation(tree, parent, joints.parent_frame[joint])
-        q_c = anchor_rotation(tree, child, joints.child_frame[joint])
-        lock = angular_lock(joints, joint, q_p, q_c)
-        spin = wp.spatial_bottom(body_qd[child])
-        mobility_c = turning_mobility(child, model, work, tree)
+        child = s.joints.child[joint]
+        parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
+        q_p = anchor_rotation(s.tree, parent, s.joints.parent_frame[joint])
+        q_c = anchor_rotation(s.tree, child, s.joints.child_frame[joint])
+        lock = angular_lock(s.joints, joint, q_p, q_c)
+        spin = wp.spatial_bottom(step.body_qd_out[child])
+        mobility_c = turning_mobility(child, s)
         mobility_p = wp.mat33(0.0)
-        if parent < body_qd.shape[0]:
-            spin -= wp.spatial_bottom(body_qd[parent])
-            mobility_p = turning_mobility(parent, model, work, tree)
+        if parent < step.body_qd_out.shape[0]:
+            spin -= wp.spatial_bottom(step.body_qd_out[parent])
+            mobility_p = turning_mobility(parent, s)
         mobility = mobility_c + mobility_p
         # what is free is left free, and the matrix has an inverse
         free = wp.identity(n=3, dtype=float) - lock
@@ -645,22 +589,16 @@ def make_trees(
         # twice locked: what rounds the axis once would slow the spin, step by step
         torque = -(lock * (wp.inverse(matrix) * (lock * (lock * spin))))
         none = wp.vec3(0.0)
-        body_qd[child] = body_qd[child] + wp.spatial_vector(none, mobility_c * torque)
-        if parent < body_qd.shape[0]:
-            body_qd[parent] = body_qd[parent] - wp.spatial_vector(none, mobility_p * torque)
+        step.body_qd_out[child] = step.body_qd_out[child] + wp.spatial_vector(
+            none, mobility_c * torque
+        )
+        if parent < step.body_qd_out.shape[0]:
+            step.body_qd_out[parent] = step.body_qd_out[parent] - wp.spatial_vector(
+                none, mobility_p * torque
+            )
 
     @wp.func
-    def align_spins(
-        first: int,
-        end: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        body_qd: wp.array[wp.spatial_vector],
-    ):
+    def align_spins(first: int, end: int, step: wp.ref[Step], s: wp.ref[Solver]):
         """Takes what joints lock from the spins of fast long bodies in blocks; parents go first.
 
         A spin that is off the axis by rounding turns the target off it, by more the longer the body
@@ -669,39 +607,33 @@ def make_trees(
         axis turns; without it they would lose speed.)
         """
         for i in range(first, end):
-            body = body_at(i, worlds)
+            body = body_at(i, s.worlds)
             if wp.static(effects.tilting):
-                if not tree.is_fast[body]:
+                if not s.tree.is_fast[body]:
                     continue  # nothing of its block is
-            is_fast = is_fast_shaft(body, work)
-            if is_linked(joints, tree, body):
-                if is_fast or is_fast_shaft(tree.parent[body], work):
-                    align_ends(tree.joint[body], model, joints, work, tree, body_qd)
+            is_fast = is_fast_shaft(body, s.work)
+            if is_linked(body, s):
+                if is_fast or is_fast_shaft(s.tree.parent[body], s.work):
+                    align_ends(s.tree.joint[body], step, s)
             if is_fast:
                 if wp.static(effects.closures and effects.loops):
-                    for k in range(loops.body_start[body], loops.body_start[body + 1]):
-                        loop = loops.items[k] / 2
-                        if loops.is_exact[loop] and loops.k_l[loop] > 0.0:
-                            align_ends(loops.joints[loop], model, joints, work, tree, body_qd)
+                    for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+                        loop = s.loops.items[k] / 2
+                        if s.loops.is_exact[loop] and s.loops.k_l[loop] > 0.0:
+                            align_ends(s.loops.joints[loop], step, s)
 
     @wp.func
-    def tilt_beyond(
-        body: int,
-        coordinates: wp.array[wp.float64],
-        first: int,
-        joints: wp.ref[JointModel],
-        tree: wp.ref[TreeWork],
-    ) -> wp.vec3:
+    def tilt_beyond(body: int, first: int, s: wp.ref[Solver]) -> wp.vec3:
         """Turn of the body [rad] beyond where the coordinates of its gimbal have it, which stand
         from ``first`` on."""
-        joint = tree.joint[body]
-        sign, frame_p, frame_c = frames_of(joint, body, joints)
-        q_p = anchor_rotation(tree, tree.parent[body], frame_p)
-        q_c = anchor_rotation(tree, body, frame_c)
+        joint = s.tree.joint[body]
+        sign, frame_p, frame_c = frames_of(joint, body, s.joints)
+        q_p = anchor_rotation(s.tree, s.tree.parent[body], frame_p)
+        q_c = anchor_rotation(s.tree, body, frame_c)
         if wp.static(effects.flipped):
             q_p, q_c = in_joint_order(sign, q_p, q_c)
-        known = known_angles(joints, joint, coordinates, first)
-        return sign * gimbal_tilt(joints, joint, q_p, q_c, known)
+        known = known_angles(s.joints, joint, s.history.joint_angle, first)
+        return sign * gimbal_tilt(s.joints, joint, q_p, q_c, known)
 
     @wp.func(inline=effects.inline)
     def read_coordinates(
@@ -716,43 +648,40 @@ def make_trees(
         known: wp.array[wp.float64],
         coordinates: wp.array[wp.float64],
         static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
+        s: wp.ref[Solver],
     ):
         """As :func:`measure_coordinates`, by what :func:`anchors_of` returns."""
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
-        linear = linear_count(joints, joint)
-        dofs = linear + angular_count(joints, joint)
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
+        linear = linear_count(s.joints, joint)
+        dofs = linear + angular_count(s.joints, joint)
         if wp.static(effects.kinds.balls):
-            if joints.type[joint] == BALL:
-                turns = sign * ball_turn(body, parent, q_p, work, tree)
+            if s.joints.type[joint] == BALL:
+                turns = sign * ball_turn(body, parent, q_p, s)
                 for dof in range(dofs):
                     coordinates[first + dof] = wp.float64(turns[dof])
                 return
         if linear > 0:
-            arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-            arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
-            offset = sign * anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
+            arm_p = anchor_arm(parent, frame_p, static_slot, s)
+            arm_c = anchor_arm(body, frame_c, static_slot, s)
+            offset = sign * anchor_offset(s.tree.apart[body], s.work, body, parent, arm_c, arm_p)
             for dof in range(linear):
-                q = wp.dot(linear_axis(joints, joint, dof, q_p), offset)
+                q = wp.dot(linear_axis(s.joints, joint, dof, q_p), offset)
                 coordinates[first + dof] = wp.float64(q)
         if dofs > linear:
             has_turned = wp.length_sq(turn) > 0.0
-            started = known_angles(joints, joint, known, first)
+            started = known_angles(s.joints, joint, known, first)
             near = wp.vec3(started)
             if wp.static(effects.kinds.gimbals):
-                if has_turned and is_gimbal(joints, joint):
+                if has_turned and is_gimbal(s.joints, joint):
                     for i in range(3):
-                        ahead = advance(joints, joint, linear + i, q_p, q_c, started, sign * turn)
+                        ahead = advance(s.joints, joint, linear + i, q_p, q_c, started, sign * turn)
                         near[i] = started[i] + wp.float32(ahead)
-            turns = angles(joints, joint, q_p, q_c, near, True)
+            turns = angles(s.joints, joint, q_p, q_c, near, True)
             for dof in range(linear, dofs):
                 about = known[first + dof]
                 if has_turned:
-                    about += advance(joints, joint, dof, q_p, q_c, started, sign * turn)
+                    about += advance(s.joints, joint, dof, q_p, q_c, started, sign * turn)
                 coordinates[first + dof] = counted(turns[dof - linear], about)
 
     @wp.func(inline=effects.inline)
@@ -761,12 +690,8 @@ def make_trees(
         first: int,
         turn: wp.vec3,
         known: wp.array[wp.float64],
-        coordinates: wp.array[wp.float64],
         static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
+        s: wp.ref[Solver],
     ):
         """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
 
@@ -774,9 +699,9 @@ def make_trees(
         nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds
         to it, so that revolutions are counted.
         """
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
-        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, s)
         read_coordinates(
             body,
             sign,
@@ -787,23 +712,13 @@ def make_trees(
             first,
             turn,
             known,
-            coordinates,
+            s.tree.coordinate,
             static_slot,
-            model,
-            joints,
-            work,
-            tree,
+            s,
         )
 
     @wp.func
-    def put_back(
-        body: int,
-        static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def put_back(body: int, static_slot: int, s: wp.ref[Solver]):
         """Puts the coordinates of the body's joint back to the limits that the step has passed.
 
         What was beyond at the start of the step may stay. The body goes along with its parent, of
@@ -811,132 +726,108 @@ def make_trees(
         """
         back = wp.quat_identity()
         shift = wp.vec3(0.0)
-        if is_linked(joints, tree, body):
-            joint = tree.joint[body]
-            parent = tree.parent[body]
-            if work.inv_mass[parent] > 0.0:
-                shift = wp.spatial_top(tree.update[parent])
-                turn = wp.spatial_bottom(tree.update[parent])
+        if is_linked(body, s):
+            joint = s.tree.joint[body]
+            parent = s.tree.parent[body]
+            if s.work.inv_mass[parent] > 0.0:
+                shift = wp.spatial_top(s.tree.update[parent])
+                turn = wp.spatial_bottom(s.tree.update[parent])
                 if wp.length_sq(turn) > 0.0:
                     back = exp_quat(turn)
-                    span = tree.apart[body] + joint_shift(work, body)
-                    span -= joint_shift(work, parent) - shift
+                    span = s.tree.apart[body] + joint_shift(s.work, body)
+                    span -= joint_shift(s.work, parent) - shift
                     shift += wp.quat_rotate(back, span) - span
-                    tree.rotation[body] = back * tree.rotation[body]
-            sign, frame_p, frame_c = frames_of(joint, body, joints)
-            known = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
-            linear = linear_count(joints, joint)
-            dofs = linear + angular_count(joints, joint)
-            if not joint_rows.has_axes(joints, joint):
+                    s.tree.rotation[body] = back * s.tree.rotation[body]
+            sign, frame_p, frame_c = frames_of(joint, body, s.joints)
+            known = known_angles(s.joints, joint, s.tree.coordinate, s.tree.axis_start[body])
+            linear = linear_count(s.joints, joint)
+            dofs = linear + angular_count(s.joints, joint)
+            if not joint_rows.has_axes(s.joints, joint):
                 dofs = 0
             for dof in range(dofs):
-                k = nonnegative(tree.axis_start[body] + dof)
+                k = nonnegative(s.tree.axis_start[body] + dof)
                 excess = axis_rows.passed_limit(
-                    joints,
-                    joints.dof_start[joint] + dof,
-                    tree.coordinate[k],
-                    tree.start_coordinate[k],
+                    s.joints,
+                    s.joints.dof_start[joint] + dof,
+                    s.tree.coordinate[k],
+                    s.tree.start_coordinate[k],
                 )
                 if excess != 0.0:
-                    q_p = anchor_rotation(tree, parent, frame_p)
-                    q_c = anchor_rotation(tree, body, frame_c)
+                    q_p = anchor_rotation(s.tree, parent, frame_p)
+                    q_c = anchor_rotation(s.tree, body, frame_c)
                     if wp.static(effects.flipped):
                         q_p, q_c = in_joint_order(sign, q_p, q_c)
-                    tree.coordinate[k] = tree.coordinate[k] - wp.float64(excess)
+                    s.tree.coordinate[k] = s.tree.coordinate[k] - wp.float64(excess)
                     if dof < linear:
-                        shift -= excess * sign * linear_axis(joints, joint, dof, q_p)
+                        shift -= excess * sign * linear_axis(s.joints, joint, dof, q_p)
                     else:
-                        axis = sign * angular_axis(joints, joint, dof - linear, q_p, q_c, known)
+                        axis = sign * angular_axis(s.joints, joint, dof - linear, q_p, q_c, known)
                         step = exp_quat(-excess * axis)
-                        arm = anchor_arm(model, tree, body, frame_c, static_slot)
+                        arm = anchor_arm(body, frame_c, static_slot, s)
                         shift += arm - wp.quat_rotate(step, arm)
                         back = step * back
-                        tree.rotation[body] = step * tree.rotation[body]
-        work.increment[body] = work.increment[body] + wp.spatial_vector(shift, wp.vec3(0.0))
-        tree.update[body] = wp.spatial_vector(shift, rotation_vector(back))
+                        s.tree.rotation[body] = step * s.tree.rotation[body]
+        s.work.increment[body] = s.work.increment[body] + wp.spatial_vector(shift, wp.vec3(0.0))
+        s.tree.update[body] = wp.spatial_vector(shift, rotation_vector(back))
 
     @wp.func
-    def stop_coordinates(
-        first: int,
-        end: int,
-        static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def stop_coordinates(first: int, end: int, static_slot: int, s: wp.ref[Solver]):
         """Has the limits of bodies from ``first`` on hold after sweeps that were cut off.
 
         An axis may be on the wrong piece of its law, and coordinates that have followed many turns
         are off by their squares.
         """
         for i in range(first, end):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
                 measure_coordinates(
-                    body,
-                    tree.axis_start[body],
-                    wp.vec3(0.0),
-                    tree.coordinate,
-                    tree.coordinate,
-                    static_slot,
-                    model,
-                    joints,
-                    work,
-                    tree,
+                    body, s.tree.axis_start[body], wp.vec3(0.0), s.tree.coordinate, static_slot, s
                 )
         for i in range(first, end):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0:
-                put_back(body, static_slot, model, joints, work, tree)
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                put_back(body, static_slot, s)
 
     @wp.func
-    def count_turns(
-        body: int,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ):
+    def count_turns(body: int, s: wp.ref[Solver]):
         """Remembers what orientations do not tell: turns of the body's joint in the step, and the
         coordinates of a gimbal."""
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
         if wp.static(effects.kinds.gimbals):
-            if is_gimbal(joints, joint):
-                for dof in range(joints.dof_start[joint + 1] - joints.dof_start[joint]):
-                    known = tree.coordinate[tree.axis_start[body] + dof]
-                    history.joint_angle[joints.dof_start[joint] + dof] = known
+            if is_gimbal(s.joints, joint):
+                for dof in range(s.joints.dof_start[joint + 1] - s.joints.dof_start[joint]):
+                    known = s.tree.coordinate[s.tree.axis_start[body] + dof]
+                    s.history.joint_angle[s.joints.dof_start[joint] + dof] = known
                 return
-        turn = full_turns(body, parent, work)
+        turn = full_turns(body, parent, s.work)
         if wp.length_sq(turn) > 0.0:
-            sign, frame_p, frame_c = frames_of(joint, body, joints)
-            q_p = anchor_rotation(tree, parent, frame_p)
-            q_c = anchor_rotation(tree, body, frame_c)
+            sign, frame_p, frame_c = frames_of(joint, body, s.joints)
+            q_p = anchor_rotation(s.tree, parent, frame_p)
+            q_c = anchor_rotation(s.tree, body, frame_c)
             if wp.static(effects.flipped):
                 q_p, q_c = in_joint_order(sign, q_p, q_c)
-            linear = linear_count(joints, joint)
-            for dof in range(linear, linear + angular_count(joints, joint)):
-                about = advance(joints, joint, dof, q_p, q_c, wp.vec3(0.0), sign * turn)
-                index = nonnegative(joints.dof_start[joint] + dof)
-                history.joint_angle[index] = history.joint_angle[index] + about
+            linear = linear_count(s.joints, joint)
+            for dof in range(linear, linear + angular_count(s.joints, joint)):
+                about = advance(s.joints, joint, dof, q_p, q_c, wp.vec3(0.0), sign * turn)
+                index = nonnegative(s.joints.dof_start[joint] + dof)
+                s.history.joint_angle[index] = s.history.joint_angle[index] + about
 
     @wp.func
-    def take_allowed(first: int, joints: wp.ref[JointModel], history: wp.ref[History]):
+    def take_allowed(first: int, s: wp.ref[Solver]):
         """Of the two solutions for the angles of a gimbal whose pose was written since the last
         step, takes the one within the limits; they stand from ``first`` on."""
         if wp.static(effects.kinds.skew):
-            if joint_rows.is_skew(joints, first):
+            if joint_rows.is_skew(s.joints, first):
                 return
         angles = wp.vec3()
         for i in range(3):
-            angles[i] = wp.float32(history.joint_angle[first + i])
+            angles[i] = wp.float32(s.history.joint_angle[first + i])
         other = joint_rows.other_solution(angles)
-        least = joint_rows.beyond_limits(joints, first, other)
-        if least < joint_rows.beyond_limits(joints, first, angles):
+        least = joint_rows.beyond_limits(s.joints, first, other)
+        if least < joint_rows.beyond_limits(s.joints, first, angles):
             for i in range(3):
-                history.joint_angle[first + i] = wp.float64(other[i])
+                s.history.joint_angle[first + i] = wp.float64(other[i])
 
     @wp.func(inline=effects.inline)
     def begin_coordinates(
@@ -947,22 +838,20 @@ def make_trees(
         q_p: wp.quat,
         q_c: wp.quat,
         scale: WorldScale,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
+        s: wp.ref[Solver],
     ) -> bool:
         """Coordinates of the body's joint at the start of the step, by its anchors.
 
         Returns whether one is beyond its limits by more than rounding.
         """
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
         static_slot = scale.static_slot
         is_open = bool(False)
-        is_carried = parent != static_slot and work.inv_mass[parent] == 0.0 and tree.is_left[body]
-        start = joints.dof_start[joint]
+        is_carried = (
+            parent != static_slot and s.work.inv_mass[parent] == 0.0 and s.tree.is_left[body]
+        )
+        start = s.joints.dof_start[joint]
         read_coordinates(
             body,
             sign,
@@ -972,99 +861,60 @@ def make_trees(
             q_c,
             start,
             wp.vec3(0.0),
-            history.joint_angle,
-            history.joint_angle,
+            s.history.joint_angle,
+            s.history.joint_angle,
             static_slot,
-            model,
-            joints,
-            work,
-            tree,
+            s,
         )
         if wp.static(effects.kinds.gimbals):
-            if is_gimbal(joints, joint):
+            if is_gimbal(s.joints, joint):
                 if wp.static(effects.limits):
-                    if not tree.is_left[body]:
-                        take_allowed(start + linear_count(joints, joint), joints, history)
+                    if not s.tree.is_left[body]:
+                        take_allowed(start + linear_count(s.joints, joint), s)
                 # what the pose has beyond the angles was there before
-                tilt = tilt_beyond(body, history.joint_angle, start, joints, tree)
+                tilt = tilt_beyond(body, start, s)
                 none = wp.vec3(0.0)
-                tree.misfit[body] = tree.misfit[body] + wp.spatial_vector(none, tilt)
-        for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
+                s.tree.misfit[body] = s.tree.misfit[body] + wp.spatial_vector(none, tilt)
+        for dof in range(linear_count(s.joints, joint) + angular_count(s.joints, joint)):
             index = start + dof
-            q = history.joint_angle[index]
+            q = s.history.joint_angle[index]
             at = wp.float32(q)
-            rounding = tree.rounding[body] + 2.0 * ROUNDING * wp.abs(at)
-            if dof >= linear_count(joints, joint):
+            rounding = s.tree.rounding[body] + 2.0 * ROUNDING * wp.abs(at)
+            if dof >= linear_count(s.joints, joint):
                 rounding = 2.0 * ROUNDING * (2.0 + wp.abs(at))
             if wp.static(effects.hard_limits):
-                lower = joints.limit_lower[index] - rounding
-                if at < lower or at > joints.limit_upper[index] + rounding:
+                lower = s.joints.limit_lower[index] - rounding
+                if at < lower or at > s.joints.limit_upper[index] + rounding:
                     is_open = True
-            if is_carried and joints.type[joint] != BALL:
+            if is_carried and s.joints.type[joint] != BALL:
                 # a kinematic parent has been put elsewhere since: what damps feels its motion
-                q = tree.coordinate[tree.axis_start[body] + dof]
+                q = s.tree.coordinate[s.tree.axis_start[body] + dof]
             if wp.static(effects.second_order):
-                q = begin_axis(index, q, scale, history.coordinate)
+                q = begin_axis(index, q, scale, s.history.coordinate)
             if wp.static(effects.joint_friction):
                 # what rounding moves, friction brings back; a ball's coordinates start anew
-                drift = wp.float32(wp.abs(q - history.held_at[index]))
-                is_off = drift > rounding + 2.0 * ROUNDING * wp.length(work.com[body])
-                is_off = is_off or joints.type[joint] == BALL
-                if is_off or history.piece[index][2] != 0:
-                    history.held_at[index] = q
-            tree.start_coordinate[tree.axis_start[body] + dof] = q
+                drift = wp.float32(wp.abs(q - s.history.held_at[index]))
+                is_off = drift > rounding + 2.0 * ROUNDING * wp.length(s.work.com[body])
+                is_off = is_off or s.joints.type[joint] == BALL
+                if is_off or s.history.piece[index][2] != 0:
+                    s.history.held_at[index] = q
+            s.tree.start_coordinate[s.tree.axis_start[body] + dof] = q
         return is_open
 
     @wp.func(inline=effects.inline)
-    def measure_start(
-        body: int,
-        scale: WorldScale,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def measure_start(body: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Misfit and coordinates of the body's joint at the start of the step.
 
         Expects what :func:`measure_misfit` does. Returns whether the misfit, or a coordinate beyond
         its limits, is more than rounding.
         """
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
         static_slot = scale.static_slot
-        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
-        is_open = measure_misfit(
-            body,
-            sign,
-            frame_p,
-            frame_c,
-            q_p,
-            q_c,
-            static_slot,
-            body_q,
-            model,
-            joints,
-            work,
-            tree,
-            history,
-        )
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, s)
+        is_open = measure_misfit(body, sign, frame_p, frame_c, q_p, q_c, static_slot, s)
         if wp.static(effects.coordinates):
-            if begin_coordinates(
-                body,
-                sign,
-                frame_p,
-                frame_c,
-                q_p,
-                q_c,
-                scale,
-                model,
-                joints,
-                work,
-                tree,
-                history,
-            ):
+            if begin_coordinates(body, sign, frame_p, frame_c, q_p, q_c, scale, s):
                 is_open = True
         return is_open
 
@@ -1074,82 +924,60 @@ def make_trees(
         static_slot: int,
         velocity_c: wp.spatial_vector,
         velocity_p: wp.spatial_vector,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-        joint_qd: wp.array[float],
+        s: wp.ref[Solver],
     ):
         """Velocities of a joint's coordinates by those of its child and its parent, at their
         present poses."""
-        child = joints.child[joint]
-        parent = joints.parent[joint]
-        frame_c = joints.child_frame[joint]
-        arm = anchor_arm(model, tree, child, frame_c, static_slot)
+        child = s.joints.child[joint]
+        parent = s.joints.parent[joint]
+        frame_c = s.joints.child_frame[joint]
+        arm = anchor_arm(child, frame_c, static_slot, s)
         relative = algebra.carried(arm, velocity_c)
         if parent >= 0:
             # of the parent where the child's anchor is
-            span = arm + (work.com[child] - work.com[parent])
-            span += joint_shift(work, child) - joint_shift(work, parent)
+            span = arm + (s.work.com[child] - s.work.com[parent])
+            span += joint_shift(s.work, child) - joint_shift(s.work, parent)
             relative -= algebra.carried(span, velocity_p)
         slot = wp.where(parent < 0, static_slot, parent)
-        q_p = anchor_rotation(tree, slot, joints.parent_frame[joint])
-        q_c = anchor_rotation(tree, child, frame_c)
-        known = known_angles(joints, joint, history.joint_angle, joints.dof_start[joint])
-        for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-            joint_qd[joints.dof_start[joint] + dof] = velocity(
-                joints, joint, dof, q_p, q_c, known, relative
+        q_p = anchor_rotation(s.tree, slot, s.joints.parent_frame[joint])
+        q_c = anchor_rotation(s.tree, child, frame_c)
+        known = known_angles(s.joints, joint, s.history.joint_angle, s.joints.dof_start[joint])
+        for dof in range(linear_count(s.joints, joint) + angular_count(s.joints, joint)):
+            s.tree.start_velocity[s.joints.dof_start[joint] + dof] = velocity(
+                s.joints, joint, dof, q_p, q_c, known, relative
             )
 
     @wp.func(inline=effects.inline)
-    def measure_moved(
-        body: int,
-        static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def measure_moved(body: int, static_slot: int, s: wp.ref[Solver]):
         """Coordinates of the body's joint after the increments, by those at the start."""
         measure_coordinates(
             body,
-            tree.axis_start[body],
-            full_turns(body, tree.parent[body], work),
-            tree.start_coordinate,
-            tree.coordinate,
+            s.tree.axis_start[body],
+            full_turns(body, s.tree.parent[body], s.work),
+            s.tree.start_coordinate,
             static_slot,
-            model,
-            joints,
-            work,
-            tree,
+            s,
         )
 
     @wp.func
-    def follow_hinge(
-        body: int,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def follow_hinge(body: int, s: wp.ref[Solver]) -> bool:
         """Angle of the body's hinge, by that at the start and how far it has turned since.
 
         Returns false, and leaves the angle as it is, if the joint is no hinge or has turned far, or
         if its parent is kinematic and has been put ahead.
         """
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
-        if angular_count(joints, joint) != 1 or linear_count(joints, joint) != 0:
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
+        if angular_count(s.joints, joint) != 1 or linear_count(s.joints, joint) != 0:
             return False
-        sign, frame_p, _frame_c = frames_of(joint, body, joints)
-        if sign < 0.0 or is_put(parent, work):
+        sign, frame_p, _frame_c = frames_of(joint, body, s.joints)
+        if sign < 0.0 or is_put(parent, s.work):
             return False
-        if wp.length_sq(full_turns(body, parent, work)) > 0.0:
+        if wp.length_sq(full_turns(body, parent, s.work)) > 0.0:
             return False
-        index = nonnegative(joints.dof_start[joint])
-        axis = wp.quat_rotate(anchor_rotation(tree, parent, frame_p), joints.axis[index])
-        turn = relative_turn(body, parent, tree)
+        index = nonnegative(s.joints.dof_start[joint])
+        axis = wp.quat_rotate(anchor_rotation(s.tree, parent, frame_p), s.joints.axis[index])
+        turn = relative_turn(body, parent, s.tree)
         sine = wp.dot(axis, wp.vec3(turn[0], turn[1], turn[2]))
         x = sine * sine
         if x > HINGE_NEAR * HINGE_NEAR:
@@ -1157,24 +985,18 @@ def make_trees(
         # 2 asin(sine), by a series that is exact in float32
         series = wp.static(3 / 20) + x * (wp.static(5 / 56) + x * wp.static(35 / 576))
         angle = sine * (2.0 + x * (wp.static(1 / 3) + x * series))
-        tree.coordinate[tree.axis_start[body]] = history.joint_angle[index] + wp.float64(angle)
+        s.tree.coordinate[s.tree.axis_start[body]] = s.history.joint_angle[index] + wp.float64(
+            angle
+        )
         return True
 
     @wp.func
-    def measure_guess(
-        body: int,
-        static_slot: int,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ):
+    def measure_guess(body: int, static_slot: int, s: wp.ref[Solver]):
         """Coordinates of the body's joint where the guess of the increments has the bodies."""
         if wp.static(1 in effects.kinds.angular):
-            if follow_hinge(body, joints, work, tree, history):
+            if follow_hinge(body, s):
                 return
-        measure_moved(body, static_slot, model, joints, work, tree)
+        measure_moved(body, static_slot, s)
 
     @wp.func(inline=effects.inline)
     def eliminate(
@@ -1183,186 +1005,168 @@ def make_trees(
         recovery: float,
         slop: float,
         h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ):
         """Reduces the body's block and wrench by its joint's axes and hands them to the parent.
 
         Returns how far off the geometric stiffness may be, as a share of the block.
         """
-        static_slot = work.inv_mass.shape[0] - 1
-        wrench = gather(
-            body,
-            has_dual,
-            recovery,
-            slop,
-            h,
-            model,
-            joints,
-            control,
-            work,
-            rows,
-            tree,
-            loops,
-            history,
-        )
+        static_slot = s.work.inv_mass.shape[0] - 1
+        wrench = gather(body, has_dual, recovery, slop, h, step, s)
         inv_h2 = 1.0 / (h * h)
-        h_ll = wp.diag(wp.vec3(model.mass[body] * inv_h2)) + tree.h_ll[body]
-        h_al = tree.h_al[body]
-        h_aa = work.inertia[body] * inv_h2 + tree.h_aa[body]
+        h_ll = wp.diag(wp.vec3(s.model.mass[body] * inv_h2)) + s.tree.h_ll[body]
+        h_al = s.tree.h_al[body]
+        h_aa = s.work.inertia[body] * inv_h2 + s.tree.h_aa[body]
         if wp.static(effects.drag):
-            h_ll += work.drag[body].ll / h
-            h_al += work.drag[body].al / h
-            h_aa += work.drag[body].aa / h
+            h_ll += s.work.drag[body].ll / h
+            h_al += s.work.drag[body].al / h
+            h_aa += s.work.drag[body].aa / h
         if wp.static(effects.contact or effects.loops):
-            if tree.is_touched[body]:
-                h_ll = tree.own_ll[body] + tree.h_ll[body]
-                h_al = tree.own_al[body] + tree.h_al[body]
-                h_aa = tree.own_aa[body] + tree.h_aa[body]
+            if s.tree.is_touched[body]:
+                h_ll = s.tree.own_ll[body] + s.tree.h_ll[body]
+                h_al = s.tree.own_al[body] + s.tree.h_al[body]
+                h_aa = s.tree.own_aa[body] + s.tree.h_aa[body]
         if wp.static(effects.cables):
-            h_ll += tree.cables.ll[body]
-            h_al += tree.cables.al[body]
-            h_aa += tree.cables.aa[body]
+            h_ll += s.tree.cables.ll[body]
+            h_al += s.tree.cables.al[body]
+            h_aa += s.tree.cables.aa[body]
         if wp.static(effects.closures and effects.loops):
-            held, held_aa = held_by_loops(body, loops, history)
+            held, held_aa = held_by_loops(body, s)
             h_aa += held_aa
         if wp.static(effects.tilting):
             # the antisymmetric part stays in memory, out of the way of all that is not fast
-            is_fast = tree.is_fast[body]
+            is_fast = s.tree.is_fast[body]
             if is_fast:
-                tree.n_aa[body] = tree.n_aa[body] - wp.skew(work.spin_momentum[body]) / h
-        push = wrench + tree.push[body]
-        load = wrench + tree.load[body]
+                s.tree.n_aa[body] = s.tree.n_aa[body] - wp.skew(s.work.spin_momentum[body]) / h
+        push = wrench + s.tree.push[body]
+        load = wrench + s.tree.load[body]
         if wp.static(effects.closures and effects.loops):
             load += held
-        tree.h_ll[body] = wp.mat33(0.0)
-        tree.h_al[body] = wp.mat33(0.0)
-        tree.h_aa[body] = wp.mat33(0.0)
-        tree.push[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        s.tree.h_ll[body] = wp.mat33(0.0)
+        s.tree.h_al[body] = wp.mat33(0.0)
+        s.tree.h_aa[body] = wp.mat33(0.0)
+        s.tree.push[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        s.tree.load[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.closures):
             softness = softness_of(not has_dual)
-            h_ll, h_al, h_aa, push = end_rows(body, h_ll, h_al, h_aa, push, softness, tree.closures)
-        if not is_linked(joints, tree, body):
+            h_ll, h_al, h_aa, push = end_rows(
+                body, h_ll, h_al, h_aa, push, softness, s.tree.closures
+            )
+        if not is_linked(body, s):
             if wp.static(effects.tilting):
                 if is_fast:
-                    push = push_tilting_root(body, h_ll, h_al, h_aa, push, tree)
+                    push = push_tilting_root(body, h_ll, h_al, h_aa, push, s.tree)
             curved = float(0.0)
             if wp.static(effects.spatial_tendons):
-                bound = tree.tendons.root_curvature[body]
+                bound = s.tree.tendons.root_curvature[body]
                 for k in range(3):
                     curved = wp.max(curved, bound[k] / (h_ll[k, k] + bound[k]))
                     curved = wp.max(curved, bound[3 + k] / (h_aa[k, k] + bound[3 + k]))
                 h_ll += wp.diag(wp.spatial_top(bound))
                 h_aa += wp.diag(wp.spatial_bottom(bound))
             factor = factor_block(h_ll, h_al, h_aa)
-            work.factor[body] = factor
-            tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
+            s.work.factor[body] = factor
+            s.tree.update[body] = half_solve(factor, wp.spatial_top(push), wp.spatial_bottom(push))
             if wp.static(effects.closures):
-                meet_root(body, work, tree)
+                meet_root(body, s.work, s.tree)
             if wp.static(effects.tilting):
                 if is_fast:
-                    forget_tilting(body, tree)
+                    forget_tilting(body, s.tree)
             return curved
 
-        joint = nonnegative(tree.joint[body])
-        parent = nonnegative(tree.parent[body])
-        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, joints, tree)
-        arm_p = anchor_arm(model, tree, parent, frame_p, static_slot)
-        arm_c = anchor_arm(model, tree, body, frame_c, static_slot)
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
+        sign, frame_p, frame_c, q_p, q_c = anchors_of(joint, body, parent, s)
+        arm_p = anchor_arm(parent, frame_p, static_slot, s)
+        arm_c = anchor_arm(body, frame_c, static_slot, s)
         # The sweeps leave the misfit alone. What the joint opens beside it is read off the
         # increments, which round less than arms and axes do.
-        kept = wp.where(recovery > 0.0, 0.0, 1.0) * tree.misfit[body]
-        is_new = recovery == 0.0 and not is_put(parent, work)
+        kept = wp.where(recovery > 0.0, 0.0, 1.0) * s.tree.misfit[body]
+        is_new = recovery == 0.0 and not is_put(parent, s.work)
         left = wp.vec3(0.0)
-        if linear_count(joints, joint) == 0 and not is_put(parent, work):
-            left = anchor_shift(body, parent, arm_c, arm_p, work, tree)
-            left += wp.spatial_top(tree.misfit[body] - kept)
+        if linear_count(s.joints, joint) == 0 and not is_put(parent, s.work):
+            left = anchor_shift(body, parent, arm_c, arm_p, s)
+            left += wp.spatial_top(s.tree.misfit[body] - kept)
         else:
-            offset = anchor_offset(tree.apart[body], work, body, parent, arm_c, arm_p)
-            misfit = linear_misfit(joints, joint, q_p, offset)
+            offset = anchor_offset(s.tree.apart[body], s.work, body, parent, arm_c, arm_p)
+            misfit = linear_misfit(s.joints, joint, q_p, offset)
             left = misfit - wp.spatial_top(kept)
             if is_new:
-                shift = anchor_shift(body, parent, arm_c, arm_p, work, tree)
+                shift = anchor_shift(body, parent, arm_c, arm_p, s)
                 holder = wp.where(sign < 0.0, body, parent)
-                left = locked_shift(joints, joint, q_p, tree.swing[holder], shift, offset)
+                left = locked_shift(s.joints, joint, q_p, s.tree.swing[holder], shift, offset)
             arm_p += offset - misfit
         tilt = wp.vec3(0.0)
         if is_new:
-            turn = relative_turn(body, parent, tree)
+            turn = relative_turn(body, parent, s.tree)
             if wp.static(effects.flipped):
                 if sign < 0.0:
                     turn = wp.quat_inverse(turn)
-            tilt = sign * locked_turn(joints, joint, q_p, q_c, turn)
+            tilt = sign * locked_turn(s.joints, joint, q_p, q_c, turn)
         else:
-            tilt = sign * angular_misfit(joints, joint, q_p, q_c) - wp.spatial_bottom(kept)
+            tilt = sign * angular_misfit(s.joints, joint, q_p, q_c) - wp.spatial_bottom(kept)
         known = wp.vec3(0.0)
         if wp.static(effects.kinds.gimbals):
-            known = known_angles(joints, joint, tree.coordinate, tree.axis_start[body])
-            if is_gimbal(joints, joint):
+            known = known_angles(s.joints, joint, s.tree.coordinate, s.tree.axis_start[body])
+            if is_gimbal(s.joints, joint):
                 tilt = wp.vec3(0.0)
-                if is_led(joints, joint, known):
-                    tilt = sign * gimbal_tilt(joints, joint, q_p, q_c, known)
+                if is_led(s.joints, joint, known):
+                    tilt = sign * gimbal_tilt(s.joints, joint, q_p, q_c, known)
                     tilt -= wp.spatial_bottom(kept)
         closing = wp.spatial_vector(wp.cross(tilt, arm_c) - left, -tilt)
         span = arm_p - arm_c
-        tree.closing[body] = closing
-        tree.span[body] = span
+        s.tree.closing[body] = closing
+        s.tree.span[body] = span
 
         force = -wp.spatial_top(load)
         mismatch = float(0.0)
         if not has_dual:
             # the guess of the first iteration tells the force less well than the last step did
             reach = wp.length(arm_c)
-            change = reach * wp.length(force - history.joint_force[body])
-            force = history.joint_force[body]
-            resistance = inv_h2 * wp.trace(work.inertia[body]) + reach * wp.length(force)
+            change = reach * wp.length(force - s.history.joint_force[body])
+            force = s.history.joint_force[body]
+            resistance = inv_h2 * wp.trace(s.work.inertia[body]) + reach * wp.length(force)
             mismatch = change / resistance
-        history.joint_force[body] = -wp.spatial_top(load)
+        s.history.joint_force[body] = -wp.spatial_top(load)
         h_aa += algebra.geometric_stiffness(force, arm_c)
-        h_aa += algebra.buckling(force, arm_c, model.mass[body], work.inertia[body], h)
+        h_aa += algebra.buckling(force, arm_c, s.model.mass[body], s.work.inertia[body], h)
 
         push -= algebra.times_block(h_ll, h_al, h_aa, closing)
         if wp.static(effects.tilting):
             if is_fast:
-                push -= times_tilting(body, closing, tree)
-        linear = linear_count(joints, joint)
-        dofs = linear + angular_count(joints, joint)
+                push -= times_tilting(body, closing, s.tree)
+        linear = linear_count(s.joints, joint)
+        dofs = linear + angular_count(s.joints, joint)
         first_axis = wp.vec3(0.0)
         turn_away = wp.vec3(0.0)
         rest_away = wp.vec3(0.0)
         if wp.static(effects.kinds.balls and effects.drives):
-            if joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(control.target_q, joints, joint, q_p, q_c)
+            if s.joints.type[joint] == BALL:
+                turn_away = joint_rows.ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
         if wp.static(effects.kinds.balls and effects.springs):
-            if joints.type[joint] == BALL:
-                rest_away = joint_rows.ball_away(joints.rest_q, joints, joint, q_p, q_c)
+            if s.joints.type[joint] == BALL:
+                rest_away = joint_rows.ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
         rod_torque = wp.vec3(0.0)
         rod_stiffness = wp.vec3(0.0)
         if wp.static(effects.rods):
-            if joints.type[joint] == ROD:
+            if s.joints.type[joint] == ROD:
                 response = wp.vec3(0.0)
                 stiff = wp.vec3(0.0)
                 for dof in range(3):
-                    k = tree.axis_start[body] + 3 + dof
-                    q = tree.coordinate[k]
+                    k = s.tree.axis_start[body] + 3 + dof
+                    q = s.tree.coordinate[k]
                     pull, stiffness = axis_rows.rod_response(
-                        joints,
-                        joints.dof_start[joint] + 3 + dof,
+                        s.joints,
+                        s.joints.dof_start[joint] + 3 + dof,
                         wp.float32(q),
-                        wp.float32(q - tree.start_coordinate[k]),
+                        wp.float32(q - s.tree.start_coordinate[k]),
                         h,
                     )
                     if wp.static(effects.dahl):
-                        moved = wp.float32(q - tree.start_coordinate[k])
+                        moved = wp.float32(q - s.tree.start_coordinate[k])
                         resisting, slope, _most = dahl_response(
-                            joint, dof, wp.float32(q), moved, joints, history
+                            joint, dof, wp.float32(q), moved, s.joints, s.history
                         )
                         pull += resisting
                         stiffness += slope
@@ -1378,20 +1182,20 @@ def make_trees(
             torque = wp.vec3(0.0)
         is_free = bool(False)
         if wp.static(effects.free_balls):
-            is_free = joints.type[joint] == BALL
+            is_free = s.joints.type[joint] == BALL
             if wp.static(effects.tilting):
                 is_free = is_free and not is_fast
             if is_free:
-                first = joints.dof_start[joint]
+                first = s.joints.dof_start[joint]
                 reaction = wp.vec3(
-                    control.joint_f[first] + ahead_along(first, history),
-                    control.joint_f[first + 1] + ahead_along(first + 1, history),
-                    control.joint_f[first + 2] + ahead_along(first + 2, history),
+                    step.control.joint_f[first] + ahead_along(first, s.history),
+                    step.control.joint_f[first + 1] + ahead_along(first + 1, s.history),
+                    step.control.joint_f[first + 2] + ahead_along(first + 2, s.history),
                 )
                 reaction = sign * wp.quat_rotate(q_p, reaction)
-                own = inv_h2 / wp.trace(model.inv_inertia[body])
+                own = inv_h2 / wp.trace(s.model.inv_inertia[body])
                 h_ll, push = free_ball(
-                    tree.axis_start[body], arm_c, reaction, own, h_ll, h_al, h_aa, push, tree
+                    s.tree.axis_start[body], arm_c, reaction, own, h_ll, h_al, h_aa, push, s.tree
                 )
                 h_al = wp.mat33(0.0)
                 h_aa = wp.mat33(0.0)
@@ -1399,9 +1203,9 @@ def make_trees(
         for dof in range(dofs):
             axis = TreeAxis()
             if dof < linear:
-                axis.linear = sign * linear_axis(joints, joint, dof, q_p)
+                axis.linear = sign * linear_axis(s.joints, joint, dof, q_p)
             else:
-                axis.angular = sign * angular_axis(joints, joint, dof - linear, q_p, q_c, known)
+                axis.angular = sign * angular_axis(s.joints, joint, dof - linear, q_p, q_c, known)
                 axis.linear = wp.cross(arm_c, axis.angular)
             axis.force = h_ll * axis.linear + wp.transpose(h_al) * axis.angular
             axis.torque = h_al * axis.linear + h_aa * axis.angular
@@ -1409,7 +1213,7 @@ def make_trees(
             # In exact arithmetic no coordinate meets less than the body's own inertia; what heavy
             # children add and take away again rounds. (Of an Euler axis that is nearly parallel to
             # the first only the part across it counts.)
-            own = float(model.mass[body])
+            own = float(s.model.mass[body])
             if dof == linear:
                 first_axis = axis.angular
             if dof >= linear:
@@ -1417,40 +1221,42 @@ def make_trees(
                 if dof > linear:
                     along = wp.dot(axis.angular, first_axis)
                     across = wp.max(1.0 - along * along, 0.0) + 1.0e-6
-                own = across / wp.trace(model.inv_inertia[body])
+                own = across / wp.trace(s.model.inv_inertia[body])
             pivot = wp.max(pivot, inv_h2 * own)
             inert = pivot
             axis.push = wp.dot(axis.linear, wp.spatial_top(push)) + wp.dot(
                 axis.angular, wp.spatial_bottom(push)
             )
-            k = nonnegative(tree.axis_start[body] + dof)
-            index = nonnegative(joints.dof_start[joint] + dof)
+            k = nonnegative(s.tree.axis_start[body] + dof)
+            index = nonnegative(s.joints.dof_start[joint] + dof)
             if wp.static(effects.kinds.gimbals):
                 if dof == linear + 2:
                     # At the pole of a gimbal nothing else but armature resists how the outer axes
                     # turn against each other.
                     along = wp.dot(axis.angular, first_axis)
                     lean = wp.max(1.0 - (1.0 - along * along) / NEAR_POLE, 0.0)
-                    drag = wp.static(POLE_DRAG) * lean * inv_h2 / wp.trace(model.inv_inertia[body])
+                    drag = (
+                        wp.static(POLE_DRAG) * lean * inv_h2 / wp.trace(s.model.inv_inertia[body])
+                    )
                     if wp.static(effects.armature):
-                        drag = wp.max(drag - inv_h2 * joints.armature[index], 0.0)
-                    moved = wp.float32(tree.coordinate[k] - tree.start_coordinate[k])
+                        drag = wp.max(drag - inv_h2 * s.joints.armature[index], 0.0)
+                    moved = wp.float32(s.tree.coordinate[k] - s.tree.start_coordinate[k])
                     axis.push -= drag * moved
                     pivot += drag
             pushed = float(0.0)
-            if joints.type[joint] != ROD:
-                pushed = control.joint_f[index]
-            axis.push += pushed + ahead_along(index, history)
+            if s.joints.type[joint] != ROD:
+                pushed = step.control.joint_f[index]
+            axis.push += pushed + ahead_along(index, s.history)
             if wp.static(effects.coordinates):
-                q = tree.coordinate[k]
-                moved = wp.float32(q - tree.start_coordinate[k])
+                q = s.tree.coordinate[k]
+                moved = wp.float32(q - s.tree.start_coordinate[k])
                 start_velocity = float(0.0)
                 if wp.static(effects.axis_rates):
-                    start_velocity = tree.start_velocity[index]
-                if joints.type[joint] != ROD:
+                    start_velocity = s.tree.start_velocity[index]
+                if s.joints.type[joint] != ROD:
                     pull, stiffness = linear_force(
-                        joints,
-                        control,
+                        s.joints,
+                        step.control,
                         joint,
                         dof,
                         q,
@@ -1463,9 +1269,9 @@ def make_trees(
                     axis.push += pull
                     pivot += stiffness
                 if wp.static(effects.rods):
-                    if joints.type[joint] == ROD:
+                    if s.joints.type[joint] == ROD:
                         pull, stiffness = axis_rows.rod_response(
-                            joints, index, wp.float32(q), moved, h
+                            s.joints, index, wp.float32(q), moved, h
                         )
                         if dof < linear:
                             axis.push += pull
@@ -1475,9 +1281,9 @@ def make_trees(
                             pivot += rod_stiffness[dof - linear]
                 if wp.static(effects.laws):
                     law = law_of(
-                        joints,
-                        control,
-                        history,
+                        s.joints,
+                        step.control,
+                        s.history,
                         joint,
                         dof,
                         q,
@@ -1492,21 +1298,21 @@ def make_trees(
                     if axis_rows.is_held(law):
                         axis.pivot = pivot
                         axis.step = axis_rows.held_step(law)
-                    tree.laws[k] = law
+                    s.tree.laws[k] = law
             if wp.static(effects.second_order):
                 inertia = inert
                 if wp.static(effects.armature):
-                    inertia += inv_h2 * joints.armature[index]
+                    inertia += inv_h2 * s.joints.armature[index]
                 bound_force = float(0.0)
                 if wp.static(effects.effort_limits):
-                    bound_force = tree.laws[k].drive
+                    bound_force = s.tree.laws[k].drive
                 keep_input(
                     index,
                     inertia,
                     wp.where(axis.pivot > 0.0, 0.0, inertia / pivot),
                     bound_force,
                     inv_h2,
-                    history,
+                    s.history,
                 )
             if wp.static(effects.light_roots):
                 if pivot == inert and axis.pivot == 0.0:
@@ -1517,7 +1323,7 @@ def make_trees(
                     else:
                         turning, torque = algebra.freed(turning, torque, axis.angular, pushed)
             if wp.static(effects.spatial_tendons):
-                bent = float(tree.tendons.curvature[k])
+                bent = float(s.tree.tendons.curvature[k])
                 pivot += bent
                 mismatch = wp.max(mismatch, bent / pivot)
             if axis.pivot > 0.0:
@@ -1528,17 +1334,17 @@ def make_trees(
             if wp.static(effects.tilting):
                 if is_fast:
                     h_ll, h_al, h_aa, tilting = eliminate_tilting(
-                        body, axis, h_ll, h_al, h_aa, tree
+                        body, axis, h_ll, h_al, h_aa, s.tree
                     )
-                    step = wp.where(axis.pivot > 0.0, axis.step, axis.inv_pivot * axis.push)
-                    push -= step * tilting
+                    axis_step = wp.where(axis.pivot > 0.0, axis.step, axis.inv_pivot * axis.push)
+                    push -= axis_step * tilting
                     axis.force -= wp.spatial_top(tilting)
                     axis.torque -= wp.spatial_bottom(tilting)
-            tree.axes[k] = axis
+            s.tree.axes[k] = axis
 
         if wp.static(effects.closures):
-            meet_axes(body, dofs, work, tree)
-        if work.inv_mass[parent] > 0.0:
+            meet_axes(body, dofs, s.work, s.tree)
+        if s.work.inv_mass[parent] > 0.0:
             arm = span
             if is_free:
                 arm = arm_p
@@ -1554,33 +1360,26 @@ def make_trees(
                 )
                 if wp.static(effects.tilting):
                     if is_fast:
-                        project_tilting(body, shifting, turning, arm_c, tree)
+                        project_tilting(body, shifting, turning, arm_c, s.tree)
                 arm = arm_p
             h_ll, h_al, h_aa = algebra.span_block(arm, h_ll, h_al, h_aa)
             h_aa += algebra.geometric_stiffness(-force, arm_p)
-            h_aa += algebra.buckling(-force, arm_p, model.mass[parent], work.inertia[parent], h)
-            tree.h_ll[parent] = tree.h_ll[parent] + h_ll
-            tree.h_al[parent] = tree.h_al[parent] + h_al
-            tree.h_aa[parent] = tree.h_aa[parent] + h_aa
+            h_aa += algebra.buckling(-force, arm_p, s.model.mass[parent], s.work.inertia[parent], h)
+            s.tree.h_ll[parent] = s.tree.h_ll[parent] + h_ll
+            s.tree.h_al[parent] = s.tree.h_al[parent] + h_al
+            s.tree.h_aa[parent] = s.tree.h_aa[parent] + h_aa
             if wp.static(effects.tilting):
                 if is_fast:
-                    hand_down_tilting(body, parent, arm, tree)
-            tree.push[parent] = tree.push[parent] + algebra.handed_down(arm, push)
-            tree.load[parent] = tree.load[parent] + algebra.handed_down(span, load)
+                    hand_down_tilting(body, parent, arm, s.tree)
+            s.tree.push[parent] = s.tree.push[parent] + algebra.handed_down(arm, push)
+            s.tree.load[parent] = s.tree.load[parent] + algebra.handed_down(span, load)
         if wp.static(effects.tilting):
             if is_fast:
-                forget_tilting(body, tree)
+                forget_tilting(body, s.tree)
         return mismatch
 
     @wp.func(inline=effects.inline)
-    def substitute(
-        body: int,
-        is_searched: bool,
-        h: float,
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def substitute(body: int, is_searched: bool, h: float, s: wp.ref[Solver]):
         """Finds the update of the body by that of its parent.
 
         Where the update ``is_searched`` along, it is that of the assumed pieces.
@@ -1594,15 +1393,15 @@ def make_trees(
         held_work = float(0.0)
         pushed = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         if wp.static(effects.closures):
-            pushed = rows_push(body, tree.closures)
-        if is_linked(joints, tree, body):
-            joint = tree.joint[body]
-            parent = nonnegative(tree.parent[body])
-            update = algebra.carried(tree.span[body], tree.update[parent])
-            dofs = linear_count(joints, joint) + angular_count(joints, joint)
+            pushed = rows_push(body, s.tree.closures)
+        if is_linked(body, s):
+            joint = s.tree.joint[body]
+            parent = nonnegative(s.tree.parent[body])
+            update = algebra.carried(s.tree.span[body], s.tree.update[parent])
+            dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
             for i in range(dofs):
-                k = nonnegative(tree.axis_start[body] + dofs - 1 - i)
-                axis = tree.axes[k]
+                k = nonnegative(s.tree.axis_start[body] + dofs - 1 - i)
+                axis = s.tree.axes[k]
                 if wp.static(effects.closures):
                     axis.push -= pushed[dofs - 1 - i]
                 met = wp.dot(axis.force, wp.spatial_top(update)) + wp.dot(
@@ -1610,7 +1409,7 @@ def make_trees(
                 )
                 q = axis.inv_pivot * (axis.push - met)
                 if wp.static(effects.laws):
-                    law = tree.laws[k]
+                    law = s.tree.laws[k]
                     if axis.pivot > 0.0:
                         q = axis.step
                     held = axis.pivot * q + met - axis.push
@@ -1623,7 +1422,7 @@ def make_trees(
                             if not is_searched:
                                 q = axis_rows.free_step(law, q, axis.inv_pivot)
                     law.next = next_piece(law, q, held)
-                    tree.laws[k].next = law.next
+                    s.tree.laws[k].next = law.next
                     if not (law.next == law.piece):
                         wrong += 1
                     if wp.static(effects.stops):
@@ -1631,47 +1430,41 @@ def make_trees(
                             # not beyond a stop, which holds it from the next sweep on
                             q = wp.clamp(q, law.lower, law.upper)
                 if wp.static(effects.coordinates):
-                    at = tree.coordinate[k]
-                    tree.coordinate[k] = at + wp.float64(q)
+                    at = s.tree.coordinate[k]
+                    s.tree.coordinate[k] = at + wp.float64(q)
                     if wp.static(effects.kinds.gimbals or effects.bounded_axes):
-                        tree.axes[k].step = q
+                        s.tree.axes[k].step = q
                     if wp.static(effects.limits and effects.compliance):
-                        index = joints.dof_start[joint] + dofs - 1 - i
+                        index = s.joints.dof_start[joint] + dofs - 1 - i
                         if wp.static(effects.limit_impedance):
-                            moved = wp.float32(at - tree.start_coordinate[k])
-                            rate = tree.start_velocity[index]
+                            moved = wp.float32(at - s.tree.start_coordinate[k])
+                            rate = s.tree.start_velocity[index]
                             _f, k_then = compliant_limit(
-                                joints, index, wp.float32(at), moved, rate, h
+                                s.joints, index, wp.float32(at), moved, rate, h
                             )
                             _f, k_now = compliant_limit(
-                                joints, index, wp.float32(at) + q, moved + q, rate, h
+                                s.joints, index, wp.float32(at) + q, moved + q, rate, h
                             )
                             if (k_then > 0.0) != (k_now > 0.0):
                                 wrong += 1
                         else:
-                            side = axis_rows.limit_side(joints, index, wp.float32(at))
-                            if side != axis_rows.limit_side(joints, index, wp.float32(at) + q):
+                            side = axis_rows.limit_side(s.joints, index, wp.float32(at))
+                            if side != axis_rows.limit_side(s.joints, index, wp.float32(at) + q):
                                 wrong += 1
                 update += q * wp.spatial_vector(axis.linear, axis.angular)
-            tree.update[body] = update + tree.closing[body]
+            s.tree.update[body] = update + s.tree.closing[body]
         else:
-            half = tree.update[body] - pushed
+            half = s.tree.update[body] - pushed
             if wp.static(effects.bounded_axes):
                 curvature = wp.dot(half, half)
-            tree.update[body] = other_half(work.factor[body], half)
+            s.tree.update[body] = other_half(s.work.factor[body], half)
         if wp.static(effects.closures):
-            find_multipliers(body, tree.update[body], tree.closures)
+            find_multipliers(body, s.tree.update[body], s.tree.closures)
         return wrong, curvature, held_work
 
     @wp.func
     def least_energy(
-        first: int,
-        end: int,
-        curvature: float,
-        held_work: float,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        tree: wp.ref[TreeWork],
+        first: int, end: int, curvature: float, held_work: float, s: wp.ref[Solver]
     ) -> float:
         """Share of a tree's update at which the energy along it is least; limits are those there.
 
@@ -1684,16 +1477,16 @@ def make_trees(
         for search in range(SEARCHES):
             slope = (share - 1.0) * curvature + held_work
             for i in range(first, end):
-                body = worlds.bodies[i]
-                if is_linked(joints, tree, body):
-                    joint = tree.joint[body]
-                    start = tree.axis_start[body]
-                    dofs = linear_count(joints, joint) + angular_count(joints, joint)
+                body = s.worlds.bodies[i]
+                if is_linked(body, s):
+                    joint = s.tree.joint[body]
+                    start = s.tree.axis_start[body]
+                    dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
                     for k in range(start, start + dofs):
-                        law = tree.laws[k]
-                        step = tree.axes[k].step
+                        law = s.tree.laws[k]
+                        step = s.tree.axes[k].step
                         slope += step * axis_rows.excess_force(law, step, share)
-                        tree.laws[k].next = axis_rows.piece_before(law, share * step, share)
+                        s.tree.laws[k].next = axis_rows.piece_before(law, share * step, share)
             if slope <= 0.0:
                 if search == 0:
                     return 1.0
@@ -1703,104 +1496,78 @@ def make_trees(
         return share
 
     @wp.func(inline=effects.inline)
-    def move(
-        body: int,
-        share: float,
-        h: float,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def move(body: int, share: float, h: float, s: wp.ref[Solver]):
         """Moves the body by a share of its update."""
-        update = share * tree.update[body]
-        increment = work.increment[body]
-        turn = tree.turn[body]
+        update = share * s.tree.update[body]
+        increment = s.work.increment[body]
+        turn = s.tree.turn[body]
         before = wp.spatial_bottom(increment) - turn
         further = algebra.combined_with(before, wp.spatial_bottom(update))
         rest = before + further
         moved = wp.spatial_vector(wp.spatial_top(increment) + wp.spatial_top(update), turn + rest)
-        work.increment[body] = moved
+        s.work.increment[body] = moved
         if wp.static(effects.carried_rounding):
             if is_short(h):
                 update = wp.spatial_vector(wp.spatial_top(update), further)
-                work.rounded[body] = update - (moved - increment)
-        turn_by(body, rest, tree)
+                s.work.rounded[body] = update - (moved - increment)
+        turn_by(body, rest, s.tree)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
-            if is_linked(joints, tree, body) and (
+            if is_linked(body, s) and (
                 share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
             ):
-                static_slot = work.inv_mass.shape[0] - 1
+                static_slot = s.work.inv_mass.shape[0] - 1
                 if wp.static(effects.kinds.gimbals):
-                    joint = tree.joint[body]
-                    if is_gimbal(joints, joint):
+                    joint = s.tree.joint[body]
+                    if is_gimbal(s.joints, joint):
                         # its pose does not tell all of its coordinates: what its axes turned does
-                        first = tree.axis_start[body]
-                        dofs = linear_count(joints, joint) + angular_count(joints, joint)
+                        first = s.tree.axis_start[body]
+                        dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
                         for k in range(first, first + dofs):
-                            back = (1.0 - share) * tree.axes[k].step
-                            tree.coordinate[k] = tree.coordinate[k] - wp.float64(back)
+                            back = (1.0 - share) * s.tree.axes[k].step
+                            s.tree.coordinate[k] = s.tree.coordinate[k] - wp.float64(back)
                         measure_coordinates(
-                            body,
-                            first,
-                            wp.vec3(0.0),
-                            tree.coordinate,
-                            tree.coordinate,
-                            static_slot,
-                            model,
-                            joints,
-                            work,
-                            tree,
+                            body, first, wp.vec3(0.0), s.tree.coordinate, static_slot, s
                         )
                         return
-                measure_moved(body, static_slot, model, joints, work, tree)
+                measure_moved(body, static_slot, s)
 
     @wp.func
-    def gimbal_step(body: int, joints: wp.ref[JointModel], tree: wp.ref[TreeWork]) -> float:
+    def gimbal_step(body: int, s: wp.ref[Solver]) -> float:
         """Square of the largest step of the angles of the body's joint, if it is a gimbal."""
         largest = float(0.0)
-        if is_linked(joints, tree, body):
-            joint = tree.joint[body]
-            if is_gimbal(joints, joint):
-                first = tree.axis_start[body] + linear_count(joints, joint)
+        if is_linked(body, s):
+            joint = s.tree.joint[body]
+            if is_gimbal(s.joints, joint):
+                first = s.tree.axis_start[body] + linear_count(s.joints, joint)
                 for k in range(first, first + 3):
-                    largest = wp.max(largest, tree.axes[k].step * tree.axes[k].step)
+                    largest = wp.max(largest, s.tree.axes[k].step * s.tree.axes[k].step)
         return largest
 
     @wp.func
-    def take_pieces(
-        first: int,
-        end: int,
-        wrong: int,
-        has_dual: bool,
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        tree: wp.ref[TreeWork],
-        history: wp.ref[History],
-    ) -> bool:
+    def take_pieces(first: int, end: int, wrong: int, has_dual: bool, s: wp.ref[Solver]) -> bool:
         """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
         not led to fewer for a while. Limits of drives are then searched along the update.
 
         Returns whether a stop is to hold that did not, or to let go.
         """
         is_stopping = bool(False)
-        root = body_at(first, worlds)
-        if not has_dual or wrong < tree.fewest[root]:
-            tree.fewest[root] = wrong
-            tree.patience[root] = PATIENCE
+        root = body_at(first, s.worlds)
+        if not has_dual or wrong < s.tree.fewest[root]:
+            s.tree.fewest[root] = wrong
+            s.tree.patience[root] = PATIENCE
         else:
-            tree.patience[root] = tree.patience[root] - 1
+            s.tree.patience[root] = s.tree.patience[root] - 1
         left = int(wrong)
-        if tree.patience[root] < 0:
+        if s.tree.patience[root] < 0:
             left = 1
         for i in range(first, end):
-            body = body_at(i, worlds)
-            if is_linked(joints, tree, body):
-                joint = tree.joint[body]
-                for dof in range(linear_count(joints, joint) + angular_count(joints, joint)):
-                    index = nonnegative(joints.dof_start[joint] + dof)
-                    law = tree.laws[tree.axis_start[body] + dof]
+            body = body_at(i, s.worlds)
+            if is_linked(body, s):
+                joint = s.tree.joint[body]
+                for dof in range(linear_count(s.joints, joint) + angular_count(s.joints, joint)):
+                    index = nonnegative(s.joints.dof_start[joint] + dof)
+                    law = s.tree.laws[s.tree.axis_start[body] + dof]
                     piece = law.piece
                     if law.next[0] != piece[0]:
                         is_stopping = True
@@ -1809,7 +1576,7 @@ def make_trees(
                     if left > 0 and not (law.next == piece):
                         piece = law.next
                         left -= 1
-                    history.piece[index] = piece
+                    s.history.piece[index] = piece
         return is_stopping
 
     @wp.func
@@ -1820,16 +1587,8 @@ def make_trees(
         recovery: float,
         slop: float,
         h: float,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        control: wp.ref[ControlInput],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-        loops: wp.ref[LoopWork],
-        history: wp.ref[History],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
     ) -> float:
         """Moves the bodies of a tree to the minimum of their quadratic model.
 
@@ -1837,81 +1596,65 @@ def make_trees(
         the rounding of the poses hides it.
         """
         if wp.static(effects.closures):
-            begin_rows(first, end, recovery, h, model, joints, worlds, work, tree, loops, history)
+            begin_rows(first, end, recovery, h, s)
         mismatch = float(0.0)
         for i in range(end - first):
-            body = body_at(end - 1 - i, worlds)
-            if work.inv_mass[body] > 0.0:
-                off = eliminate(
-                    body,
-                    has_dual,
-                    recovery,
-                    slop,
-                    h,
-                    model,
-                    joints,
-                    control,
-                    work,
-                    rows,
-                    tree,
-                    loops,
-                    history,
-                )
+            body = body_at(end - 1 - i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                off = eliminate(body, has_dual, recovery, slop, h, step, s)
                 mismatch = wp.max(mismatch, off)
         if wp.static(effects.closures):
-            solve_ground(first, softness_of(not has_dual), tree.closures)
+            solve_ground(first, softness_of(not has_dual), s.tree.closures)
         # Newton's method leaves half of the angle times the update, or what the joint forces of the
         # last step are off by in the first iteration; contacts converge by a factor.
         largest = float(4.0 * mismatch * mismatch)
         is_newton = bool(True)
         is_searched = bool(False)
         if wp.static(effects.bounded_axes):
-            is_searched = has_dual and tree.patience[body_at(first, worlds)] < PATIENCE
+            is_searched = has_dual and s.tree.patience[body_at(first, s.worlds)] < PATIENCE
         wrong = int(0)
         curvature = float(0.0)
         held_work = float(0.0)
         turned_most = float(0.0)
         for i in range(first, end):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0:
-                misplaced, curved, worked = substitute(body, is_searched, h, joints, work, tree)
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                misplaced, curved, worked = substitute(body, is_searched, h, s)
                 wrong += misplaced
                 if wp.static(effects.bounded_axes):
                     curvature += curved
                     held_work += worked
                 turned_most = wp.max(
-                    turned_most, wp.length_sq(wp.spatial_bottom(tree.update[body]))
+                    turned_most, wp.length_sq(wp.spatial_bottom(s.tree.update[body]))
                 )
                 if wp.static(effects.kinds.gimbals):
-                    turned_most = wp.max(turned_most, gimbal_step(body, joints, tree))
+                    turned_most = wp.max(turned_most, gimbal_step(body, s))
         share = float(1.0)
         if turned_most > MOST_TURN * MOST_TURN:
             share = MOST_TURN / wp.sqrt(turned_most)
         if wp.static(effects.bounded_axes):
             if is_searched and wrong > 0:
-                least = least_energy(first, end, curvature, held_work, joints, worlds, tree)
+                least = least_energy(first, end, curvature, held_work, s)
                 share = wp.min(share, least)
         for i in range(first, end):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0:
-                move(body, share, h, model, joints, work, tree)
-                turn = wp.spatial_bottom(work.increment[body])
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                move(body, share, h, s)
+                turn = wp.spatial_bottom(s.work.increment[body])
                 largest = wp.max(largest, wp.length_sq(turn))
                 if wp.static(effects.kinds.gimbals):
-                    largest = wp.max(largest, gimbal_step(body, joints, tree))
+                    largest = wp.max(largest, gimbal_step(body, s))
                 if wp.static(effects.contact):
-                    if has_rows(rows, body):
+                    if has_rows(s.rows, body):
                         is_newton = False
                 if wp.static(effects.loops):
-                    if has_soft_loops(body, loops):
+                    if has_soft_loops(body, s.loops):
                         is_newton = False
                 if wp.static(effects.cables):
-                    if tree.cables.pulled[body]:
+                    if s.tree.cables.pulled[body]:
                         is_newton = False
         if wp.static(effects.closures and effects.loops):
-            off = keep_forces(
-                first, not has_dual and recovery == 0.0, h, joints, work, tree, loops, history
-            )
+            off = keep_forces(first, not has_dual and recovery == 0.0, h, s)
             largest = wp.max(largest, 4.0 * off * off)
         farthest = float(0.0)
         if largest == wp.inf:
@@ -1919,26 +1662,26 @@ def make_trees(
         if wrong > 0:
             farthest = wp.inf
             if wp.static(effects.laws):
-                if take_pieces(first, end, wrong, has_dual, joints, worlds, tree, history):
+                if take_pieces(first, end, wrong, has_dual, s):
                     farthest = STOPPING
         if wp.static(effects.equalities):
             # what a line misses of a curve, and the next iteration finds
-            farthest = wp.max(farthest, missed_by_lines(first, recovery, joints, work, tree))
+            farthest = wp.max(farthest, missed_by_lines(first, recovery, s))
         if wp.static(effects.tendons):
-            off_by = settle_tendons(first, recovery, h, model, joints, work, tree, history)
+            off_by = settle_tendons(first, recovery, h, s)
             farthest = wp.max(farthest, off_by)
         if wp.static(effects.closures):
-            if tree.closures.block_of[first] >= 0:
+            if s.tree.closures.block_of[first] >= 0:
                 largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
         left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
         for i in range(first, end):
-            body = body_at(i, worlds)
-            if work.inv_mass[body] > 0.0:
-                shift = wp.spatial_top(tree.update[body])
-                turn = wp.spatial_bottom(tree.update[body])
-                turned = wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                shift = wp.spatial_top(s.tree.update[body])
+                turn = wp.spatial_bottom(s.tree.update[body])
+                turned = wp.dot(turn, s.work.inertia[body] * turn) * s.work.inv_mass[body]
                 moved = left * (wp.dot(shift, shift) + turned)
-                hidden = tree.rounding[body]
+                hidden = s.tree.rounding[body]
                 if not is_newton and slop > 0.0:
                     # multipliers of contacts build up by moves that small
                     hidden = wp.min(hidden, HIDDEN * slop)

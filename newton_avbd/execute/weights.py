@@ -15,14 +15,9 @@ import warp as wp
 
 from ..blocks import tree as algebra
 from ..data import (
-    BodyModel,
-    BodyWork,
     ContactRow,
-    JointModel,
-    RowWork,
+    Solver,
     TreeAxis,
-    TreeWork,
-    WorldWork,
 )
 from ..effects import LIGHT_LINK, Effects
 from ..rows import joint as joint_rows
@@ -36,14 +31,14 @@ PIVOT_FLOOR = wp.constant(1.0e-6)
 
 
 @wp.func
-def mass_along(slot: int, normal: wp.vec3, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> float:
+def mass_along(slot: int, normal: wp.vec3, s: wp.ref[Solver]) -> float:
     """Mass [kg] that moves with a body along a direction; without joints its own."""
-    own = 1.0 / work.inv_mass[slot]
-    return wp.max(own, wp.dot(normal, tree.own_ll[slot] * normal))
+    own = 1.0 / s.work.inv_mass[slot]
+    return wp.max(own, wp.dot(normal, s.tree.own_ll[slot] * normal))
 
 
 @wp.func
-def mass_to_stop(row: ContactRow, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]) -> float:
+def mass_to_stop(row: ContactRow, s: wp.ref[Solver]) -> float:
     """Mass by which a row is to be as stiff as what light links carry needs it [kg].
 
     Zero where neither of its bodies is a light link along its normal.
@@ -52,10 +47,10 @@ def mass_to_stop(row: ContactRow, work: wp.ref[BodyWork], tree: wp.ref[TreeWork]
     is_light = bool(False)
     for side in range(2):
         slot = wp.where(side == 0, row.a, row.b)
-        if work.inv_mass[slot] > 0.0:
-            mass = mass_along(slot, row.normal, work, tree)
+        if s.work.inv_mass[slot] > 0.0:
+            mass = mass_along(slot, row.normal, s)
             inverse += 1.0 / mass
-            is_light = is_light or wp.static(LIGHT_LINK) * mass * work.inv_mass[slot] > 1.0
+            is_light = is_light or wp.static(LIGHT_LINK) * mass * s.work.inv_mass[slot] > 1.0
     if is_light:
         return LINK_WEIGHT / inverse
     return 0.0
@@ -82,10 +77,7 @@ def make_weigh(effects: Effects) -> wp.Function:
         h_ll: wp.mat33,
         h_al: wp.mat33,
         h_aa: wp.mat33,
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
+        s: wp.ref[Solver],
     ):
         """Block of what is on one side of a body's joint, as the body on the other side feels it.
 
@@ -97,36 +89,36 @@ def make_weigh(effects: Effects) -> wp.Function:
             h_ll, h_al, h_aa: The block about the COM on that side [kg, kg m, kg m^2].
             model, joints, work, tree: The tree at the start of the step.
         """
-        joint = tree.joint[body]
-        parent = tree.parent[body]
-        above = wp.where(joints.parent[joint] < 0, static_slot, joints.parent[joint])
-        q_p = anchor_rotation(tree, above, joints.parent_frame[joint])
-        q_c = anchor_rotation(tree, joints.child[joint], joints.child_frame[joint])
-        frame = joints.child_frame[joint]
+        joint = s.tree.joint[body]
+        parent = s.tree.parent[body]
+        above = wp.where(s.joints.parent[joint] < 0, static_slot, s.joints.parent[joint])
+        q_p = anchor_rotation(s.tree, above, s.joints.parent_frame[joint])
+        q_c = anchor_rotation(s.tree, s.joints.child[joint], s.joints.child_frame[joint])
+        frame = s.joints.child_frame[joint]
         if wp.static(effects.flipped):
-            if joints.child[joint] != body:
-                frame = joints.parent_frame[joint]
-        arm = anchor_arm(model, tree, body, frame, static_slot)
-        span = (work.com[body] - work.com[parent]) * wp.where(is_inward, -1.0, 1.0)
+            if s.joints.child[joint] != body:
+                frame = s.joints.parent_frame[joint]
+        arm = anchor_arm(body, frame, static_slot, s)
+        span = (s.work.com[body] - s.work.com[parent]) * wp.where(is_inward, -1.0, 1.0)
         if is_inward:
-            if work.inv_mass[parent] > 0.0:
+            if s.work.inv_mass[parent] > 0.0:
                 arm -= span
             else:
                 # nothing moves it: it lies at the anchor, and weighs as much as the tree
-                gyration = wp.dot(arm, arm) + wp.trace(work.inertia[body]) * work.inv_mass[body]
+                gyration = wp.dot(arm, arm) + wp.trace(s.work.inertia[body]) * s.work.inv_mass[body]
                 h_ll = wp.diag(wp.vec3(mass))
                 h_al = wp.mat33(0.0)
                 h_aa = wp.diag(wp.vec3(mass * gyration))
                 span = arm
                 arm = wp.vec3(0.0)
-        linear = linear_count(joints, joint)
+        linear = linear_count(s.joints, joint)
         first_axis = wp.vec3(0.0)
-        for dof in range(linear + angular_count(joints, joint)):
+        for dof in range(linear + angular_count(s.joints, joint)):
             axis = TreeAxis()
             if dof < linear:
-                axis.linear = linear_axis(joints, joint, dof, q_p)
+                axis.linear = linear_axis(s.joints, joint, dof, q_p)
             else:
-                axis.angular = angular_axis(joints, joint, dof - linear, q_p, q_c, wp.vec3(0.0))
+                axis.angular = angular_axis(s.joints, joint, dof - linear, q_p, q_c, wp.vec3(0.0))
                 axis.linear = wp.cross(arm, axis.angular)
                 if dof == linear:
                     first_axis = axis.angular
@@ -144,98 +136,69 @@ def make_weigh(effects: Effects) -> wp.Function:
         return algebra.span_block(span, h_ll, h_al, h_aa)
 
     @wp.func(inline=effects.inline)
-    def weigh_tree(
-        first: int,
-        end: int,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def weigh_tree(first: int, end: int, s: wp.ref[Solver]):
         """Leaves the mass of each body of a tree, along all directions, in ``tree.own_ll``."""
-        static_slot = work.inv_mass.shape[0] - 1
+        static_slot = s.work.inv_mass.shape[0] - 1
         count = end - first
         mass = float(0.0)
         for i in range(first, end):
-            body = body_at(i, worlds)
-            parent = tree.parent[body]
-            tree.rotation[body] = wp.transform_get_rotation(body_q[body])
-            if work.inv_mass[parent] == 0.0 and parent != static_slot:
-                tree.rotation[parent] = wp.transform_get_rotation(body_q[parent])
-            if work.inv_mass[body] > 0.0:
-                mass += model.mass[body]
-            tree.own_ll[body] = wp.mat33(0.0)
-            tree.own_al[body] = wp.mat33(0.0)
-            tree.own_aa[body] = wp.mat33(0.0)
+            body = body_at(i, s.worlds)
+            parent = s.tree.parent[body]
+            s.tree.rotation[body] = wp.transform_get_rotation(s.work.pose[body])
+            if s.work.inv_mass[parent] == 0.0 and parent != static_slot:
+                s.tree.rotation[parent] = wp.transform_get_rotation(s.work.pose[parent])
+            if s.work.inv_mass[body] > 0.0:
+                mass += s.model.mass[body]
+            s.tree.own_ll[body] = wp.mat33(0.0)
+            s.tree.own_al[body] = wp.mat33(0.0)
+            s.tree.own_aa[body] = wp.mat33(0.0)
         # Two passes by one call. Outwards own_* is what a parent feels of the body, and h_* the sum
         # of that; inwards own_* becomes what the body feels of all that is not behind it.
         for k in range(2 * count):
             is_inward = k >= count
-            body = body_at(wp.where(is_inward, first + k - count, end - 1 - k), worlds)
-            if work.inv_mass[body] > 0.0 and is_linked(joints, tree, body):
-                parent = tree.parent[body]
+            body = body_at(wp.where(is_inward, first + k - count, end - 1 - k), s.worlds)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                parent = s.tree.parent[body]
                 side = wp.where(is_inward, parent, body)
-                h_ll = tree.h_ll[side]
-                h_al = tree.h_al[side]
-                h_aa = tree.h_aa[side]
-                if work.inv_mass[side] > 0.0:
-                    h_ll += wp.diag(wp.vec3(model.mass[side]))
-                    h_aa += work.inertia[side]
+                h_ll = s.tree.h_ll[side]
+                h_al = s.tree.h_al[side]
+                h_aa = s.tree.h_aa[side]
+                if s.work.inv_mass[side] > 0.0:
+                    h_ll += wp.diag(wp.vec3(s.model.mass[side]))
+                    h_aa += s.work.inertia[side]
                 if is_inward:
-                    h_ll += tree.own_ll[side] - tree.own_ll[body]
-                    h_al += tree.own_al[side] - tree.own_al[body]
-                    h_aa += tree.own_aa[side] - tree.own_aa[body]
+                    h_ll += s.tree.own_ll[side] - s.tree.own_ll[body]
+                    h_al += s.tree.own_al[side] - s.tree.own_al[body]
+                    h_aa += s.tree.own_aa[side] - s.tree.own_aa[body]
                 h_ll, h_al, h_aa = beyond_joint(
-                    body,
-                    is_inward,
-                    mass,
-                    static_slot,
-                    h_ll,
-                    h_al,
-                    h_aa,
-                    model,
-                    joints,
-                    work,
-                    tree,
+                    body, is_inward, mass, static_slot, h_ll, h_al, h_aa, s
                 )
-                tree.own_ll[body] = h_ll
-                tree.own_al[body] = h_al
-                tree.own_aa[body] = h_aa
-                if not is_inward and work.inv_mass[parent] > 0.0:
-                    tree.h_ll[parent] = tree.h_ll[parent] + h_ll
-                    tree.h_al[parent] = tree.h_al[parent] + h_al
-                    tree.h_aa[parent] = tree.h_aa[parent] + h_aa
+                s.tree.own_ll[body] = h_ll
+                s.tree.own_al[body] = h_al
+                s.tree.own_aa[body] = h_aa
+                if not is_inward and s.work.inv_mass[parent] > 0.0:
+                    s.tree.h_ll[parent] = s.tree.h_ll[parent] + h_ll
+                    s.tree.h_al[parent] = s.tree.h_al[parent] + h_al
+                    s.tree.h_aa[parent] = s.tree.h_aa[parent] + h_aa
         for i in range(first, end):
-            body = body_at(i, worlds)
-            own = wp.diag(wp.vec3(model.mass[body]))
-            tree.own_ll[body] = tree.own_ll[body] + tree.h_ll[body] + own
-            tree.h_ll[body] = wp.mat33(0.0)
-            tree.h_al[body] = wp.mat33(0.0)
-            tree.h_aa[body] = wp.mat33(0.0)
+            body = body_at(i, s.worlds)
+            own = wp.diag(wp.vec3(s.model.mass[body]))
+            s.tree.own_ll[body] = s.tree.own_ll[body] + s.tree.h_ll[body] + own
+            s.tree.h_ll[body] = wp.mat33(0.0)
+            s.tree.h_al[body] = wp.mat33(0.0)
+            s.tree.h_aa[body] = wp.mat33(0.0)
 
     @wp.func(inline=effects.inline)
-    def weigh_blocks(
-        first: int,
-        last: int,
-        body_q: wp.array[wp.transform],
-        model: wp.ref[BodyModel],
-        joints: wp.ref[JointModel],
-        worlds: wp.ref[WorldWork],
-        work: wp.ref[BodyWork],
-        rows: wp.ref[RowWork],
-        tree: wp.ref[TreeWork],
-    ):
+    def weigh_blocks(first: int, last: int, s: wp.ref[Solver]):
         """Weighs the trees that are touched of the bodies from ``first`` to ``last``."""
         start = int(first)
         while start < last:
-            end = worlds.block_end[start]
+            end = s.worlds.block_end[start]
             is_touched = bool(False)
             for i in range(start, end):
-                is_touched = is_touched or has_rows(rows, body_at(i, worlds))
-            if is_touched and is_tree(start, end, body_at(start, worlds), tree):
-                weigh_tree(start, end, body_q, model, joints, worlds, work, tree)
+                is_touched = is_touched or has_rows(s.rows, body_at(i, s.worlds))
+            if is_touched and is_tree(start, end, body_at(start, s.worlds), s.tree):
+                weigh_tree(start, end, s)
             start = end
 
     return weigh_blocks
