@@ -189,7 +189,7 @@ def _separations(
     margin0: wp.array[float],
     margin1: wp.array[float],
     deepest: wp.array[float],
-):
+) -> None:
     """How deep contacts are [m]."""
     i = wp.tid()
     if i >= count[0]:
