@@ -128,6 +128,46 @@ def test_an_oscillator_is_as_accurate_as_asked(accuracy: float) -> None:
     assert off / 3.0 <= report.total[0] <= 3.0 * off
 
 
+@pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0])
+@pytest.mark.parametrize(("add", "least"), [(oscillator, 0.8), (pendulum, 0.85)])
+def test_the_estimate_is_that_of_the_local_error(add: Any, least: float, dt: float) -> None:
+    """Against the exact motion from the state at the start of each step, in position and velocity.
+
+    Within a factor of three on most steps: where the jerk goes through zero the estimate does, too,
+    and the error of the velocity is left.
+    """
+    sim = simulation(add, accuracy=100.0)
+    sim.dt = dt
+    is_linear = add is oscillator
+    rate = 2.0 * math.pi if is_linear else math.sqrt(G / (1.0 + 1e-3))
+    ratios = []
+    for count in range(round(2.0 / dt)):
+        begin = coordinate_of(sim, is_linear)
+        sim.step()
+        end = coordinate_of(sim, is_linear)
+        found = solve_ivp(
+            lambda t, y: [y[1], -(rate**2) * (y[0] if is_linear else math.sin(y[0]))],
+            (0.0, dt),
+            begin,
+            method="DOP853",
+            rtol=1e-12,
+            atol=1e-13,
+        )
+        off = end - found.y[:, -1]
+        if count >= 5:
+            error = math.hypot(off[0], off[1] / rate)
+            ratios.append(sim.solver.report().inner.estimated[0] * dt / error)
+    assert 0.5 < np.median(ratios) < 2.0
+    assert np.mean((np.array(ratios) > 1.0 / 3.0) & (np.array(ratios) < 3.0)) >= least
+
+
+def coordinate_of(sim: Simulation, is_linear: bool) -> Array:
+    """Coordinate of the only joint and its rate."""
+    if is_linear:
+        return np.array([sim.pose[0, 0], sim.velocity[0, 0]])
+    return np.array([math.atan2(-sim.pose[0, 0], -sim.pose[0, 2]), sim.velocity[0, 4]])
+
+
 def test_inner_steps_go_by_the_root_of_the_accuracy() -> None:
     """Second order: a hundredth of the error takes ten times as many steps."""
     counts = []
