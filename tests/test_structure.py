@@ -39,3 +39,34 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     except CycleError as error:
         raise AssertionError(" -> ".join(error.args[1])) from None
     assert imported("newton_avbd.solver") >= {"newton_avbd.effects", "newton_avbd.report"}
+
+
+LONG = {
+    "push_axis": 17,
+    "read_coordinates": 12,
+    "leave_link": 10,
+    "axis_work": 10,
+    "linear_force": 10,
+    "law_of": 10,
+    "free_ball": 9,
+    "bend_sum": 9,
+    "add_axis": 9,
+    "add_joint": 9,
+    "sweep_blocks": 9,
+}
+"""Device functions that take more than eight values, and how many; the list may only shrink."""
+
+
+def test_device_functions_take_few_arguments() -> None:
+    """What lasts comes as ``Solver``, what a step was given as ``Step``."""
+    counts = {}
+    for folder in ("algebra", "blocks", "rows", "execute"):
+        for path in (PACKAGE / folder).glob("*.py"):
+            for node in ast.walk(ast.parse(path.read_text())):
+                if isinstance(node, ast.FunctionDef) and any(
+                    ast.unparse(decorator).startswith("wp.func")
+                    for decorator in node.decorator_list
+                ):
+                    counts[node.name] = max(counts.get(node.name, 0), len(node.args.args))
+    assert len(counts) > 500
+    assert {name: count for name, count in counts.items() if count > 8} == LONG
