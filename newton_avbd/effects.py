@@ -407,7 +407,10 @@ class Effects:
                 : model.body_count if shapes.size and piles and not ramp else 0
             ],
             "gyroscopic": _unequal_moments(model),
-            "carried_rounding": np.arange(model.body_count if second_order else 0),
+            # a cable is as taut as rounding of the poses that it ties
+            "carried_rounding": np.arange(
+                model.body_count if second_order and not model.tendon_count else 0
+            ),
             "joint_force": _pushing(model),
             "welds": getattr(model, "weld_indices", np.zeros(0, dtype=int)),
             "reaction": pushing_joints(model),

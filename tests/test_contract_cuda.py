@@ -62,7 +62,9 @@ def with_all(effects: Effects, names: str) -> Effects:
 VARIANTS = {
     "bare contact": BARE,
     "hinges": HINGED,
-    "driven hinges": with_all(HINGED, "drives limits armature springs second_order"),
+    "driven hinges": with_all(
+        HINGED, "drives limits armature springs second_order carried_rounding"
+    ),
     "a robot": with_all(
         dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs welds"
     ),
