@@ -407,10 +407,7 @@ class Effects:
                 : model.body_count if shapes.size and piles and not ramp else 0
             ],
             "gyroscopic": _unequal_moments(model),
-            # a cable is as taut as rounding of the poses that it ties
-            "carried_rounding": np.arange(
-                model.body_count if second_order and not model.tendon_count else 0
-            ),
+            "carried_rounding": np.arange(model.body_count if second_order else 0),
             "joint_force": _pushing(model),
             "welds": getattr(model, "weld_indices", np.zeros(0, dtype=int)),
             "reaction": pushing_joints(model),
@@ -452,6 +449,10 @@ class Effects:
             "fluid": bodies_in_fluid(model),
             "cables": np.arange(model.tendon_count),
         }
+        # a cable is as taut as rounding of the poses that it ties; drag and inner steps need states
+        # of their own
+        if adaptive or any(callers[name].size for name in ("cables", "servos", "fluid")):
+            callers["carried_rounding"] = np.arange(0)
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(
             **flags,

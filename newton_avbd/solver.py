@@ -1040,7 +1040,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         """Wrenches of contacts over the call, or with error control of its last inner step."""
         contact_f.zero_()
         if self._capacity and self._flags.adaptive and not of_last_inner_step:
-            self._launch_bodies(export_mean_force, [self._worlds, self._rows, contact_f])
+            self._launch_bodies(export_mean_force, [contact_f, self._context()])
         elif self._capacity:
             self._launch_bodies(export_contact_force, [self._work, self._rows, contact_f])
         if self._flags.sleeping and contacts is not None:
