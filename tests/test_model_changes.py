@@ -464,6 +464,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "friction_mix",
             "angular_friction",
             "sleeping",
+            "adaptive",
             "on_gpu",
         ),  # settings
         # need buffers: named where a graph is captured
