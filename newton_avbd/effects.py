@@ -449,9 +449,9 @@ class Effects:
             "fluid": bodies_in_fluid(model),
             "cables": np.arange(model.tendon_count),
         }
-        # a cable is as taut as rounding of the poses that it ties; drag and inner steps need states
-        # of their own
-        if adaptive or any(callers[name].size for name in ("cables", "servos", "fluid")):
+        # contacts are off by more than rounding, and settle by what it leaves; a cable is as taut
+        # as rounding of the poses that it ties; drag and inner steps need states of their own
+        if adaptive or any(callers[name].size for name in ("contact", "cables", "servos", "fluid")):
             callers["carried_rounding"] = np.arange(0)
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(
