@@ -10,12 +10,7 @@ import numpy as np
 import warp as wp
 
 from . import data
-from .actuators import (
-    Actuators,
-    compensating_axes,
-    is_limited,
-    reflected_armature,
-)
+from .actuators import Actuators, compensating_axes, is_limited, reflected_armature
 from .execute import actuation as kernels
 from .execute import adhesion
 from .execute import body_actuators as pushes

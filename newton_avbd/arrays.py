@@ -19,14 +19,7 @@ from .attributes import BREAK_LIMITS, authored_fluid, break_limits
 from .cables import Cables, cabled_bodies
 from .checks import check_array
 from .condim import Condims, condim_arrays
-from .effects import (
-    Callers,
-    Effects,
-    bodies_in_fluid,
-    free_joints,
-    linking_joints,
-    pushing_joints,
-)
+from .effects import Callers, Effects, bodies_in_fluid, free_joints, linking_joints, pushing_joints
 from .execute.beginning import UNKNOWN
 from .execute.fluid import find_boxes
 from .execute.launch import Launcher

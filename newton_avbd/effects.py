@@ -11,12 +11,7 @@ from typing import Any
 import newton
 import numpy as np
 
-from .actuators import (
-    Actuators,
-    compensated_links,
-    compensating_axes,
-    reflected_armature,
-)
+from .actuators import Actuators, compensated_links, compensating_axes, reflected_armature
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .condim import Condims
 from .limits import has_authored_limit

@@ -27,13 +27,7 @@ from .coupling import RigidCoupling
 from .effects import Effects, SceneEffects, left_out
 from .execute.adapting import export_mean_force
 from .execute.barrier import WARP
-from .execute.bodies import (
-    BODIES_PER_THREAD,
-    make_integrate,
-    make_predict,
-    push_more,
-    report_freed,
-)
+from .execute.bodies import BODIES_PER_THREAD, make_integrate, make_predict, push_more, report_freed
 from .execute.breaking import enable_joints
 from .execute.contacts import make_sort_contacts
 from .execute.launch import Compiler, Launcher
@@ -47,11 +41,7 @@ from .execute.links import (
     reset_links,
     scatter_links,
 )
-from .execute.observables import (
-    export_acceleration,
-    export_contact_force,
-    make_export_parent_force,
-)
+from .execute.observables import export_acceleration, export_contact_force, make_export_parent_force
 from .execute.resetting import reset_bodies
 from .execute.sleeping import (
     export_sleeping_force,

@@ -18,11 +18,7 @@ import functools
 
 import warp as wp
 
-from ..data import (
-    Solver,
-    Step,
-    WorldWork,
-)
+from ..data import Solver, Step, WorldWork
 from ..effects import Effects
 from .bodies import MIDPOINT, body_at, make_predict_body, moved_by, push_by_joint
 from .launch import KERNEL

@@ -9,15 +9,7 @@ import warp as wp
 
 from ..algebra.block import factor_block
 from ..algebra.so3 import exp_quat
-from ..data import (
-    NO_JOINT,
-    BodyWork,
-    ContactRow,
-    Solver,
-    Step,
-    TreeWork,
-    WorldScale,
-)
+from ..data import NO_JOINT, BodyWork, ContactRow, Solver, Step, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .bodies import body_at, has_rows

@@ -16,16 +16,7 @@ from ..blocks.body import (
     target_spin,
     target_translation,
 )
-from ..data import (
-    NO_JOINT,
-    BodyModel,
-    BodyWork,
-    ControlInput,
-    RowWork,
-    Solver,
-    Step,
-    WorldWork,
-)
+from ..data import NO_JOINT, BodyModel, BodyWork, ControlInput, RowWork, Solver, Step, WorldWork
 from ..effects import Effects
 from .carrying import carry_flight, flight_from, gained_in_flight, is_short, less_one
 from .denormals import flush_denormals, restore_denormals

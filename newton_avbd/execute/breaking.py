@@ -7,10 +7,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..blocks.tree import handed_down
-from ..data import (
-    Solver,
-    Step,
-)
+from ..data import Solver, Step
 from ..effects import Effects
 from ..rows import joint as joint_rows
 from .launch import KERNEL

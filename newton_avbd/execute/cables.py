@@ -24,13 +24,7 @@ import warp as wp
 
 from ..algebra.block import half_solve, other_half
 from ..blocks.tree import carried, geometric_stiffness, handed_down
-from ..data import (
-    BodyWork,
-    CableGuide,
-    CableWork,
-    Solver,
-    WorldScale,
-)
+from ..data import BodyWork, CableGuide, CableWork, Solver, WorldScale
 from ..effects import Effects
 from ..rows import cable as law
 from ..rows import joint as joint_rows

@@ -9,14 +9,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..data import (
-    BodyWork,
-    Closure,
-    JointModel,
-    Solver,
-    TreeWork,
-    WorldScale,
-)
+from ..data import BodyWork, Closure, JointModel, Solver, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY

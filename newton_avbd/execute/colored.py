@@ -16,12 +16,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..data import (
-    ColorWork,
-    Solver,
-    Step,
-    WorldScale,
-)
+from ..data import ColorWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .beginning import make_begin

@@ -14,20 +14,9 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..data import (
-    Balance,
-    Solver,
-    Step,
-)
+from ..data import Balance, Solver, Step
 from ..effects import Effects
-from .energy import (
-    NEARLY,
-    EnergyFunctions,
-    add_momentum,
-    combined,
-    combined_momentum,
-    squared_move,
-)
+from .energy import NEARLY, EnergyFunctions, add_momentum, combined, combined_momentum, squared_move
 from .joining import root_of
 from .scale import is_unsettled
 

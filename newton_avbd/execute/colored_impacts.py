@@ -16,10 +16,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..data import (
-    RowWork,
-    Solver,
-)
+from ..data import RowWork, Solver
 from ..effects import Effects
 from .barrier import any_thread
 from .impacts import (

@@ -14,12 +14,7 @@ contacts, the joints and the colors before alone.
 
 import warp as wp
 
-from ..data import (
-    ColorWork,
-    Solver,
-    Step,
-    WorldWork,
-)
+from ..data import ColorWork, Solver, Step, WorldWork
 from .contacts import body_slot, is_across, report_dropped
 from .resetting import is_selected
 

@@ -8,12 +8,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_inertia
 from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
-from ..data import (
-    History,
-    Solver,
-    Step,
-    WorldScale,
-)
+from ..data import History, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows

@@ -19,16 +19,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, world_inertia
 from ..blocks.body import origin_shift, renormalised, target_spin
-from ..data import (
-    Balance,
-    BodyModel,
-    BodyWork,
-    IslandWork,
-    Solver,
-    Step,
-    WorldScale,
-    WorldWork,
-)
+from ..data import Balance, BodyModel, BodyWork, IslandWork, Solver, Step, WorldScale, WorldWork
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import contact as contact_rows

@@ -4,13 +4,7 @@
 
 import warp as wp
 
-from ..data import (
-    ControlInput,
-    JointModel,
-    Solver,
-    Step,
-    TreeWork,
-)
+from ..data import ControlInput, JointModel, Solver, Step, TreeWork
 from ..effects import Effects
 from .bodies import body_at, report_held, vector_sum
 from .resetting import forget_joints

@@ -4,12 +4,7 @@
 
 import warp as wp
 
-from ..data import (
-    ContactRow,
-    Solver,
-    Step,
-    WorldWork,
-)
+from ..data import ContactRow, Solver, Step, WorldWork
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows

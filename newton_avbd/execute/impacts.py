@@ -17,15 +17,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..data import (
-    BodyWork,
-    ContactRow,
-    Impact,
-    RowWork,
-    ShapeModel,
-    Solver,
-    WorldScale,
-)
+from ..data import BodyWork, ContactRow, Impact, RowWork, ShapeModel, Solver, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .bodies import body_at

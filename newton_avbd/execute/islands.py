@@ -13,15 +13,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_from, world_inertia
 from ..blocks.tree import combined_with
-from ..data import (
-    BodyWork,
-    IslandSum,
-    IslandWork,
-    SleepWork,
-    Solver,
-    Step,
-    WorldWork,
-)
+from ..data import BodyWork, IslandSum, IslandWork, SleepWork, Solver, Step, WorldWork
 from .bodies import body_at
 from .drag import resistance
 from .trees import turn_by

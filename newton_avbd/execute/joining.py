@@ -9,12 +9,7 @@ island is its first body in whatever order the threads come.
 
 import warp as wp
 
-from ..data import (
-    IslandSum,
-    IslandWork,
-    Solver,
-    Step,
-)
+from ..data import IslandSum, IslandWork, Solver, Step
 from .coloring import sort_part
 from .islands import keep_momentum, keep_spin
 from .second_order import lead_spin

@@ -17,12 +17,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..blocks.tree import geometric_stiffness
-from ..data import (
-    LoopWork,
-    Solver,
-    Step,
-    WorldScale,
-)
+from ..data import LoopWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows

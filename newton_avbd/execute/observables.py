@@ -7,14 +7,7 @@ import functools
 import warp as wp
 
 from ..blocks.tree import handed_down
-from ..data import (
-    BodyWork,
-    History,
-    JointModel,
-    RowWork,
-    Solver,
-    Step,
-)
+from ..data import BodyWork, History, JointModel, RowWork, Solver, Step
 from ..effects import Effects
 from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
 from .closures import make_closures

@@ -6,11 +6,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from ..data import (
-    Solver,
-    Step,
-    WorldScale,
-)
+from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .beginning import make_begin, make_coasting

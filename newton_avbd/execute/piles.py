@@ -30,14 +30,7 @@ import warp as wp
 
 from ..algebra.block import factor_block, solve_block
 from ..blocks.tree import carried, handed_down, span_block, times_block
-from ..data import (
-    NO_JOINT,
-    ContactRow,
-    RowWork,
-    Solver,
-    Step,
-    WorldScale,
-)
+from ..data import NO_JOINT, ContactRow, RowWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows

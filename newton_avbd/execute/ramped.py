@@ -7,9 +7,7 @@ from typing import NamedTuple
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..data import (
-    Solver,
-)
+from ..data import Solver
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows

@@ -5,11 +5,7 @@
 import newton
 import warp as wp
 
-from ..data import (
-    AxisMotion,
-    Flight,
-    Solver,
-)
+from ..data import AxisMotion, Flight, Solver
 from ..rows.dahl import forget_dahl
 from ..rows.joint import ROD
 from .bodies import forget_pose

@@ -4,10 +4,7 @@
 
 import warp as wp
 
-from ..data import (
-    Solver,
-    WorldScale,
-)
+from ..data import Solver, WorldScale
 from ..effects import Effects
 from .bodies import body_at
 

@@ -28,15 +28,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_by, turned_inertia
 from ..blocks.body import target_translation
-from ..data import (
-    BodyModel,
-    BodyWork,
-    ContactRow,
-    History,
-    Solver,
-    Step,
-    WorldScale,
-)
+from ..data import BodyModel, BodyWork, ContactRow, History, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE, make_joint

@@ -5,10 +5,7 @@
 import warp as wp
 
 from ..algebra.block import solve_block
-from ..data import (
-    Solver,
-    Step,
-)
+from ..data import Solver, Step
 from ..effects import Effects
 from .beginning import is_tree
 from .bodies import body_at, has_rows, moved_by

@@ -20,15 +20,7 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..algebra.so3 import turned_from
-from ..data import (
-    BodyModel,
-    BodyWork,
-    Closure,
-    Solver,
-    TendonSpan,
-    TreeWork,
-    WorldScale,
-)
+from ..data import BodyModel, BodyWork, Closure, Solver, TendonSpan, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows

@@ -26,16 +26,7 @@ from ..blocks.closure import (
     softness_of,
     solve_ground,
 )
-from ..data import (
-    BodyWork,
-    JointModel,
-    LoopWork,
-    Solver,
-    Step,
-    TreeAxis,
-    TreeWork,
-    WorldScale,
-)
+from ..data import BodyWork, JointModel, LoopWork, Solver, Step, TreeAxis, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows

@@ -14,11 +14,7 @@ inwards those of all the rest to children.
 import warp as wp
 
 from ..blocks import tree as algebra
-from ..data import (
-    ContactRow,
-    Solver,
-    TreeAxis,
-)
+from ..data import ContactRow, Solver, TreeAxis
 from ..effects import LIGHT_LINK, Effects
 from ..rows import joint as joint_rows
 from .beginning import is_tree

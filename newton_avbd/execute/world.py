@@ -6,10 +6,7 @@ import functools
 
 import warp as wp
 
-from ..data import (
-    Solver,
-    Step,
-)
+from ..data import Solver, Step
 from ..effects import Effects
 from ..rows.contact import RECOVERY
 from .adapting import make_adapt_world
@@ -21,13 +18,7 @@ from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .links import gather_body, gather_joint, place_fixed_links, scatter_body
 from .phases import make_phases
-from .scale import (
-    COLD_STEPS,
-    STRUCK_FACTOR,
-    is_struck,
-    is_unsettled,
-    most_rounds,
-)
+from .scale import COLD_STEPS, STRUCK_FACTOR, is_struck, is_unsettled, most_rounds
 from .sides import make_written_side
 
 
