@@ -22,7 +22,6 @@ _BY: dict[str, str] = {
         (
             *("history.joint_force", "history.left_q", "history.lost", "history.acceleration"),
             *("history.falling", "history.last", "history.pushing", "history.flying"),
-            *("history.lost_turn", "history.flights"),
         ),
         "slot",
     ),

@@ -672,15 +672,12 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
                     spun = target_turn(s.model, body, rotation, none, wrench, step)
                     gained += wp.spatial_vector(wp.vec3(0.0), spun / step)
-        free = ahead + wp.spatial_vector(dx, dtheta)
-        s.work.target[body] = free
+        s.work.target[body] = ahead + wp.spatial_vector(dx, dtheta)
         if wp.static(effects.drag):
             feel_drag(body, end, velocity, ahead, step, s)
         if wp.static(effects.carried_rounding):
             if is_short(scale.h):
                 gained += last.lost + wp.spatial_vector(step * push, wp.vec3(0.0))
-                if wp.static(effects.drag):
-                    gained += (s.work.target[body] - free) / step
                 s.work.gained[body] = gained
         target = s.work.target[body]
         coasting = ahead + step * v

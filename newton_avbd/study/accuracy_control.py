@@ -16,7 +16,6 @@ from statistics import median
 
 import newton
 import numpy as np
-import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.study import pendulums, robots
@@ -24,7 +23,7 @@ from newton_avbd.study.accuracy_ask import ask
 from newton_avbd.study.accuracy_run import Runner, runner
 from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, OffPath, Path, farthest
 from newton_avbd.study.accuracy_scenes import ACCURACY_SCENES
-from newton_avbd.study.accuracy_simbench import rolling_accelerations
+from newton_avbd.study.accuracy_simbench import add_quadruped, rolling_accelerations
 from newton_avbd.study.accuracy_solvers import Setting
 from newton_avbd.study.properties_body import SPIN
 from newton_avbd.study.scene import Scene
@@ -139,24 +138,9 @@ def _asked(
 
 def add_swinging_quadruped(builder: newton.ModelBuilder) -> None:
     """Add Newton's quadruped in the air, its trunk fixed, its legs loose; nothing collides."""
-    builder.default_joint_cfg.armature = 0.0
-    builder.add_urdf(
-        newton.examples.get_asset("quadruped.urdf"),
-        xform=wp.transform(wp.vec3(0.0, 0.0, 2.0), wp.quat_identity()),
-        floating=False,
-        enable_self_collisions=False,
-        ignore_inertial_definitions=True,
-    )
-    for dof in range(builder.joint_dof_count):
-        builder.joint_target_ke[dof] = builder.joint_target_kd[dof] = 0.0
-        builder.joint_target_mode[dof] = int(newton.JointTargetMode.NONE)
-        builder.joint_damping[dof] = builder.joint_friction[dof] = 0.0
-        builder.joint_limit_lower[dof], builder.joint_limit_upper[dof] = -1e10, 1e10
-        builder.joint_velocity_limit[dof] = 1e6
+    add_quadruped(builder, floating=False)
     for shape in range(builder.shape_count):
         builder.shape_flags[shape] &= ~newton.ShapeFlags.COLLIDE_SHAPES
-    builder.joint_q[-12:] = [0.03, 0.4, -0.8, -0.03, 0.4, -0.8, 0.03, -0.4, 0.8, -0.03, -0.4, 0.8]
-    robots.place(builder)
 
 
 def _turn() -> float:

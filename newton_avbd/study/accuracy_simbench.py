@@ -170,13 +170,13 @@ def energy_error(path: Path) -> float:
 # A robot in space.
 
 
-def add_quadruped(builder: newton.ModelBuilder) -> None:
+def add_quadruped(builder: newton.ModelBuilder, *, floating: bool = True) -> None:
     """Add Newton's quadruped 2 m up, legs bent; its joints are free, limits as if not authored."""
     builder.default_joint_cfg.armature = 0.0
     builder.add_urdf(
         newton.examples.get_asset("quadruped.urdf"),
         xform=wp.transform(wp.vec3(0.0, 0.0, 2.0), wp.quat_identity()),
-        floating=True,
+        floating=floating,
         enable_self_collisions=False,
         # The file's mass properties are placeholders; a density makes them fit the shapes.
         ignore_inertial_definitions=True,
