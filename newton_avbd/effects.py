@@ -82,7 +82,10 @@ CAUSES: dict[str, Cause] = {
         "", "scheme='generalized_alpha', the default", "execute/second_order.py", "Pass scheme."
     ),
     "carried_rounding": Cause(
-        "body", "stepped by scheme='generalized_alpha', the default", "execute/carrying.py"
+        "body",
+        "stepped by scheme='generalized_alpha', the default, without contacts, cables, drag and "
+        "accuracy",
+        "execute/carrying.py",
     ),
     "adaptive": Cause("", "accuracy", "execute/adapting.py", "Leave accuracy out."),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
