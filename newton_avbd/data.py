@@ -485,6 +485,12 @@ class ShapeModel:
     body: wp.array[wp.int32]
     frame: wp.array[wp.transform]
     """Pose of each shape's link in the frame of its body; empty where every link is a body."""
+    type: wp.array[wp.int32]
+    """What it is, a ``newton.GeoType``."""
+    pose: wp.array[wp.transform]
+    """Its pose in the frame of its link."""
+    scale: wp.array[wp.vec3]
+    """Its size [m]; of a cylinder the radius and half of the length."""
     mu: wp.array[float]
     """Friction coefficient."""
     mu_torsional: wp.array[float]

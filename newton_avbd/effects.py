@@ -53,6 +53,7 @@ CAUSES: dict[str, Cause] = {
         "execute/piles.py",
         "Pass blocks='body'.",
     ),
+    "cylinders": Cause("shape", "that is a cylinder, which may roll", "execute/rolling.py"),
     "friction": Cause("shape", "with friction (mu) above zero", "rows/contact.py"),
     "angular_friction": Cause(
         "shape",
@@ -206,7 +207,7 @@ CAUSES: dict[str, Cause] = {
 _IMPLIED: dict[str, tuple[str, ...]] = {
     "contact": (
         *("pairs", "piles", "friction", "angular_friction", "put_bodies", "restitution", "ramp"),
-        *("light_links", "condim", "contact_pairs", "adhesion"),
+        *("light_links", "condim", "contact_pairs", "adhesion", "cylinders"),
     ),
     "friction": ("put_bodies",),
     "condim": ("contact_pairs",),
@@ -310,6 +311,8 @@ class Effects:
     """The seed document's formulation, penalties that grow and no multipliers."""
     sleeping: bool = False
     """Islands at rest are not solved, and each one by itself, where that was asked for."""
+    cylinders: bool = False
+    """A shape that is a cylinder, which may roll."""
     friction_mix: str = "geometric_average"
     """How the friction coefficients of two shapes mix."""
     angular_friction: bool = False
@@ -390,6 +393,9 @@ class Effects:
         authored = has_authored_limit(user_model)[axes.dofs]
         callers = {
             "contact": shapes,
+            "cylinders": np.intersect1d(
+                shapes, np.flatnonzero(model.shape_type.numpy() == int(newton.GeoType.CYLINDER))
+            ),
             "friction": frictional,
             "angular_friction": _twisting(model, condims, angular_friction)[: 0 if ramp else None],
             "condim": np.intersect1d(

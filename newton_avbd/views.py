@@ -75,6 +75,9 @@ def shape_model(model: newton.Model) -> Any:
     shapes.body = model.shape_body
     if hasattr(model, "shape_frame"):
         shapes.frame = model.shape_frame
+    shapes.type = model.shape_type
+    shapes.pose = model.shape_transform
+    shapes.scale = model.shape_scale
     shapes.mu = model.shape_material_mu
     shapes.mu_torsional = model.shape_material_mu_torsional
     shapes.mu_rolling = model.shape_material_mu_rolling

@@ -411,9 +411,10 @@ def make_colored(effects: Effects) -> Colored:
     def lead_all_rows(s: wp.array[Solver]):
         """Likewise the rows that a body owns; one thread a body."""
         body = wp.tid()
-        scale = s[0].colors.scale[s[0].worlds.of_body[body]]
+        world = s[0].worlds.of_body[body]
+        scale = s[0].colors.scale[world]
         if scale.step < scale.h:
-            lead_rows(body, scale, s[0])
+            lead_rows(world, body, scale, s[0])
 
     @kernel(effects.joints)
     def measure_joints(step: Step, s: wp.array[Solver]):

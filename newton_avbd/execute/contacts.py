@@ -30,6 +30,7 @@ from .bodies import body_at
 from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
+from .rolling import make_point_moves, rolled_point, share_of_point
 from .sides import make_written_side
 from .weights import mass_to_stop
 
@@ -300,24 +301,23 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         margin1 = step.contacts.margin1[contact]
         # Round shapes: the point is their centre, the radius is in the margin. Taking the surface
         # along the normal, not along the turned offset, lets a sphere roll.
-        arm0 = body_arm(slot0, static_slot, record.point0, s)
-        arm1 = body_arm(slot1, static_slot, record.point1, s)
+        point0 = record.point0
+        point1 = record.point1
+        if wp.static(effects.cylinders):
+            if s.work.inv_mass[slot0] > 0.0:
+                rotation0 = wp.transform_get_rotation(s.work.pose[slot0])
+                point0 = rolled_point(record.shape0, rotation0, point0, normal, s.shapes)
+            if s.work.inv_mass[slot1] > 0.0:
+                rotation1 = wp.transform_get_rotation(s.work.pose[slot1])
+                point1 = rolled_point(record.shape1, rotation1, point1, -normal, s.shapes)
+        arm0 = body_arm(slot0, static_slot, point0, s)
+        arm1 = body_arm(slot1, static_slot, point1, s)
         apart = (s.work.com[slot1] - s.work.com[slot0]) + (arm1 - arm0)
         # both bodies feel the force at one point, half way between the two surfaces
         half = 0.5 * (apart + (margin0 - margin1) * normal)
-        if wp.static(effects.adaptive):
-            # They have moved on since they were found: what moves, or is round, took the point with
-            # it, and the other one is flat there.
-            aside = 0.5 * (apart - wp.dot(apart, normal) * normal)
-            on0 = s.work.inv_mass[slot1] == 0.0
-            on1 = s.work.inv_mass[slot0] == 0.0
-            if not on0 and not on1:
-                on0 = margin0 > margin1
-                on1 = margin1 > margin0
-            if on1:
-                half += aside
-            elif on0:
-                half -= aside
+        # but where they have moved on since they were found: there one took it along
+        aside = apart - wp.dot(apart, normal) * normal
+        half += (share_of_point(record, slot0, slot1, s) - 0.5) * aside
         row = ContactRow()
         row.gap = wp.dot(normal, apart) - (margin0 + margin1)
         if wp.static(effects.contact_pairs):
@@ -370,15 +370,6 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
                 record.point0 = point_on(s.shapes, record.shape0, record.point0)
                 record.point1 = point_on(s.shapes, record.shape1, record.point1)
             row = linearise(body, contact, record, scale.static_slot, step, s)
-            if wp.static(effects.adaptive):
-                # forces are those of the end of the step, and so are their levers
-                if s.work.inv_mass[row.b] == 0.0:
-                    point = record.point0
-                    if row.contact < 0:
-                        point = record.point1
-                    lever = body_arm(body, scale.static_slot, point, s)
-                    turn = scale.h * wp.spatial_bottom(s.worlds.inner.velocity[body])
-                    row.arm += wp.quat_rotate(exp_quat(turn), lever) - lever
             if wp.static(effects.matching):
                 s.history.row_of_contact[written, contact] = -1
             if not is_sound(row):
@@ -421,6 +412,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
     mixed_by_condim = condim_rows.make_mixed_friction(effects.friction_mix, effects.contact_pairs)
     linearise_rows = make_linearise_rows(effects)
+    point_moves = make_point_moves(effects)
     written_side = make_written_side(effects)
 
     @wp.func
@@ -456,12 +448,16 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
         side = written_side(world, s.history)
         deepest = float(0.0)
+        half = exp_quat(0.5 * wp.spatial_bottom(s.work.increment[body]))
         for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             row = s.rows.rows[i]
             record = s.history.records[side, i]
             contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
             if wp.dot(row.normal, row.force) <= 0.0:
                 row.force = wp.vec3(0.0)
+            if wp.static(not effects.ramp):
+                # what a force does not work against is the path of its point: that of half the step
+                row.arm = row.arm + point_moves(row, record, half, s)
             if wp.static(effects.condim):
                 friction = mixed_by_condim(s.shapes, record.shape0, record.shape1)
             if wp.static(effects.friction):

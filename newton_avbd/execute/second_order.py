@@ -41,6 +41,8 @@ from .energy import rigid_spin, squared_move
 from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
+from .rolling import make_point_moves
+from .sides import make_written_side
 from .slopes import (
     JUMPED,
     LASTING,
@@ -402,6 +404,8 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     linear_count = joint_functions.linear_count
     known_angles = joint_functions.known_angles
     feel_drag = make_feel_drag(effects)
+    written_side = make_written_side(effects)
+    point_moves = make_point_moves(effects)
 
     @wp.func
     def body_jumps(world: int, i: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
@@ -706,13 +710,20 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                 s.history.acceleration[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
 
     @wp.func
-    def lead_rows(body: int, scale: WorldScale, s: wp.ref[Solver]):
-        """Penalties of the rows that a body owns, by the step; friction sees velocities."""
+    def lead_rows(world: int, body: int, scale: WorldScale, s: wp.ref[Solver]):
+        """Penalties of the rows that a body owns, by the step; friction sees velocities; forces are
+        those of the end of the step, and so are their levers."""
         stiffer = (scale.h * scale.h) / (scale.step * scale.step)
+        half = exp_quat(0.5 * wp.spatial_bottom(s.work.coasting[body]))
+        whole = half * half
+        side = written_side(world, s.history)
         for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             row = s.rows.rows[i]
             s.rows.rows[i].k_n = stiffer * row.k_n
             s.rows.rows[i].k_t = stiffer * row.k_t
+            record = s.history.records[side, i]
+            s.rows.rows[i].arm += point_moves(row, record, whole, s)
+            s.rows.rows[i].arm -= point_moves(row, record, half, s)
             if wp.static(effects.angular_friction):
                 s.rows.spin[i].k_twist = stiffer * s.rows.spin[i].k_twist
                 s.rows.spin[i].k_roll = stiffer * s.rows.spin[i].k_roll
@@ -754,7 +765,7 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         if wp.static(effects.contact):
             if out.step < out.h:
                 for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                    lead_rows(body_at(i, s.worlds), out, s)
+                    lead_rows(world, body_at(i, s.worlds), out, s)
         return out
 
     @wp.func

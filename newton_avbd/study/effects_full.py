@@ -46,6 +46,7 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.add_custom_values(
         **{"mujoco:pair_geom1": ground, "mujoco:pair_geom2": shape, "mujoco:pair_condim": 3}
     )
+    builder.add_shape_cylinder(box, radius=0.1, half_height=0.1, cfg=cfg)
     put = builder.add_body(xform=_at(6.0, 0.0, 0.5), is_kinematic=True)
     builder.add_shape_box(put, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
     links = [
