@@ -71,7 +71,7 @@ VARIANTS = {
     "contacts": with_all(
         BODIES,
         "pairs piles restitution angular_friction matching moving_surfaces contact_materials "
-        "put_bodies condim contact_pairs",
+        "put_bodies condim contact_pairs cylinders",
     ),
     "an accuracy": with_all(
         dataclasses.replace(BODIES, kinds=HINGED.kinds),

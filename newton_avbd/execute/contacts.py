@@ -30,7 +30,7 @@ from .bodies import body_at
 from .gathering import is_same_block
 from .launch import KERNEL, uncollected
 from .piles import mass_to_hold
-from .rolling import make_point_moves, rolled_point, share_of_point
+from .rolling import make_point_moves, moves_levers, rolled_point, share_of_point
 from .sides import make_written_side
 from .weights import mass_to_stop
 
@@ -448,7 +448,9 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         """Gives a body's own rows their penalties; returns their deepest penetration [m]."""
         side = written_side(world, s.history)
         deepest = float(0.0)
-        half = exp_quat(0.5 * wp.spatial_bottom(s.work.increment[body]))
+        turn = wp.spatial_bottom(s.work.increment[body])
+        has_turned = moves_levers(turn)
+        half = exp_quat(0.5 * turn)
         for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             row = s.rows.rows[i]
             record = s.history.records[side, i]
@@ -456,8 +458,9 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             if wp.dot(row.normal, row.force) <= 0.0:
                 row.force = wp.vec3(0.0)
             if wp.static(not effects.ramp):
-                # what a force does not work against is the path of its point: that of half the step
-                row.arm = row.arm + point_moves(row, record, half, s)
+                if has_turned:
+                    # a force does no work on a point that stays, by its lever of half the step
+                    row.arm = row.arm + point_moves(row, record, half, s)
             if wp.static(effects.condim):
                 friction = mixed_by_condim(s.shapes, record.shape0, record.shape1)
             if wp.static(effects.friction):

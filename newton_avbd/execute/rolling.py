@@ -27,6 +27,20 @@ SAME = wp.constant(0.999999)
 """Cosine of a roll that rounding may stand for."""
 
 
+LEAST_TURN = wp.constant(1.0e-4)
+"""Turn of a step [rad] below which the levers of its contacts are those of the start: of what rests
+they would change by what rounding leaves of its spin, and ask for further sweeps."""
+MOST_TURN = wp.constant(0.5)
+"""Turn of a step beyond which they are, too: a needle that rolls by a radian has them anywhere."""
+
+
+@wp.func
+def moves_levers(turn: wp.vec3) -> bool:
+    """Whether the levers of a body's contacts are those of later in the step."""
+    angle_sq = wp.length_sq(turn)
+    return angle_sq > LEAST_TURN * LEAST_TURN and angle_sq < MOST_TURN * MOST_TURN
+
+
 @wp.func
 def is_round(shape: int, shapes: wp.ref[ShapeModel]) -> bool:
     """Whether a shape rolls."""

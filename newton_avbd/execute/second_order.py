@@ -41,7 +41,7 @@ from .energy import rigid_spin, squared_move
 from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
-from .rolling import make_point_moves
+from .rolling import make_point_moves, moves_levers
 from .sides import make_written_side
 from .slopes import (
     JUMPED,
@@ -714,16 +714,19 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
         """Penalties of the rows that a body owns, by the step; friction sees velocities; forces are
         those of the end of the step, and so are their levers."""
         stiffer = (scale.h * scale.h) / (scale.step * scale.step)
-        half = exp_quat(0.5 * wp.spatial_bottom(s.work.coasting[body]))
+        turn = wp.spatial_bottom(s.work.coasting[body])
+        has_turned = moves_levers(turn)
+        half = exp_quat(0.5 * turn)
         whole = half * half
         side = written_side(world, s.history)
         for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             row = s.rows.rows[i]
             s.rows.rows[i].k_n = stiffer * row.k_n
             s.rows.rows[i].k_t = stiffer * row.k_t
-            record = s.history.records[side, i]
-            s.rows.rows[i].arm += point_moves(row, record, whole, s)
-            s.rows.rows[i].arm -= point_moves(row, record, half, s)
+            if has_turned:
+                record = s.history.records[side, i]
+                s.rows.rows[i].arm += point_moves(row, record, whole, s)
+                s.rows.rows[i].arm -= point_moves(row, record, half, s)
             if wp.static(effects.angular_friction):
                 s.rows.spin[i].k_twist = stiffer * s.rows.spin[i].k_twist
                 s.rows.spin[i].k_roll = stiffer * s.rows.spin[i].k_roll
