@@ -18,7 +18,16 @@ from .finite import hold_world, is_solution_finite, make_is_world_finite
 from .launch import KERNEL, uncollected
 from .links import gather_body, gather_joint, place_fixed_links, scatter_body
 from .phases import make_phases
-from .scale import COLD_STEPS, STRUCK_FACTOR, is_struck, is_unsettled, most_rounds
+from .scale import (
+    COLD_STEPS,
+    RESTLESS_FACTOR,
+    STRUCK_FACTOR,
+    farthest_move,
+    is_restless,
+    is_struck,
+    is_unsettled,
+    most_rounds,
+)
 from .sides import make_written_side
 
 
@@ -71,16 +80,18 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             is_open = begin_joints(world, scale, body_qd, step, s)
 
         # Rounds of sweeps by one call, which is most of the code: the motion, again and with
-        # stiffer contacts where impacts go on, and the recovery.
+        # stiffer contacts where impacts go on, and on where a world does not come to rest; and the
+        # recovery.
         most = int(0)
         sweeps = int(0)
         update = float(0.0)
         recovery = float(0.0)
         has_islands = bool(False)
         has_not_settled = bool(False)
+        goes_on = bool(False)
         rounds = int(wp.static(most_rounds(effects)))
         for _round in range(rounds):
-            if recovery == 0.0:
+            if recovery == 0.0 and not goes_on:
                 most = begin_sweeps(world, scale, step, s)
                 if sweeps > 0:
                     most = step.iterations
@@ -88,11 +99,17 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             if recovery > 0.0:
                 break
             sweeps += taken
+            goes_on = False
             if wp.static(effects.switching and not effects.ramp):
                 is_cut_off = taken == step.iterations and sweeps < STRUCK_FACTOR * step.iterations
                 if is_cut_off and is_struck(sweeps, update, scale):
                     if wp.static(effects.contact and not effects.compliance):
                         stiffen_impacts(world, scale, s)
+                    continue
+            if wp.static(effects.contact and not effects.ramp):
+                if taken == most and sweeps < RESTLESS_FACTOR * most:
+                    goes_on = is_restless(update, farthest_move(world, s), scale)
+                if goes_on:
                     continue
 
             # After the motion: forces and velocities.
