@@ -69,8 +69,9 @@ def test_contact_forces_are_those_that_move_the_bodies(world_count: int) -> None
             force, torque = row[:3], row[3:]
             # one force acts at one point: its torque is that of the force at the contact, where
             # that is in the step
-            turn = max(np.linalg.norm(before[c, 3:]) if c >= 0 else 0.0 for c in (a, b)) * DT
-            moved = turn * np.linalg.norm(x - origin) * (a >= 0)
+            moved = DT * max(
+                np.linalg.norm(before[c, 3:]) * np.linalg.norm(x - com[c]) for c in (a, b) if c >= 0
+            )
             np.testing.assert_allclose(
                 torque,
                 np.cross(x - origin, force),
@@ -79,7 +80,7 @@ def test_contact_forces_are_those_that_move_the_bodies(world_count: int) -> None
             if a >= 0:
                 total[a] += row
             if b >= 0:
-                total[b] -= np.concatenate([force, np.cross(x - com[b], force)])
+                total[b] -= np.concatenate([force, torque + np.cross(origin - com[b], force)])
         change = (simulation.velocity - before) / DT
         linear = simulation.mass[:, None] * (change[:, :3] + [0.0, 0.0, G])
         angular = np.einsum("nij,nj->ni", inertia, change[:, 3:])

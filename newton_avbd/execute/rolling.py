@@ -30,7 +30,7 @@ SAME = wp.constant(0.999999)
 LEAST_TURN = wp.constant(1.0e-4)
 """Turn of a step [rad] below which the levers of its contacts are those of the start: of what rests
 they would change by what rounding leaves of its spin, and ask for further sweeps."""
-MOST_TURN = wp.constant(0.5)
+MOST_TURN = wp.constant(0.2)
 """Turn of a step beyond which they are, too: a needle that rolls by a radian has them anywhere."""
 
 
