@@ -146,6 +146,9 @@ LONG = pytest.mark.skipif(
 )
 
 
+OF_A_CPU = ("make_step", "make_step_links")
+"""What is launched on a CPU only."""
+
 ON_REQUEST = ("hinges", "compliance", "sleeping", "ramp")
 """What differs little from the others."""
 
@@ -165,11 +168,11 @@ def test_the_solve_compiles_for_a_gpu(variant: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("variant", ["contacts", "driven hinges"])
-@pytest.mark.parametrize("make", sorted({*MAKERS} - {"make_solve", "make_step"}))
+@pytest.mark.parametrize("make", sorted({*MAKERS} - {"make_solve", *OF_A_CPU}))
 def test_a_kernel_with_chosen_effects_compiles_for_a_gpu(
     make: str, variant: str, tmp_path: Path
 ) -> None:
-    """Prediction, free motion, observables. (``make_step`` is for a CPU.)"""
+    """Prediction, free motion, observables."""
     maker = MAKERS[make]
     chosen = [VARIANTS[variant]] if "effects" in typing.get_type_hints(maker) else []
     compiles(maker(*chosen), tmp_path)
