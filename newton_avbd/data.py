@@ -1732,10 +1732,8 @@ class ColorWork:
     begin: wp.array[wp.int32]
     """Sweep with which the last round of sweeps of each world begins."""
     has_more: wp.array[wp.int32]
-    """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, where
-    impacts go on, or where it does not come to rest."""
-    farthest: wp.array[float]
-    """Farthest move of a body of each world that is cut off, squared [m^2]."""
+    """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, or where
+    impacts go on."""
     is_cold: wp.array[wp.int32]
     """1 where a world takes still more of them, shape (1,): in its first step after a reset."""
     is_excessive: wp.array[wp.int32]

@@ -133,7 +133,6 @@ class LargeWorlds:
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
             colors.has_more = wp.zeros(1, dtype=wp.int32)
-            colors.farthest = wp.zeros(self._world_count, dtype=float)
             colors.is_cold = wp.zeros(1, dtype=wp.int32)
             colors.is_apart = wp.zeros(1, dtype=wp.int32)
             colors.is_excessive = wp.zeros(1, dtype=wp.int32)
@@ -314,8 +313,6 @@ class LargeWorlds:
         assemble(0)
         sweep(0, iterations)
         for turn in range(1, int(STRUCK_FACTOR)):
-            if kernels.find_farthest is not None:
-                launch(kernels.find_farthest, bodies, [turn * iterations, lanes])
             launch(kernels.begin_round, self._world_count, [iterations, turn * iterations, colors])
             self._launch_if(colors.has_more, functools.partial(sweep_on, turn * iterations))
         self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)

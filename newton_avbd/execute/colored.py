@@ -41,7 +41,6 @@ from .scale import (
     COLD_STEPS,
     LONGER,
     STRUCK_FACTOR,
-    is_restless,
     is_struck,
     is_unsettled,
     last_update,
@@ -96,7 +95,6 @@ class Colored(NamedTuple):
     sweep_color: wp.Kernel
     sweep_loops: wp.Kernel | None
     solve_clusters: wp.Kernel | None
-    find_farthest: wp.Kernel | None
     begin_round: wp.Kernel
     stiffen: wp.Kernel | None
     remember: wp.Kernel
@@ -572,30 +570,13 @@ def make_colored(effects: Effects) -> Colored:
         # Work out:
         colors: ColorWork,
     ):
-        """Another round of sweeps where impacts go on after the last, or where a world does not
-        come to rest; one thread a world."""
+        """Another round of sweeps where impacts go on after the last; one thread a world."""
         world = wp.tid()
         if colors.most[world] == begin:
-            update = colors.moved[begin, world]
-            if is_struck(begin, update, colors.scale[world]):
+            if is_struck(begin, colors.moved[begin, world], colors.scale[world]):
                 colors.most[world] = begin + iterations
                 colors.begin[world] = begin
                 colors.has_more[0] = 1
-            elif wp.static(effects.contact):
-                if is_restless(update, colors.farthest[world], colors.scale[world]):
-                    colors.most[world] = begin + iterations
-                    colors.has_more[0] = 1
-        if wp.static(effects.contact):
-            colors.farthest[world] = 0.0
-
-    @kernel(effects.contact)
-    def find_farthest(begin: int, s: wp.array[Solver]):
-        """How far the bodies of a world move that is cut off; one thread a body."""
-        body = wp.tid()
-        world = s[0].worlds.of_body[body]
-        if s[0].colors.most[world] == begin and s[0].work.inv_mass[body] > 0.0:
-            move = wp.length_sq(wp.spatial_top(s[0].work.increment[body]))
-            wp.atomic_max(s[0].colors.farthest, world, move)
 
     @kernel(effects.contact and not effects.compliance)
     def stiffen(begin: int, s: wp.array[Solver]):
@@ -913,7 +894,6 @@ def make_colored(effects: Effects) -> Colored:
         sweep_color,
         sweep_loops,
         solve_clusters,
-        find_farthest,
         begin_round,
         stiffen,
         remember,

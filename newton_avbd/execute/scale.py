@@ -161,7 +161,7 @@ def most_rounds(effects: Effects) -> int:
     if effects.ramp:
         return 1
     rounds = 1 + int(STRUCK_FACTOR) if effects.switching else 2
-    return rounds + int(RESTLESS_FACTOR) - 1 if effects.contact else rounds
+    return rounds + int(RESTLESS_FACTOR) - 1 if effects.piles else rounds
 
 
 @wp.func

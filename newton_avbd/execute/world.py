@@ -106,7 +106,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                     if wp.static(effects.contact and not effects.compliance):
                         stiffen_impacts(world, scale, s)
                     continue
-            if wp.static(effects.contact and not effects.ramp):
+            if wp.static(effects.piles):
                 if taken == most and sweeps < RESTLESS_FACTOR * most:
                     goes_on = is_restless(update, farthest_move(world, s), scale)
                 if goes_on:
