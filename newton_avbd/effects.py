@@ -498,6 +498,12 @@ class Effects:
         return False if self.on_gpu and self.joints else None
 
     @property
+    def turning_islands(self) -> bool:
+        """Whether velocities of islands lack angular momentum: that of bodies whose inertia turns,
+        and that of steps of second order, whose arms are those of the end."""
+        return self.pairs and (self.gyroscopic or self.second_order) and not self.drag
+
+    @property
     def spinning(self) -> bool:
         """Whether linked bodies may turn fast about an axis that matters."""
         return self.gyroscopic and self.joints

@@ -361,7 +361,7 @@ class LargeWorlds:
         if effects.cables:
             launch(kernels.give_cables_back, self._cluster_count, [lanes])
         launch(kernels.end_poses, bodies, [step, lanes])
-        if effects.gyroscopic and effects.pairs and not effects.drag:
+        if effects.turning_islands:
             launch(joining.keep_island_spin, bodies, [step, islands_as_worlds])
 
         if effects.balanced:

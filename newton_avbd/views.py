@@ -10,9 +10,9 @@ import warp as wp
 
 from . import data
 from .attributes import dahl_friction
-from .execute.joint_state import measure_oblique
+from .execute.joint_state import measure_joints
 from .execute.launch import Launcher
-from .rows.joint import oblique_joints
+from .rows.joint import gimbal_joints, oblique_joints
 
 
 def body_model(model: newton.Model, free_joint: wp.array, free_dof: wp.array) -> Any:
@@ -145,8 +145,8 @@ class AllJoints:
     def __init__(self, model: newton.Model) -> None:
         self._model = model
         with wp.ScopedDevice(model.device):
-            self._oblique = indices(oblique_joints(model))
-            self._joints = joint_model(model) if self._oblique.size else None
+            self._missed = indices(np.union1d(oblique_joints(model), gimbal_joints(model)))
+            self._joints = joint_model(model) if self._missed.size else None
         self.articulation_start = wp.array([0], dtype=wp.int32, device=model.device)
         self.articulation_end = wp.array([model.joint_count], dtype=wp.int32, device=model.device)
         self.articulation_count = 1
@@ -161,5 +161,5 @@ class AllJoints:
         """Writes the coordinates that the bodies of a state have, and their rates."""
         newton.eval_ik(self, state, joint_q, joint_qd)
         if self._joints is not None:
-            given = [self._joints, self._oblique, state.body_q, state.body_qd]
-            launch(measure_oblique, self._oblique.size, [*given, joint_q, joint_qd])
+            given = [self._joints, self._missed, state.body_q, state.body_qd]
+            launch(measure_joints, self._missed.size, [*given, joint_q, joint_qd])

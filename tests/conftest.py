@@ -2,29 +2,29 @@
 # SPDX-License-Identifier: Apache-2.0
 """What saves all tests time: kernels take longer to make than most scenes to run.
 
-Newton's kernels are compiled without derivatives, which no test takes, also in the processes that
-tests start (``processes/sitecustomize.py``). Its collision kernels are made once: Newton makes them
-anew for each pipeline, which takes four times as long as the rest of a small simulation, and longer
-the more there are.
+Kernels are compiled as ``processes/sitecustomize.py`` says, also in the processes that tests start.
+Newton's collision kernels are made once: Newton makes them anew for each pipeline, which takes four
+times as long as the rest of a small simulation, and longer the more there are.
 """
 
 import dataclasses
 import functools
 import os
+import runpy
 from pathlib import Path
 
 import pytest
-import warp as wp
 
-wp.config.enable_backward = False  # before Newton is imported: its modules look once
+_PROCESSES = Path(__file__).parent / "processes"
+runpy.run_path(str(_PROCESSES / "sitecustomize.py"))  # before Newton is imported, which looks once
 
 from newton._src.geometry import narrow_phase  # noqa: E402
 
 from newton_avbd.effects import Effects  # noqa: E402
 from newton_avbd.rows.joint import JointKinds  # noqa: E402
 
-_processes = [str(Path(__file__).parent / "processes"), os.environ.get("PYTHONPATH")]
-os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, _processes))
+_paths = [str(_PROCESSES), os.environ.get("PYTHONPATH")]
+os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, _paths))
 
 for _make in ("create_narrow_phase_kernel_gjk_mpr", "create_narrow_phase_primitive_kernel"):
     setattr(narrow_phase, _make, functools.cache(getattr(narrow_phase, _make)))

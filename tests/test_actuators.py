@@ -84,6 +84,32 @@ def test_a_motor_with_gear_accelerates_its_hinge() -> None:
     assert q == pytest.approx(3.0 * 0.1 / (2.0 * INERTIA) * 0.4 * (0.4 + DT), rel=1.0e-4)
 
 
+def test_a_damper_on_hinges_at_the_pole_stays_finite() -> None:
+    """Where the outer two of three hinges are parallel, poses tell no rates of them."""
+    hinges = "".join(
+        f'<joint name="{name}" type="hinge" axis="{axis}"/>'
+        for name, axis in (("first", "0 0 -1"), ("middle", "-1 0 0"), ("last", "0 1 0"))
+    )
+    dampers = "".join(f'<damper joint="{name}" kv="1"/>' for name in ("first", "middle", "last"))
+    one = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(one)
+    inertial = '<inertial pos="0 0 0" mass="2" diaginertia="0.3 0.5 0.4"/>'
+    one.add_mjcf(
+        f"<mujoco><worldbody><body>{hinges}{inertial}</body></worldbody>"
+        f"<actuator>{dampers}</actuator></mujoco>",
+        ctrl_direct=True,
+    )
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    builder.replicate(one, 64)
+    model = builder.finalize(device="cpu")
+    angles = np.random.default_rng(1).uniform(-1.5, 1.5, (64, 3))
+    angles[:, 1] = 0.5 * np.pi
+    model.joint_q.assign(angles.ravel().astype(np.float32))
+    solver = SolverAVBD(model, update_joint_state=True)
+    advance(model, solver, [1.0] * (3 * 64), 20)
+    assert not np.any(solver.status.held_steps)
+
+
 def test_several_actuators_of_an_axis_add() -> None:
     actuators = '<motor joint="hinge" gear="3"/><motor joint="hinge" gear="-1"/>'
     two = coordinates(scene(actuators), [0.1, 0.2], 50)

@@ -84,6 +84,21 @@ def test_a_limit_that_is_not_reached_changes_nothing(kind: str, side: str) -> No
         assert limited.pose == pytest.approx(free.pose, abs=1.0e-5)
 
 
+def test_a_joint_is_closed_where_a_stop_takes_back_what_it_would_have_turned() -> None:
+    """An arm meets its stop at 20 rad/s: the first iteration takes back a turn of 5 degrees.
+
+    One iteration left the joint open by half the angle times the way, 1 mm, since the step as a
+    whole turned next to nothing. Rounding is 1e-7.
+    """
+    sim = falling("arm", "upper", 0.5)
+    sim.model.joint_qd.assign([20.0])
+    newton.eval_fk(sim.model, sim.model.joint_q, sim.model.joint_qd, sim.state)
+    for _ in range(12):
+        sim.step()
+        assert anchor_gaps(sim).max() < 1.0e-6
+    assert np.abs(sim.velocity).max() < 1.0e-3
+
+
 @pytest.mark.parametrize("side", ["lower", "upper"])
 def test_a_joint_leaves_its_limit_freely(side: str) -> None:
     """Pulled away with twice its weight, it leaves with 1 g at once: limits do not hold on.

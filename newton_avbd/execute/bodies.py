@@ -333,6 +333,8 @@ def make_predict_body(effects: Effects) -> wp.Function:
                 s.work.inv_inertia[body] = world_inertia(rotation, s.model.inv_inertia[body])
         else:
             dtheta = target_turn(s.model, body, rotation, velocity, wrench, h)
+            if wp.static(effects.turning_islands):
+                s.work.momentum[body] = s.model.inertia[body] * (dtheta / h)
             # equal principal moments look the same from all sides
             s.work.inertia[body] = s.model.inertia[body]
             s.work.inv_inertia[body] = s.model.inv_inertia[body]

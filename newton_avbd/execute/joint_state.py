@@ -71,7 +71,7 @@ def find_written(
 
 
 @wp.kernel(**KERNEL)
-def measure_oblique(
+def measure_joints(
     # Model:
     joints: JointModel,
     found: wp.array[wp.int32],
@@ -82,8 +82,12 @@ def measure_oblique(
     joint_q: wp.array[float],
     joint_qd: wp.array[float],
 ):
-    """Angles and rates of joints of two axes that are not square to each other, which Newton's
-    ``eval_ik`` takes them to be; one thread for each of them."""
+    """What Newton's ``eval_ik`` does not tell of joints; one thread for each of them.
+
+    Angles and rates of two axes that are not square to each other, which it takes them to be; and
+    rates of three axes at the pole, where it divides by zero. The outer two are parallel there, and
+    have half of what they turn together each.
+    """
     joint = found[wp.tid()]
     linear = joints.dof_dim[joint, 0]
     dof = joints.dof_start[joint] + linear
@@ -92,15 +96,25 @@ def measure_oblique(
     parent = joints.parent[joint]
     start = base_rotation(joint, joints.parent, joints.parent_frame, body_q)
     end = base_rotation(joint, joints.child, joints.child_frame, body_q)
-    across = wp.cross(joints.axis[dof], joints.axis[dof + 1])
     first = wp.quat_rotate(start, joints.axis[dof])
+    spin = wp.spatial_bottom(body_qd[child])
+    if parent >= 0:
+        spin -= wp.spatial_bottom(body_qd[parent])
+    if joints.dof_dim[joint, 1] == 3:
+        if wp.isfinite(joint_qd[dof] + joint_qd[dof + 1] + joint_qd[dof + 2]):
+            return
+        swung = start * wp.quat_from_axis_angle(joints.axis[dof], joint_q[coord])
+        last = wp.quat_rotate(end, joints.axis[dof + 2])
+        half = 0.5 * wp.dot(spin, first)
+        joint_qd[dof] = half
+        joint_qd[dof + 1] = wp.dot(spin, wp.quat_rotate(swung, joints.axis[dof + 1]))
+        joint_qd[dof + 2] = wp.sign(wp.dot(first, last)) * half
+        return
+    across = wp.cross(joints.axis[dof], joints.axis[dof + 1])
     last = wp.quat_rotate(end, joints.axis[dof + 1])
     middle = wp.cross(first, last)
     joint_q[coord] = turn_about(first, wp.quat_rotate(start, across), middle)
     joint_q[coord + 1] = turn_about(last, middle, wp.quat_rotate(end, across))
-    spin = wp.spatial_bottom(body_qd[child])
-    if parent >= 0:
-        spin -= wp.spatial_bottom(body_qd[parent])
     along = wp.dot(first, last)
     joint_qd[dof] = wp.dot(spin, first - along * last) / wp.length_sq(middle)
     joint_qd[dof + 1] = wp.dot(spin, last - along * first) / wp.length_sq(middle)

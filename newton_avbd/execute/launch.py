@@ -30,20 +30,25 @@ FUSED = "-ffp-contract=fast"
 Which it fuses depends on the kernel around them. ``wp.config.cpu_compiler_flags``, set before the
 import, comes after it: with ``"-ffp-contract=on"`` one world and many go to the same bits."""
 INLINING = "-mllvm=-inline-threshold=1000 -mllvm=-inline-cold-callsite-threshold=225"
-"""CPU compiler flags: with Warp's thresholds (9000, 3000), which stand in
-``wp.config.cpu_compiler_flags`` by default, a robot's kernel takes 1.2 times as long to compile,
-and steps no faster. Of flags that are given twice the last counts."""
+"""CPU compiler flags in place of Warp's thresholds, with which a robot's kernel takes 1.2 times as
+long to compile, and steps no faster."""
+WARP_INLINING = "-mllvm=-inline-threshold=9000 -mllvm=-inline-cold-callsite-threshold=3000"
+"""Stands in ``wp.config.cpu_compiler_flags`` by default."""
 NO_BFLOAT16 = "-DWP_NO_BFLOAT16="
 """Leaves out of the headers that Warp compiles first what it leaves out of such kernels anyway."""
+
+
+def compiler_flags(asked: str | None) -> str:
+    """Flags of all kernels, then those that a user asks for: the last of a kind counts."""
+    return " ".join((FUSED, NO_BFLOAT16, INLINING, (asked or "").replace(WARP_INLINING, "")))
+
 
 KERNEL: dict[str, Any] = {
     "enable_backward": False,
     "module": "unique",
     "module_options": {
         "block_dim": 1,
-        "cpu_compiler_flags": " ".join(
-            (FUSED, NO_BFLOAT16, wp.config.cpu_compiler_flags or "", INLINING)
-        ),
+        "cpu_compiler_flags": compiler_flags(wp.config.cpu_compiler_flags),
     },
 }
 """How all kernels are made: Warp compiles its headers once for each set of flags (1 s), and finds

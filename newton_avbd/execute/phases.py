@@ -484,7 +484,7 @@ def make_phases(effects: Effects) -> Phases:
             if s.work.inv_mass[body] > 0.0:
                 pose = end_pose(i, scale.h, s)
             step.body_q_out[body] = pose
-        if wp.static(effects.gyroscopic and effects.pairs and not effects.drag):
+        if wp.static(effects.turning_islands):
             if has_islands:
                 is_led = bool(False)
                 if wp.static(effects.second_order):

@@ -1596,8 +1596,9 @@ def make_trees(
                 mismatch = wp.max(mismatch, off)
         if wp.static(effects.closures):
             solve_ground(first, softness_of(not has_dual), s.tree.closures)
-        # Newton's method leaves half of the angle times the update, or what the joint forces of the
-        # last step are off by in the first iteration; contacts converge by a factor.
+        # Newton's method leaves half of the angle times the update, the angle of the step or, where
+        # a stop takes it back, of the update; or what the joint forces of the last step are off by
+        # in the first iteration. Contacts converge by a factor.
         largest = float(4.0 * mismatch * mismatch)
         is_newton = bool(True)
         is_searched = bool(False)
@@ -1620,6 +1621,7 @@ def make_trees(
                 )
                 if wp.static(effects.kinds.gimbals):
                     turned_most = wp.max(turned_most, gimbal_step(body, s))
+        largest = wp.max(largest, turned_most)
         share = float(1.0)
         if turned_most > MOST_TURN * MOST_TURN:
             share = MOST_TURN / wp.sqrt(turned_most)

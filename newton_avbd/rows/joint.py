@@ -292,6 +292,12 @@ def oblique_joints(model: newton.Model) -> np.ndarray:
     return found[np.abs(cosine) > SKEW]
 
 
+def gimbal_joints(model: newton.Model) -> np.ndarray:
+    """Joints of three angular axes."""
+    is_d6 = model.joint_type.numpy() == int(newton.JointType.D6)
+    return np.flatnonzero(is_d6 & (model.joint_dof_dim.numpy()[:, 1] == 3))
+
+
 @dataclass(frozen=True)
 class JointKinds:
     """Which kinds of joints a scene has, FREE joints aside."""
