@@ -258,9 +258,18 @@ class Joints:
         return np.hstack([np.einsum("nij,nj->ni", self.slide, sliding), turned])
 
     def _passed(self, slid: Array, angles: Array) -> Array:
-        """How far coordinates, shape [n, 3] each, are beyond limits, at least 0, shape [n, 6]."""
+        """How far coordinates, shape [n, 3] each, are beyond limits, at least 0, shape [n, 6].
+
+        Poses do not tell revolutions: an angle between two limits is past the nearer one.
+        """
         at = np.hstack([slid, angles])
-        return np.maximum(np.maximum(self.lower - at, at - self.upper), 0.0)
+        passed = np.maximum(np.maximum(self.lower - at, at - self.upper), 0.0)
+        between = np.isfinite(self.lower) & np.isfinite(self.upper)
+        between[:, :3] = False
+        lower, upper = self.lower[between], self.upper[between]
+        above = np.mod(at[between] - lower, 2.0 * np.pi)
+        passed[between] = np.minimum(np.maximum(above - (upper - lower), 0.0), 2.0 * np.pi - above)
+        return passed
 
     def _relative(self, body_q: Array) -> tuple[Array, Array]:
         """Offset [m] and rotation of the child's anchor, both in the parent's anchor frame."""
