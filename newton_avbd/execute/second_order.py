@@ -786,14 +786,18 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     last = s.history.coordinate[dof].slip
                     if slip != last:
                         s.history.coordinate[dof].slip = slip
+                        # in the first step friction or a stop may have stopped what moved
+                        has_stopped = slip > HELD_BY_STOP
                         if wp.static(effects.joint_friction):
-                            # in the first step it may have stopped what moved
-                            if last == 0 and slip == 2 and s.joints.friction[dof] > 0.0:
-                                began = s.history.last[body].velocity
-                                began -= s.history.last[s.tree.parent[body]].velocity
-                                linear = linear_count(s.joints, joint)
-                                if wp.length_sq(wp.spatial_bottom(began)) > 0.0 or linear > 0:
-                                    result = True
+                            has_stopped = has_stopped or (
+                                slip == 2 and s.joints.friction[dof] > 0.0
+                            )
+                        if last == 0 and has_stopped:
+                            began = s.history.last[body].velocity
+                            began -= s.history.last[s.tree.parent[body]].velocity
+                            linear = linear_count(s.joints, joint)
+                            if wp.length_sq(wp.spatial_bottom(began)) > 0.0 or linear > 0:
+                                result = True
                         result = result or last != 0
         return result
 
