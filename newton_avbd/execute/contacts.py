@@ -574,6 +574,11 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     return find_rows, penalise_rows
 
 
+MOST_STIFFENED = wp.constant(1.0e3)
+"""How many times stiffer a round makes a contact at most: forces that ask for more have diverged,
+and stiffer contacts would have them diverge faster."""
+
+
 @wp.func
 def stiffen_rows(body: int, scale: WorldScale, rows: wp.ref[RowWork]):
     """Makes the rows that a body owns as stiff as an impact needs them.
@@ -585,7 +590,7 @@ def stiffen_rows(body: int, scale: WorldScale, rows: wp.ref[RowWork]):
     unit = contact_rows.PENALTY / wp.max(0.5 * scale.reach, 1.0e-30)
     for i in range(rows.owned_start[body], rows.owned_end[body]):
         row = rows.rows[i]
-        k_n = unit * wp.dot(row.normal, row.force)
+        k_n = wp.min(unit * wp.dot(row.normal, row.force), MOST_STIFFENED * row.k_n)
         if k_n > row.k_n and row.k_n > 0.0:
             rows.rows[i].k_t = row.k_t * (k_n / row.k_n)
             rows.rows[i].k_n = k_n
