@@ -152,6 +152,10 @@ def keep_momentum(world: int, h: float, s: wp.ref[Solver]) -> bool:
             spin = s.work.inertia[body] * wp.spatial_bottom(missing)
             r = s.work.com[body] - total.com
             total.inertia += s.work.inertia[body] + point_inertia(s.model.mass[body], r)
+            # what turns fast resists tilting with its momentum: by L x -dtheta
+            fast = h * s.work.spin_momentum[body]
+            spin += wp.cross(wp.spatial_bottom(missing), fast)
+            total.inertia -= wp.skew(fast)
             if s.work.drag.shape[0] > 0:
                 drag = s.work.drag[body]
                 taken = h * resistance(drag, missing)
@@ -251,7 +255,9 @@ def keep_spin(world: int, h: float, is_led: bool, step: wp.ref[Step], s: wp.ref[
                     total.inertia = wp.mat33(0.0)
                 island = root
             free = s.work.target[body]
-            if s.work.lead.shape[0] > 0:
+            if is_led:
+                free = s.work.coasting[body]
+            elif s.work.lead.shape[0] > 0:
                 free -= s.work.lead[body]
             inertia = world_inertia(
                 wp.transform_get_rotation(step.body_q_out[body]), s.model.inertia[body]

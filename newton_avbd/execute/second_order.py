@@ -361,8 +361,7 @@ def lead_spin(world: int, scale: WorldScale, s: wp.ref[Solver]):
             velocity = s.history.last[body].velocity
             push = scale.h * s.work.wrench[body]
             v = wp.spatial_top(velocity) + s.model.inv_mass[body] * wp.spatial_top(push)
-            free = s.work.lead[body] + wp.spatial_vector(scale.step * v, wp.vec3(0.0))
-            s.work.target[body] = free
+            s.work.coasting[body] = wp.spatial_vector(scale.step * v, wp.vec3(0.0))
             moved = wp.spatial_top(s.work.increment[body])
             moved -= s.islands.sum[s.islands.parent[body]].momentum
             momentum = spin_momentum(
