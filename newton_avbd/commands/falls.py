@@ -25,7 +25,19 @@ from .output import length, table
 from .robots import chosen_robots, show, show_nothing, silence
 from .terminal import interruptible
 
-HEAD = ("", "kind", "solver", "falls", "fail", "gain", "speed", "joint", "limit", "bounded")
+HEAD = (
+    "",
+    "kind",
+    "solver",
+    "falls",
+    "fail",
+    "gain",
+    "above",
+    "speed",
+    "joint",
+    "limit",
+    "bounded",
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -79,9 +91,9 @@ kinds:
   spin30   at up to 30 rad/s
   thrown   random joint angles and orientation, at 10 m/s against a wall
 Robots float. Drives, passive springs and dampers are off. Columns: the most energy gained since its
-lowest value, as a share of that at the start; the fastest center of mass, and the same as a
-multiple of a free fall's speed; the widest open joint; the furthest that a limit was passed; the
-steps in which SolverAVBD had to bound the energy."""
+lowest value, and above that at the start, as shares of that; the fastest center of mass, and the
+same as a multiple of a free fall's speed; the widest open joint; the furthest that a limit was
+passed; the steps in which SolverAVBD had to bound the energy."""
 
 
 def main(args: argparse.Namespace) -> int:
@@ -173,6 +185,7 @@ def _rows(name: str, solver: str, falls: list[Fall]) -> list[tuple[str, ...]]:
                     f"{len(same)}",
                     f"{sum(bool(fall.failures()) for fall in same)}",
                     f"{max(fall.gain for fall in same):.2g}",
+                    f"{max(fall.above for fall in same):.2g}",
                     f"{fast.speed:.3g} m/s {fast.speed / max(fast.free, 1e-9):.2f}",
                     length(max(fall.separation for fall in same)),
                     f"{max(fall.limit for fall in same):.2g}",

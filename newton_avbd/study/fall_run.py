@@ -27,6 +27,9 @@ FAST = 3.0
 """How many times faster than that a center of mass may get: where one end of a rod stops, the other
 goes at up to twice its speed, and a second link adds to it."""
 
+SLOW = 1.0e-3
+"""Speed of what should not move at all that is no fault [m/s]."""
+
 CLOSED = 1.0e-4
 """Largest distance of the anchors of a joint [m]."""
 
@@ -83,6 +86,7 @@ class Fall:
         finite: Whether every state was finite, and the solver never had to freeze the world.
         gain: Most energy above the lowest so far, as a share of that at the start. Potential energy
             counts from the ground; rotors count.
+        above: Most energy above that at the start, as a share of it.
         jump: Most energy gained in a single step, likewise.
         step: Number of that step.
         speed: Speed of the fastest center of mass [m/s].
@@ -97,6 +101,7 @@ class Fall:
     start: Start
     finite: bool = True
     gain: float = 0.0
+    above: float = 0.0
     jump: float = 0.0
     step: int = 0
     speed: float = 0.0
@@ -111,7 +116,7 @@ class Fall:
             return ["not finite"]
         found = {
             "gain": self.gain <= GAIN,
-            "speed": self.speed <= FAST * self.free,
+            "speed": self.speed <= max(FAST * self.free, SLOW),
             "joint": self.separation <= CLOSED,
             "limit": self.limit <= PASSED,
         }
@@ -172,7 +177,7 @@ def _run(
     heights = probe.heights(state)
     free = np.sqrt(speed**2 + 2.0 * probe.weight * heights)
     free = np.maximum(free, np.array([start.spin for start in batch]) * probe.lever(state))
-    gain, jump = np.zeros(len(batch)), np.zeros(len(batch))
+    gain, jump, above = (np.zeros(len(batch)) for _ in range(3))
     when = np.zeros(len(batch), int)
     apart, passed = np.zeros(len(batch)), np.zeros(len(batch))
     finite = np.ones(len(batch), bool)
@@ -187,6 +192,7 @@ def _run(
         when = np.where(change > jump, step, when)
         jump = np.maximum(jump, change)
         gain = np.where(finite, np.maximum(gain, energy - lowest), gain)
+        above = np.where(finite, np.maximum(above, energy - start), above)
         lowest, before = np.fmin(lowest, energy), energy
         speed = np.fmax(speed, probe.speed(state))
         if (step + 1) % EVERY == 0 or step + 1 == setup.steps:
@@ -201,6 +207,7 @@ def _run(
     for i, fall in enumerate(falls):
         fall.finite = bool(finite[i] and not held[i])
         fall.gain = float(gain[i] / scale[i]) if fall.finite else math.inf
+        fall.above = float(above[i] / scale[i])
         fall.jump, fall.step = float(jump[i] / scale[i]), int(when[i])
         fall.speed, fall.free = float(speed[i]), float(free[i])
         fall.separation, fall.limit = float(apart[i]), float(passed[i])
