@@ -134,7 +134,8 @@ def test_the_estimate_is_that_of_the_local_error(add: Any, least: float, dt: flo
     """Against the exact motion from the state at the start of each step, in position and velocity.
 
     Within a factor of three on most steps: where the jerk goes through zero the estimate does, too,
-    and the error of the velocity is left.
+    and the error of the velocity is left. Errors of less than a few units of float32 at 1 rad are
+    not counted: the state that they are measured by is rounded by as much.
     """
     sim = simulation(add, accuracy=100.0)
     sim.dt = dt
@@ -154,8 +155,8 @@ def test_the_estimate_is_that_of_the_local_error(add: Any, least: float, dt: flo
             atol=1e-13,
         )
         off = end - found.y[:, -1]
-        if count >= 5:
-            error = math.hypot(off[0], off[1] / rate)
+        error = math.hypot(off[0], off[1] / rate)
+        if count >= 5 and error > 2.0e-7:
             ratios.append(sim.solver.report().inner.estimated[0] * dt / error)
     assert 0.5 < np.median(ratios) < 2.0
     assert np.mean((np.array(ratios) > 1.0 / 3.0) & (np.array(ratios) < 3.0)) >= least

@@ -235,7 +235,7 @@ def test_assets_that_newton_bundles_come_to_rest(path, bodies, penetration):
     pytest.importorskip("pxr")
     simulation = open_scene(str(path), Request("avbd"))
     assert simulation.model.body_count == bodies
-    for _ in range(480 if path.name == "tabletop.xml" else 240):
+    for _ in range(960 if path.name == "tabletop.xml" else 240):
         simulation.advance()
     probe = Probe(simulation.model)
     assert deepest_penetration(probe.separations(simulation.state)) < penetration
