@@ -184,9 +184,16 @@ def test_a_top_precesses_as_fast_as_its_weight_turns_its_momentum(spin: float) -
     assert abs(axle[2]) < 2.0 * 9.81 * 0.1 * 0.0125 / (0.005 * spin) ** 2 + 240 * EPS
 
 
+@pytest.mark.parametrize("has_shapes", [False, True])
 @pytest.mark.parametrize("spin", [300.0, 1000.0, 5000.0])
-def test_a_flywheel_in_a_free_body_keeps_the_momentum_of_both(spin: float) -> None:
-    """A kick across the spin turns their momentum by what it brings, and no energy comes of it."""
+def test_a_flywheel_in_a_free_body_keeps_the_momentum_of_both(
+    spin: float, has_shapes: bool
+) -> None:
+    """A kick across the spin turns their momentum by what it brings, and no energy comes of it.
+
+    With shapes they are an island, which had 5 % too much momentum after a second, and half of the
+    energy.
+    """
     builder = newton.ModelBuilder(gravity=NO_GRAVITY)
     hull, wheel = _link(builder, 5.0, (0.3, 0.3, 0.3)), _link(builder, 1.0, (0.05, 0.05, 0.1), 0.3)
     joints = [
@@ -199,7 +206,9 @@ def test_a_flywheel_in_a_free_body_keeps_the_momentum_of_both(spin: float) -> No
         ),
     ]
     builder.add_articulation(joints)
-    sim = Simulation(builder, collide=False)
+    for body in (hull, wheel) if has_shapes else ():
+        builder.add_shape_sphere(body, radius=0.01, cfg=builder.ShapeConfig(density=0.0))
+    sim = Simulation(builder, collide=has_shapes)
     sim.set_velocity(wheel, angular=(0.0, 0.0, spin))
     sim.push(hull, torque=(1.0 / sim.dt, 0.0, 0.0))
     sim.step()
@@ -211,4 +220,4 @@ def test_a_flywheel_in_a_free_body_keeps_the_momentum_of_both(spin: float) -> No
     momentum = np.sum(sim.spin_momentum + orbit, axis=0)
     assert momentum == pytest.approx([1.0, 0.0, 0.1 * spin], abs=0.02)
     # backward Euler takes the nutation; the share of rounding is that of the spin
-    assert sim.kinetic_energy < energy * (1.0 + 240 * EPS)
+    assert 0.998 * energy < sim.kinetic_energy < energy * (1.0 + 240 * EPS)
