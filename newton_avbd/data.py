@@ -563,7 +563,7 @@ class BodyWork:
     """The unknowns: (dx [m], dtheta [rad]) from the pose in state_in."""
     momentum: wp.array[wp.vec3]
     """Angular momentum at the end of the step without constraints [N m s], world axes; where bodies
-    have unequal principal moments."""
+    have unequal principal moments, or velocities of islands are turned."""
     spin_momentum: wp.array[wp.vec3]
     """Angular momentum [N m s] that a linked body resists tilting with, once it turns fast; zero
     for others."""
