@@ -499,8 +499,8 @@ class Effects:
 
     @property
     def turning_islands(self) -> bool:
-        """Whether velocities of islands lack angular momentum, since the inertia of bodies turns, or
-        since arms of a step of second order are those of its end."""
+        """Whether velocities of islands lack angular momentum, as inertias of bodies turn, or arms
+        of a step of second order are those of its end."""
         return self.pairs and (self.gyroscopic or self.second_order) and not self.drag
 
     @property
