@@ -334,15 +334,15 @@ class JointKinds:
         types, dims = types[held], dims[held]
         is_ball = np.isin(types, (int(JointType.BALL), int(JointType.ROD)))
         authored = ~is_ball & (types != int(JointType.DISTANCE))
-        is_gimbal = authored & (dims[:, 1] == 3)
-        start = model.joint_qd_start.numpy()[:-1][held] + dims[:, 0]
-        axes = model.joint_axis.numpy()[start[is_gimbal, None] + np.arange(3)]
+        found = gimbal_joints(model)
+        first = model.joint_qd_start.numpy()[found] + model.joint_dof_dim.numpy()[found, 0]
+        axes = model.joint_axis.numpy()[first[:, None] + np.arange(3)]
         cosines = np.einsum("nik,njk->nij", axes, axes)[:, (0, 1, 2), (1, 2, 0)]
         return cls(
             linear=tuple(int(n) for n in np.unique(dims[:, 0])),
             angular=tuple(int(n) for n in np.unique(dims[:, 1])),
             euler=bool(np.any(authored & (dims[:, 1] > 1))),
-            gimbals=bool(np.any(is_gimbal)),
+            gimbals=found.size > 0,
             skew=bool(np.any(np.abs(cosines) > SKEW)),
             oblique=oblique_joints(model).size > 0,
             balls=bool(np.any(is_ball)),
