@@ -17,7 +17,7 @@ import statistics
 import sys
 from pathlib import Path
 
-from newton_avbd.study.bench import describe_machine
+from newton_avbd.study.bench.run import describe_machine
 
 from .ratios import SCENES, ratio
 

@@ -6,9 +6,9 @@ A time depends on the machine and on what else runs on it. The ratio of two that
 turns depends on neither, so far.
 """
 
-from newton_avbd.commands.terminal import start_warp
-from newton_avbd.study.bench import BENCHMARKS, Effort, compete, pinned
-from newton_avbd.study.mujoco_native import silence
+from newton_avbd.io.terminal import start_warp
+from newton_avbd.study.bench.run import BENCHMARKS, Effort, compete, pinned
+from newton_avbd.study.mujoco.native import silence
 from newton_avbd.study.peers import MJ_STEP
 
 SCENES = [

@@ -46,7 +46,7 @@ myst_heading_anchors = 4
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(newton|warp|wp|numpy|np|gymnasium|collections|typing)\..*"),
-    ("py:.*", r"newton_avbd\.(rows|topology)\..*"),  # what a user does not call
+    ("py:.*", r"newton_avbd\.(rows|model)\..*"),  # what a user does not call
 ]
 
 # A build without a network has nobody to ask for these.

@@ -15,8 +15,8 @@ from pathlib import Path
 from PIL import Image
 
 from newton_avbd.commands import view
-from newton_avbd.commands.terminal import gathered_warnings, start_warp
 from newton_avbd.io import ModelSimulation, Request, open_scene
+from newton_avbd.io.terminal import gathered_warnings, start_warp
 
 FOLDER = Path(__file__).parent / "images" / "gallery"
 SIZE = (480, 270)

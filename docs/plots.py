@@ -17,17 +17,17 @@ from plotly.offline import get_plotlyjs
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from newton_avbd.study.accuracy_front import front, usable
-from newton_avbd.study.accuracy_page import COLORS
-from newton_avbd.study.accuracy_run import Point
-from newton_avbd.study.accuracy_scenes import ACCURACY_SCENES
-from newton_avbd.study.accuracy_solvers import MEASURED, Setting
-from newton_avbd.study.growth import QUANTITIES
+from newton_avbd.study.accuracy.front import front, usable
+from newton_avbd.study.accuracy.page import COLORS
+from newton_avbd.study.accuracy.run import Point
+from newton_avbd.study.accuracy.scenes import ACCURACY_SCENES
+from newton_avbd.study.accuracy.solvers import MEASURED, Setting
+from newton_avbd.study.bench.growth import QUANTITIES
+from newton_avbd.study.bench.targets import COLD_START
 from newton_avbd.study.peers import PEERS
-from newton_avbd.study.properties import GROUPS
-from newton_avbd.study.robot_trial import ALIGNED, CLOSED, MOVING, WEIGHT, WRONG
-from newton_avbd.study.stability_page import QUANTITIES as BOUNDED
-from newton_avbd.study.targets import COLD_START
+from newton_avbd.study.properties.run import GROUPS
+from newton_avbd.study.robots.trial import ALIGNED, CLOSED, MOVING, WEIGHT, WRONG
+from newton_avbd.study.stability.page import QUANTITIES as BOUNDED
 
 DOCS = Path(__file__).parent
 SCRIPT = "plotly.min.js"

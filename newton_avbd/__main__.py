@@ -14,8 +14,8 @@ from typing import NoReturn
 
 from newton_avbd.commands import COMMANDS, examples, overview
 from newton_avbd.commands.completion import script
-from newton_avbd.commands.terminal import INTERRUPTED, gathered_warnings, start_warp
 from newton_avbd.io.errors import UserError, missing_of
+from newton_avbd.io.terminal import INTERRUPTED, gathered_warnings, start_warp
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -11,13 +11,12 @@ import newton
 import numpy as np
 import warp as wp
 
-from .actuators import Actuators, passed_limits
 from .attributes import authored_fluid, break_limits, dahl_friction
-from .cables import check_cables
-from .condim import CONDIMS, Condims
-from .equalities import equalities
+from .model.actuators import Actuators, passed_limits
+from .model.condim import CONDIMS, Condims
+from .model.equalities import equalities
+from .model.tendons import tendon_count, tendon_equalities, tendons
 from .rows.joint import KINDS
-from .tendons import tendon_count, tendon_equalities, tendons
 
 _MOST_NAMES = 3
 """Labels in a message."""
@@ -52,6 +51,13 @@ _COEFFICIENTS = (
     "joint_friction",
 )
 """Of a degree of freedom, at least zero."""
+_OF_GUIDES = {
+    "tendon_guide_radius": "radius",
+    "tendon_guide_mu": "mu",
+    "tendon_segment_compliance": "compliance",
+    "tendon_segment_damping": "damping",
+}
+"""Arrays of numbers that are finite and not negative, and the fields of a ``TendonGuide``."""
 
 
 def check_model(model: newton.Model, *, ramp: bool = False) -> None:
@@ -71,7 +77,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
     """
     _check_joints(model, ramp)
     _check_bodies(model)
-    check_cables(model)
+    _check_cables(model)
     if model.shape_count:
         for name in ("mu", "mu_torsional", "mu_rolling", "restitution", "ke", "kd"):
             _check_numbers(model, f"shape_material_{name}", model.shape_label, minimum=0.0)
@@ -523,3 +529,77 @@ def _check_numbers(
 
 def _label(labels: Sequence[str], index: int | np.integer) -> str:
     return labels[int(index)] if index < len(labels) else ""
+
+
+def _check_cables(model: newton.Model) -> None:
+    """Refuses cables that make no sense; copies their arrays to the host.
+
+    Raises:
+        ValueError: If a cable has fewer than two guides, a guide is on a body that there is not, a
+            number is not finite, or a radius, friction coefficient, compliance or damping is
+            negative, a roller has no radius, a side is not 1 or -1, or an axis is not of unit
+            length.
+    """
+    count = model.tendon_count
+    if count == 0:
+        return
+    start = model.tendon_start.numpy()
+
+    def name(cable: int) -> str:
+        return f"tendon {cable} ('{model.tendon_label[cable]}')"
+
+    def of_guide(guide: int) -> str:
+        cable = int(np.searchsorted(start, guide, side="right")) - 1
+        return f"guide {guide - start[cable]} of {name(cable)}"
+
+    def of_segment(segment: int) -> str:
+        first = start[:-1] - np.arange(count)
+        cable = int(np.searchsorted(first, segment, side="right")) - 1
+        return f"guide {segment - first[cable] + 1} of {name(cable)}"
+
+    short = np.flatnonzero(np.diff(start) < 2)
+    if short.size:
+        raise ValueError(
+            f"{name(short[0])} has fewer than two guides. Give add_tendon() both of its ends."
+        )
+    body = model.tendon_guide_body.numpy()
+    missing = np.flatnonzero((body < -1) | (body >= model.body_count))
+    if missing.size:
+        raise ValueError(
+            f"{of_guide(missing[0])} is on body {body[missing[0]]}, and the model has "
+            f"{model.body_count}. Pass TendonGuide(body=) an index of add_body() or add_link(), or "
+            "-1 for the world."
+        )
+    for array, field in _OF_GUIDES.items():
+        values = getattr(model, array).numpy()
+        wrong = np.flatnonzero(~(np.isfinite(values) & (values >= 0.0)))
+        if wrong.size:
+            where = of_segment if "segment" in array else of_guide
+            raise ValueError(
+                f"model.{array} of {where(wrong[0])} is {values[wrong[0]]}: set {field} to a "
+                "finite number of at least 0."
+            )
+    rest = model.tendon_segment_rest_length.numpy()
+    for array, where, values in (
+        ("tendon_segment_rest_length", of_segment, rest[:, None]),
+        ("tendon_guide_offset", of_guide, model.tendon_guide_offset.numpy()),
+        ("tendon_guide_axis", of_guide, model.tendon_guide_axis.numpy()),
+    ):
+        wrong = np.flatnonzero(~np.isfinite(values).all(axis=1))
+        if wrong.size:
+            raise ValueError(f"model.{array} of {where(wrong[0])} is not finite: set it anew.")
+    kind = model.tendon_guide_type.numpy()
+    is_roller = kind == int(newton.TendonGuideType.ROLLER)
+    thin = np.flatnonzero(is_roller & (model.tendon_guide_radius.numpy() == 0.0))
+    if thin.size:
+        raise ValueError(f"{of_guide(thin[0])} is a roller without a radius: set radius.")
+    side = model.tendon_guide_orientation.numpy()
+    wrong = np.flatnonzero(np.abs(side) != 1)
+    if wrong.size:
+        raise ValueError(f"{of_guide(wrong[0])} winds on side {side[wrong[0]]}: set 1 or -1.")
+    length = np.linalg.norm(model.tendon_guide_axis.numpy(), axis=1)
+    wrong = np.flatnonzero(is_roller & (np.abs(length - 1.0) > 1.0e-3))
+    if wrong.size:
+        raise ValueError(
+            f"The axis of {of_guide(wrong[0])} has the length {length[wrong[0]]}: normalize it."
+        )

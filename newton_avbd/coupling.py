@@ -12,7 +12,8 @@ import warp as wp
 from newton import ModelFlags
 from newton.solvers.experimental.coupled import CouplingInterface
 
-from .execute.proxies import harvest_momentum
+from .model.inertia import inertia_root, rotation_matrix
+from .step.proxies import harvest_momentum
 
 _HELD = 1.0e-4
 """Joints that leave a body less than this share of its own mobility hold it."""
@@ -185,17 +186,6 @@ def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray
                 rows = response[6 * link : 6 * link + 6]
                 known[int(links[link])] = (rotation, rows @ rows.T)
     return known
-
-
-def rotation_matrix(rotation: np.ndarray) -> np.ndarray:
-    """Matrix of a quaternion (xyzw)."""
-    return np.array(wp.quat_to_matrix(wp.quat(*rotation))).reshape(3, 3)
-
-
-def inertia_root(inertia: np.ndarray) -> np.ndarray:
-    """A with A A^T = inertia."""
-    moments, axes = np.linalg.eigh(inertia)
-    return axes * np.sqrt(np.maximum(moments, 0.0))
 
 
 def _cross(r: np.ndarray) -> np.ndarray:

@@ -444,7 +444,7 @@ class BodyActuation:
     against: wp.array[wp.int32]
     """Link that gets the reaction, -1 for the world."""
     axes: wp.array[wp.int32]
-    """Whose axes the gear is in; see :mod:`.execute.actuation`."""
+    """Whose axes the gear is in; see :mod:`.step.actuation`."""
     is_servo: wp.array[wp.bool]
     """Whether it is one of the :class:`Servos`."""
     pushes: wp.array[BodyPush]
@@ -609,7 +609,7 @@ class Segment:
 
 @wp.struct
 class InnerWork:
-    """Error control: a call in inner steps; see :mod:`.execute.adapting`."""
+    """Error control: a call in inner steps; see :mod:`.step.adapting`."""
 
     accuracy: float
     """Error that is allowed, per time [m/s]."""
@@ -646,7 +646,7 @@ class InnerWork:
     worst: wp.array[wp.int32]
     """Body with the largest share of what was allowed; -1 where nothing moved."""
     cause: wp.array[wp.int32]
-    """Why, see :data:`.execute.adapting.SMOOTHLY`."""
+    """Why, see :data:`.step.adapting.SMOOTHLY`."""
     spent: wp.array[float]
     """Error that was estimated since the last reset [m]."""
     missed: wp.array[wp.int32]
@@ -879,7 +879,7 @@ class ClosureNode:
 
 @wp.struct
 class ClosureWork:
-    """Equations that are solved with a tree; see :mod:`.execute.closures`."""
+    """Equations that are solved with a tree; see :mod:`.step.closures`."""
 
     block_of: wp.array[wp.int32]
     """By position of a block's first body in visiting order: its ``ClosureBlock``, -1 without."""
@@ -943,7 +943,7 @@ class AxisLaw:
     """Least and most that the drive pushes with [N or N m]."""
     most: float
     piece: wp.vec3i
-    """The piece of the law that elimination assumed; see :func:`.rows.axis.make_axis`."""
+    """The piece of the law that elimination assumed; see :func:`.step.axes.make_axis`."""
     next: wp.vec3i
     """The piece that substitution found that it should be."""
 
@@ -976,7 +976,7 @@ class CableGuide:
 
 @wp.struct
 class CableWork:
-    """Newton's tendons: cables of segments between guides; see :mod:`.execute.cables`.
+    """Newton's tendons: cables of segments between guides; see :mod:`.step.cables`.
 
     Segment ``guide - cable`` goes from a guide to the next one of its cable. Cables whose bodies
     one block holds, or that share a block with such cables, make a *cluster*, which is solved at
@@ -1679,7 +1679,7 @@ class ColorWork:
     count: wp.array[wp.int32]
     """By body slot: contacts of the body, then contacts that it owns, then the highest priority of
     what strikes it, then bodies of its island, then for the first body of a run (see
-    :mod:`.execute.colored_energy`) the place after it."""
+    :mod:`.drivers.colored_energy`) the place after it."""
     incident_start: wp.array[wp.int32]
     """By body slot: first of the body's contacts in ``incident``."""
     incident: wp.array[wp.int32]
@@ -1750,7 +1750,7 @@ class ColorWork:
 class Solver:
     """What lasts from step to step: the model, and what the solver has of it.
 
-    Lies in memory of the device as an array of one, see :mod:`.execute.launch`. What a scene does
+    Lies in memory of the device as an array of one, see :mod:`.drivers.launch`. What a scene does
     without is empty.
     """
 

@@ -11,13 +11,13 @@ from typing import Any
 import newton
 import numpy as np
 
-from .actuators import Actuators, compensated_links, compensating_axes, reflected_armature
 from .attributes import authored_fluid, break_limits, dahl_friction
-from .condim import Condims
-from .limits import has_authored_limit
+from .model.actuators import Actuators, compensated_links, compensating_axes, reflected_armature
+from .model.condim import Condims
+from .model.limits import has_authored_limit
+from .model.tendons import Tendon
+from .model.topology import Topology, moving
 from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
-from .tendons import Tendon
-from .topology import Topology, moving
 
 _FREE = int(newton.JointType.FREE)
 _MOST_NAMES = 3
@@ -45,15 +45,15 @@ _OF_BUFFER = "contact buffer"
 CAUSES: dict[str, Cause] = {
     "contact": Cause("shape", "that collides with others", "rows/contact.py"),
     "pairs": Cause(
-        "body", "that could meet another one of its world", "execute/islands.py", _OF_BODIES
+        "body", "that could meet another one of its world", "step/islands.py", _OF_BODIES
     ),
     "piles": Cause(
         "body",
         "free, in a world of several bodies, and blocks='articulation', the default",
-        "execute/piles.py",
+        "step/piles.py",
         "Pass blocks='body'.",
     ),
-    "cylinders": Cause("shape", "that is a cylinder, which may roll", "execute/rolling.py"),
+    "cylinders": Cause("shape", "that is a cylinder, which may roll", "step/rolling.py"),
     "friction": Cause("shape", "with friction (mu) above zero", "rows/contact.py"),
     "angular_friction": Cause(
         "shape",
@@ -71,83 +71,81 @@ CAUSES: dict[str, Cause] = {
     "put_bodies": Cause(
         "body",
         "with shapes that is kinematic or without mass, and friction",
-        "execute/bodies.py",
+        "step/bodies.py",
     ),
     "restitution": Cause(
-        "shape", "with restitution above zero, and rigid contacts", "execute/impacts.py"
+        "shape", "with restitution above zero, and rigid contacts", "step/impacts.py"
     ),
     "compliance": Cause(
         "", "compliant_contacts=True", "rows/contact.py", "Pass compliant_contacts."
     ),
     "second_order": Cause(
-        "", "scheme='generalized_alpha', the default", "execute/second_order.py", "Pass scheme."
+        "", "scheme='generalized_alpha', the default", "step/second_order.py", "Pass scheme."
     ),
     "carried_rounding": Cause(
         "body",
         "stepped by scheme='generalized_alpha', the default, without contacts, cables, drag and "
         "accuracy",
-        "execute/carrying.py",
+        "step/carrying.py",
     ),
-    "adaptive": Cause("", "accuracy", "execute/adapting.py", "Leave accuracy out."),
+    "adaptive": Cause("", "accuracy", "step/adapting.py", "Leave accuracy out."),
     "ramp": Cause("", "formulation='ramp'", "rows/ramp.py", "Pass formulation."),
-    "sleeping": Cause("", "sleeping=True", "execute/sleeping.py", "Pass sleeping."),
-    "matching": Cause(_OF_BUFFER, "that matches its contacts", "execute/contacts.py"),
-    "moving_surfaces": Cause(_OF_BUFFER, "with surface velocities", "execute/contacts.py"),
-    "contact_materials": Cause(
-        _OF_BUFFER, "with materials for each contact", "execute/contacts.py"
-    ),
+    "sleeping": Cause("", "sleeping=True", "step/sleeping.py", "Pass sleeping."),
+    "matching": Cause(_OF_BUFFER, "that matches its contacts", "step/contacts.py"),
+    "moving_surfaces": Cause(_OF_BUFFER, "with surface velocities", "step/contacts.py"),
+    "contact_materials": Cause(_OF_BUFFER, "with materials for each contact", "step/contacts.py"),
     "gyroscopic": Cause("body", "with unequal principal moments of inertia", "blocks/body.py"),
     "joint_force": Cause(
-        "joint", "of type FREE, DISTANCE or ROD, whose joint_f pushes its body", "execute/bodies.py"
+        "joint", "of type FREE, DISTANCE or ROD, whose joint_f pushes its body", "step/bodies.py"
     ),
     "light_roots": Cause(
         "body",
         "with less than 1e-5 of the mass or inertia that its joints carry",
-        "execute/trees.py",
+        "step/trees.py",
     ),
     "light_links": Cause(
         "body",
         "with shapes, and less than 1/200 of the mass that joints put behind its contacts",
-        "execute/weights.py",
+        "step/weights.py",
     ),
     "reaction": Cause(
         "joint",
         "of type FREE, DISTANCE or ROD with a parent body, or not the child's first",
-        "execute/bodies.py",
+        "step/bodies.py",
     ),
     "welds": Cause(
         "weld",
         "that makes its links one body: a FIXED joint, or a D6 that leaves no axis free",
-        "execute/links.py",
+        "step/links.py",
     ),
     "joints": Cause(
         "joint",
         "of another type than FREE, with a parent body, not the child's first, or at a body that a "
         "tendon pulls",
-        "execute/trees.py",
+        "step/trees.py",
         _OF_JOINTS,
     ),
     "flipped": Cause(
-        "joint", "whose child carries its parent in the tree", "execute/trees.py", _OF_JOINTS
+        "joint", "whose child carries its parent in the tree", "step/trees.py", _OF_JOINTS
     ),
-    "loops": Cause("joint", "outside of trees", "execute/loops.py", _OF_JOINTS),
+    "loops": Cause("joint", "outside of trees", "step/loops.py", _OF_JOINTS),
     "closures": Cause(
         "joint",
         "to close a loop, bound a distance or mimic within a tree, or at a body that a tendon "
         "pulls",
-        "execute/closures.py",
+        "step/closures.py",
         _OF_JOINTS,
     ),
     "mimics": Cause(
         "joint",
         "with another one to mimic",
-        "execute/closures.py",
+        "step/closures.py",
         "Set joint_mimic_joint to -1 before the solver is made.",
     ),
     "equalities": Cause(
         "joint",
         "that an equality constraint of MuJoCo's ties beyond a mimic (equality_constraint_*)",
-        "execute/closures.py",
+        "step/closures.py",
         "Set mujoco:equality_constraint_enabled to False before the solver is made.",
     ),
     "drives": Cause("joint", "with a drive that has a gain (target_ke, target_kd)", "rows/axis.py"),
@@ -171,30 +169,30 @@ CAUSES: dict[str, Cause] = {
     "springs": Cause("joint", "with a passive stiffness or damping", "rows/axis.py"),
     "armature": Cause("joint", "with armature above zero", "rows/axis.py"),
     "joint_friction": Cause("joint", "with friction above zero", "rows/axis.py"),
-    "tendons": Cause("body", "that a MuJoCo tendon pulls (mujoco:tendon_*)", "execute/tendons.py"),
+    "tendons": Cause("body", "that a MuJoCo tendon pulls (mujoco:tendon_*)", "step/tendons.py"),
     "spatial_tendons": Cause(
-        "body", "that holds a site or geom of a spatial MuJoCo tendon", "execute/tendons.py"
+        "body", "that holds a site or geom of a spatial MuJoCo tendon", "step/tendons.py"
     ),
     "gravity_compensation": Cause(
-        "body", "with gravity compensation (mujoco:gravcomp)", "execute/actuation.py"
+        "body", "with gravity compensation (mujoco:gravcomp)", "step/actuation.py"
     ),
     "body_actuators": Cause(
         "body",
         "that a MuJoCo actuator pushes at a site, or along a BALL or FREE joint",
-        "execute/body_actuators.py",
+        "step/body_actuators.py",
     ),
     "adhesion": Cause(
         "body",
         "that a MuJoCo actuator pulls towards what it touches (adhesion)",
-        "execute/adhesion.py",
+        "step/adhesion.py",
     ),
     "servos": Cause(
         "body",
         "that such an actuator pushes against the world, and by how the body moves",
-        "execute/body_actuators.py",
+        "step/body_actuators.py",
     ),
     "breaking": Cause(
-        "joint", "with a finite joint_break_force or joint_break_torque", "execute/breaking.py"
+        "joint", "with a finite joint_break_force or joint_break_torque", "step/breaking.py"
     ),
     "dahl": Cause(
         "joint", "of type ROD with Dahl friction (vbd:dahl_eps_max, dahl_tau)", "rows/dahl.py"

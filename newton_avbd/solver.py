@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """SolverAVBD: what a user calls, and what a step launches.
 
-Its arrays are in ``arrays``, the kernels in ``execute``, the physics in ``rows`` and ``blocks``.
+Its arrays are in ``setup``, the kernels in ``step`` and ``drivers``, the physics in ``rows`` and
+``blocks``.
 """
 
 import dataclasses
@@ -18,20 +19,29 @@ from newton import ModelFlags, StateFlags
 from newton.solvers import SolverBase
 
 from . import data
-from .actuator_force import ActuatorForce
-from .arrays import SolverArrays
 from .attributes import register_joint_attributes
-from .cables import CableViews
 from .checks import check_model, report_ignored
 from .coupling import RigidCoupling
+from .drivers.barrier import WARP
+from .drivers.launch import Compiler, Launcher
+from .drivers.sorting import sort_at_once
+from .drivers.workers import Workers
+from .drivers.world import make_solve, make_step, make_step_links
 from .effects import Effects, SceneEffects, left_out
-from .execute.adapting import export_mean_force
-from .execute.barrier import WARP
-from .execute.bodies import BODIES_PER_THREAD, make_integrate, make_predict, push_more, report_freed
-from .execute.breaking import enable_joints
-from .execute.contacts import make_sort_contacts
-from .execute.launch import Compiler, Launcher
-from .execute.links import (
+from .report import CAUSES_OF_ERROR, InnerReport, Report, Status, missed
+from .settings import Settings, register_scene_settings
+from .setup.actuator_force import ActuatorForce
+from .setup.arrays import SolverArrays
+from .setup.cables import CableViews
+from .setup.inner_steps import smallest_accuracy
+from .setup.joint_state import JointState
+from .setup.memory import bytes_by_effect, members
+from .setup.solved import BodyState, SolvedModel
+from .step.adapting import export_mean_force
+from .step.bodies import BODIES_PER_THREAD, make_integrate, make_predict, push_more, report_freed
+from .step.breaking import enable_joints
+from .step.contacts import make_sort_contacts
+from .step.links import (
     gather_bodies,
     load_by_contacts,
     load_by_joints,
@@ -41,9 +51,9 @@ from .execute.links import (
     reset_links,
     scatter_links,
 )
-from .execute.observables import export_acceleration, export_contact_force, make_export_parent_force
-from .execute.resetting import reset_bodies
-from .execute.sleeping import (
+from .step.observables import export_acceleration, export_contact_force, make_export_parent_force
+from .step.resetting import reset_bodies
+from .step.sleeping import (
     export_sleeping_force,
     make_end_islands,
     make_form_islands,
@@ -51,15 +61,6 @@ from .execute.sleeping import (
     watch_joints,
     watch_tendons,
 )
-from .execute.sorting import sort_at_once
-from .execute.workers import Workers
-from .execute.world import make_solve, make_step, make_step_links
-from .inner_steps import smallest_accuracy
-from .joint_state import JointState
-from .memory import bytes_by_effect, members
-from .report import CAUSES_OF_ERROR, InnerReport, Report, Status, missed
-from .settings import Settings, register_scene_settings
-from .solved import BodyState, SolvedModel
 
 
 class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):

@@ -13,27 +13,28 @@ import pytest
 
 from newton_avbd.__main__ import main
 from newton_avbd.io import UserError
-from newton_avbd.study import accuracy, accuracy_page
-from newton_avbd.study.accuracy_front import OURS, cheapest, front, shares, split, verdicts
-from newton_avbd.study.accuracy_run import OUT_OF_TIME, Point, measure, runner
-from newton_avbd.study.accuracy_scene import FRAME, AccuracyScene, G, OffPath, Path, rebounds
-from newton_avbd.study.accuracy_scenes import (
+from newton_avbd.measure.state import Array
+from newton_avbd.study.accuracy import page as accuracy_page
+from newton_avbd.study.accuracy import results as accuracy
+from newton_avbd.study.accuracy.front import OURS, cheapest, front, shares, split, verdicts
+from newton_avbd.study.accuracy.run import OUT_OF_TIME, Point, measure, runner
+from newton_avbd.study.accuracy.scene import FRAME, AccuracyScene, G, OffPath, Path, rebounds
+from newton_avbd.study.accuracy.scenes import (
     ACCURACY_SCENES,
     EDGE,
     LANDING_HEIGHT,
     LANDING_TILT,
     tipped,
 )
-from newton_avbd.study.accuracy_simbench import (
+from newton_avbd.study.accuracy.simbench import (
     STANDING,
     energy_error,
     momentum_error,
     penetration_error,
     rolling_accelerations,
 )
-from newton_avbd.study.accuracy_solvers import MEASURED, PRESETS, STIFF, Setting, is_coarse
-from newton_avbd.study.measure import Array
-from newton_avbd.study.properties_body import MOMENTS, free_top
+from newton_avbd.study.accuracy.solvers import MEASURED, PRESETS, STIFF, Setting, is_coarse
+from newton_avbd.study.properties.body import MOMENTS, free_top
 
 pytest.importorskip("scipy")
 

@@ -11,19 +11,21 @@ import pytest
 
 from newton_avbd.__main__ import main
 from newton_avbd.io import UserError, read_scene
-from newton_avbd.study import accuracy, accuracy_ask, pendulums
-from newton_avbd.study.accuracy_ask import (
+from newton_avbd.scenes.scene import Scene
+from newton_avbd.study.accuracy import ask as accuracy_ask
+from newton_avbd.study.accuracy import pendulums
+from newton_avbd.study.accuracy import results as accuracy
+from newton_avbd.study.accuracy.ask import (
     Question,
     Reference,
     ask,
     marks,
     prices,
 )
-from newton_avbd.study.accuracy_run import Point, runner
-from newton_avbd.study.accuracy_scene import FRAME
-from newton_avbd.study.accuracy_scenes import ACCURACY_SCENES
-from newton_avbd.study.accuracy_solvers import Setting
-from newton_avbd.study.scene import Scene
+from newton_avbd.study.accuracy.run import Point, runner
+from newton_avbd.study.accuracy.scene import FRAME
+from newton_avbd.study.accuracy.scenes import ACCURACY_SCENES
+from newton_avbd.study.accuracy.solvers import Setting
 
 PENDULUM = """<mujoco><option timestep="0.01"/><worldbody><body pos="0 0 2" euler="0 60 0">
 <joint name="hinge" type="hinge" axis="0 1 0"/>

@@ -27,8 +27,8 @@ from workshop import BODIES, add_workshop
 
 from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
-from newton_avbd.execute import workers
-from newton_avbd.inner_steps import smallest_accuracy
+from newton_avbd.drivers import workers
+from newton_avbd.setup.inner_steps import smallest_accuracy
 
 FRAME = 1.0 / 60.0
 """Time of a call [s]."""
@@ -215,7 +215,7 @@ def test_levers_of_contacts_are_those_of_the_end() -> None:
 
     With levers of the start its error at 60 calls a second is 5.8 mm, and it halves with the step.
     """
-    from newton_avbd.study.accuracy_scenes import TILT, add_cube_on_edge, tipped
+    from newton_avbd.study.accuracy.scenes import TILT, add_cube_on_edge, tipped
 
     sim = simulation(lambda builder: add_cube_on_edge(builder, TILT), accuracy=1e-2)
     sim.run(0.35)
@@ -225,7 +225,7 @@ def test_levers_of_contacts_are_those_of_the_end() -> None:
 
 def test_a_sphere_rolls_on_within_a_call() -> None:
     """Contacts that were found at the start of a call move along with it, and it does not sink."""
-    from newton_avbd.study.accuracy_scenes import add_skidding_sphere
+    from newton_avbd.study.accuracy.scenes import add_skidding_sphere
 
     sim = simulation(add_skidding_sphere, accuracy=1e-3)
     sim.run(1.0)

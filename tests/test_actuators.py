@@ -14,7 +14,7 @@ from newton.solvers import SolverMuJoCo
 from numpy.typing import NDArray
 
 from newton_avbd import SolverAVBD
-from newton_avbd.inertia import reference_mobility
+from newton_avbd.model.inertia import reference_mobility
 
 DT = 1.0 / 1000.0
 ARM = """

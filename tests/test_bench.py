@@ -15,13 +15,14 @@ import pytest
 import warp as wp
 
 from newton_avbd.io import UserError
-from newton_avbd.study import bench, coldstart
+from newton_avbd.measure.joints import JointQuality
+from newton_avbd.scenes.named import SCENES
+from newton_avbd.study.bench import coldstart
+from newton_avbd.study.bench import run as bench
+from newton_avbd.study.bench.targets import EVERY_PEER, NEWTON_PEER, TARGETS, Result, Target
 from newton_avbd.study.contestants import GRAPH_STEPS, NewtonContestant, Quality
-from newton_avbd.study.measure_joints import JointQuality
-from newton_avbd.study.mujoco_native import MujocoContestant
+from newton_avbd.study.mujoco.native import MujocoContestant
 from newton_avbd.study.peers import PEERS, Peer
-from newton_avbd.study.scenes import SCENES
-from newton_avbd.study.targets import EVERY_PEER, NEWTON_PEER, TARGETS, Result, Target
 
 
 def _bench(*arguments: str) -> int:
@@ -178,7 +179,7 @@ def test_solver_that_gave_up_has_no_quality(monkeypatch: pytest.MonkeyPatch) -> 
 
 def test_worlds_are_compared_with_one_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     benchmark = bench.BENCHMARKS["ant_worlds"]
-    monkeypatch.setattr("newton_avbd.study.robots.WORLDS", 4)
+    monkeypatch.setattr("newton_avbd.scenes.robots.WORLDS", 4)
     short = dataclasses.replace(benchmark, seconds=0.05)
     (result,) = bench.compete(short, ["mj_step"], bench.QUICK)
     assert result.quality is not None and result.quality.apart == 0.0

@@ -8,8 +8,8 @@ import sys
 
 import pytest
 
-from newton_avbd.study import bench
-from newton_avbd.study.targets import TARGETS
+from newton_avbd.study.bench import run as bench
+from newton_avbd.study.bench.targets import TARGETS
 
 USD = ("cartpole", "humanoid_usd", "ant_usd", "fourbar")
 QUALITY = [

@@ -19,8 +19,8 @@ import pytest
 
 from newton_avbd.__main__ import _parse, main
 from newton_avbd.commands import COMMANDS, view
-from newton_avbd.commands.terminal import gathered_prints, gathered_warnings, progress
 from newton_avbd.io import ModelSimulation
+from newton_avbd.io.terminal import gathered_prints, gathered_warnings, progress
 
 PNG = b"\x89PNG"
 

@@ -22,7 +22,8 @@ from contract import (
 )
 from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, surface
 
-from newton_avbd import SolverAVBD, buffers
+from newton_avbd import SolverAVBD
+from newton_avbd.setup import buffers
 
 DT = 1.0 / 240.0
 

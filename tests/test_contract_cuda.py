@@ -12,9 +12,10 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-import newton_avbd.execute
+import newton_avbd.drivers
+import newton_avbd.step
 from newton_avbd import Effects
-from newton_avbd.execute.colored import make_colored
+from newton_avbd.drivers.colored import make_colored
 from newton_avbd.rows.joint import JointKinds
 
 HOPPER = 90
@@ -108,8 +109,9 @@ LARGE_VARIANTS = {
 """Effects of one large world."""
 
 MODULES = [
-    importlib.import_module(f"newton_avbd.execute.{module.name}")
-    for module in pkgutil.iter_modules(newton_avbd.execute.__path__)
+    importlib.import_module(f"{package.__name__}.{module.name}")
+    for package in (newton_avbd.step, newton_avbd.drivers)
+    for module in pkgutil.iter_modules(package.__path__)
 ]
 
 KERNELS = {

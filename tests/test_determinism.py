@@ -18,7 +18,7 @@ from helpers import Array, G, Simulation
 from joint_scenes import WORLD, add_link, transform
 from workshop import BODIES, add_workshop
 
-from newton_avbd.execute import workers
+from newton_avbd.drivers import workers
 
 STEPS = 40
 SPEEDS = (0.0, 0.7, -0.4)

@@ -8,7 +8,7 @@ from pathlib import Path
 import newton
 import pytest
 
-from newton_avbd.study.hard_cases import CASES
+from newton_avbd.study.stability.cases import CASES
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "newton_avbd"
@@ -25,7 +25,7 @@ SOURCE = "\n".join(path.read_text() for path in sorted(PACKAGE.rglob("*.py")))
 def test_the_functions_of_the_step_are_where_the_docs_say(line: str) -> None:
     _, _, functions, files, _ = line.split("|")
     sources = [(PACKAGE / file).read_text() for file in re.findall(r"`(.+?)`", files)]
-    sources.append((PACKAGE / "execute" / "phases.py").read_text())
+    sources.append((PACKAGE / "drivers" / "phases.py").read_text())
     for function in re.findall(r"`(.+?)`", functions):
         assert any(f"def {function}(" in source for source in sources), function
 
@@ -33,7 +33,7 @@ def test_the_functions_of_the_step_are_where_the_docs_say(line: str) -> None:
 @pytest.mark.parametrize("page", sorted((ROOT / "docs").rglob("*.md")), ids=lambda page: page.stem)
 def test_the_files_that_a_page_names_exist(page: Path) -> None:
     for name in re.findall(r"`([a-z0-9_/]+\.py)`", page.read_text()):
-        places = (ROOT / name, PACKAGE / name, PACKAGE / "execute" / name, PACKAGE / "rows" / name)
+        places = (ROOT / name, PACKAGE / name, PACKAGE / "step" / name, PACKAGE / "rows" / name)
         assert any(place.exists() for place in places), name
 
 

@@ -17,8 +17,8 @@ sys.path.append(str(DOCS))
 
 import plots  # noqa: E402
 
-from newton_avbd.study.accuracy_scenes import ACCURACY_SCENES  # noqa: E402
-from newton_avbd.study.growth import QUANTITIES  # noqa: E402
+from newton_avbd.study.accuracy.scenes import ACCURACY_SCENES  # noqa: E402
+from newton_avbd.study.bench.growth import QUANTITIES  # noqa: E402
 
 
 def menu_of(name: str) -> tuple[Any, dict[str, list[Any]], dict[str, str]]:

@@ -16,12 +16,12 @@ from newton import ModelFlags
 import newton_avbd
 from newton_avbd import Effects, SolverAVBD
 from newton_avbd.__main__ import main
+from newton_avbd.drivers.colored import make_colored
+from newton_avbd.drivers.world import make_step
 from newton_avbd.effects import CAUSES
-from newton_avbd.execute.colored import make_colored
-from newton_avbd.execute.world import make_step
 from newton_avbd.rows.joint import JointKinds
-from newton_avbd.study.effects_full import SETTINGS, add_everything
-from newton_avbd.study.effects_stripped import real_and_stripped, strip
+from newton_avbd.study.effects.full import SETTINGS, add_everything
+from newton_avbd.study.effects.stripped import real_and_stripped, strip
 
 DOCS = Path(__file__).parent.parent / "docs" / "effects.md"
 

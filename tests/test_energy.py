@@ -9,11 +9,11 @@ import warp as wp
 from helpers import Simulation, add_box, add_ground, add_sphere
 from joint_scenes import WORLD, add_link, anchor_gaps, set_coordinates, simulate, transform
 
-from newton_avbd.study.fall_run import Setup, run_falls
-from newton_avbd.study.fall_scene import bare, make_model, starts
-from newton_avbd.study.measure import Bodies, kinetic_energy
-from newton_avbd.study.measure_joints import Joints
-from newton_avbd.study.robots import add_humanoid
+from newton_avbd.measure.joints import Joints
+from newton_avbd.measure.state import Bodies, kinetic_energy
+from newton_avbd.scenes.robots import add_humanoid
+from newton_avbd.study.falls.run import Setup, run_falls
+from newton_avbd.study.falls.scene import bare, make_model, starts
 
 DRIVERS = ("worlds", "bodies")
 

@@ -19,9 +19,9 @@ from joint_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
-from newton_avbd.study.hard_case import Trial
-from newton_avbd.study.hard_cases import CASES
-from newton_avbd.study.hard_steps import CAR_DRIVE, CAR_SPEED, CAR_WHEEL
+from newton_avbd.study.stability.case import Trial
+from newton_avbd.study.stability.cases import CASES
+from newton_avbd.study.stability.steps import CAR_DRIVE, CAR_SPEED, CAR_WHEEL
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 

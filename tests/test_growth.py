@@ -10,7 +10,7 @@ import newton
 import pytest
 
 from newton_avbd.__main__ import main
-from newton_avbd.study.growth import FAMILIES, Point, exponent, sizes
+from newton_avbd.study.bench.growth import FAMILIES, Point, exponent, sizes
 
 
 def test_powers_are_read_off_large_scenes() -> None:

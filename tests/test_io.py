@@ -15,7 +15,7 @@ from newton.solvers import SolverMuJoCo, SolverVBD, SolverXPBD
 from newton_avbd import SolverAVBD
 from newton_avbd.io import Request, StepTimer, UserError, open_scene, require
 from newton_avbd.io.swap import swapped
-from newton_avbd.study.measure import Probe, deepest_penetration
+from newton_avbd.measure.state import Probe, deepest_penetration
 
 EXAMPLE_ASSETS = Path(newton.examples.get_asset_directory())
 TEST_ASSETS = Path(newton.__file__).parent / "tests" / "assets"

@@ -11,9 +11,9 @@ import pytest
 import warp as wp
 
 from newton_avbd import Effects, SolverAVBD
-from newton_avbd.execute.world import make_solve
+from newton_avbd.drivers.world import make_solve
 from newton_avbd.rows.joint import JointKinds
-from newton_avbd.study.effects_stripped import source
+from newton_avbd.study.effects.stripped import source
 
 
 def effects_of(**joint: float) -> Effects:

@@ -10,7 +10,7 @@ from helpers import Simulation, add_box, add_ground, add_mass
 from joint_scenes import WORLD, add_link, anchor_gaps, transform
 
 from newton_avbd.__main__ import main
-from newton_avbd.study.scenes import add_ragdoll, add_ragdoll_heap
+from newton_avbd.scenes.named import add_ragdoll, add_ragdoll_heap
 
 
 def ragdolls(count: int = 5) -> newton.ModelBuilder:

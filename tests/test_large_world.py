@@ -14,10 +14,10 @@ from test_large_joints import in_order_of_colors, ragdolls
 
 from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
-from newton_avbd.execute.coloring import COLORS, PASSES
-from newton_avbd.execute.scale import COLD_STEPS, STRUCK_FACTOR
-from newton_avbd.study.chains import add_chain
-from newton_avbd.study.scenes import add_brick_ring
+from newton_avbd.drivers.coloring import COLORS, PASSES
+from newton_avbd.scenes.chains import add_chain
+from newton_avbd.scenes.named import add_brick_ring
+from newton_avbd.step.scale import COLD_STEPS, STRUCK_FACTOR
 
 PYRAMID = [
     (0.55 * (i - 0.5 * (5 - row)), 0.5 * (row + 0.5)) for row in range(5) for i in range(5 - row)
@@ -295,7 +295,7 @@ def test_energy_is_bounded_alike_where_an_island_spans_lanes(monkeypatch) -> Non
         body = add_sphere(builder, place + np.array([5.0 * (i % 2), 0.0, 0.0]), 0.12)
         builder.body_qd[body] = (*(-4.0 * place), 0.0, 0.0, 0.0)
     several = Simulation(builder, parallel="bodies", iterations=1)
-    monkeypatch.setattr("newton_avbd.large._SHORTEST", 200)
+    monkeypatch.setattr("newton_avbd.drivers.large._SHORTEST", 200)
     one = Simulation(builder, parallel="bodies", iterations=1)
     assert (several.solver._large._lanes, one.solver._large._lanes) == (4, 1)
     for _ in range(10):

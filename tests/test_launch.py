@@ -9,14 +9,8 @@ import runpy
 import warp as wp
 
 from newton_avbd import data
-from newton_avbd.execute.launch import (
-    INLINING,
-    Launcher,
-    compiler_flags,
-    put_members,
-    putting,
-    uncollected,
-)
+from newton_avbd.drivers.launch import Launcher, put_members, putting
+from newton_avbd.step.kernels import INLINING, compiler_flags, uncollected
 
 
 @wp.struct

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from newton_avbd.commands import COMMANDS
-from newton_avbd.study import learning
+from newton_avbd.study.bench import learning
 
 pytest.importorskip("gymnasium")
 pytest.importorskip("dm_control")

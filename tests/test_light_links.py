@@ -8,8 +8,8 @@ import pytest
 from helpers import Array, Simulation, add_ground, surface
 from joint_scenes import add_link, transform
 
-from newton_avbd.execute.piles import LINK_WEIGHT
 from newton_avbd.rows.contact import PENALTY
+from newton_avbd.step.piles import LINK_WEIGHT
 
 RADIUS = 0.05
 FOOT = 1.0e-2

@@ -10,7 +10,7 @@ import pytest
 
 from newton_avbd.__main__ import main
 from newton_avbd.commands import stability
-from newton_avbd.study.long_run import IN_GRAPH, LONG_RUNS, LongRun, run_long
+from newton_avbd.study.stability.long_run import IN_GRAPH, LONG_RUNS, LongRun, run_long
 
 
 def test_a_resting_pile_rests() -> None:

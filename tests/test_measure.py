@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from newton_avbd.study import measure
+from newton_avbd.measure import state as measure
 
 # The model holds float32; a few roundings lie between it and a measure.
 ROUNDING = 1.0e-6

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from newton_avbd.study.measure_joints import JointProbe, Joints
+from newton_avbd.measure.joints import JointProbe, Joints
 
 X, Y, Z = np.eye(3)
 

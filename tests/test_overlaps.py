@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from newton_avbd.study.measure import Probe, deepest_penetration
-from newton_avbd.study.overlaps import describe_overlaps
+from newton_avbd.measure.overlaps import describe_overlaps
+from newton_avbd.measure.state import Probe, deepest_penetration
 
 INERTIA = wp.mat33(np.eye(3) * 0.01)
 # The gap of two spheres of known places; the model holds float32.

@@ -11,8 +11,8 @@ import pytest
 import warp as wp
 
 from newton_avbd import SolverAVBD
-from newton_avbd.study import pendulums
-from newton_avbd.study.chains import add_chain
+from newton_avbd.scenes.chains import add_chain
+from newton_avbd.study.accuracy import pendulums
 
 pytest.importorskip("scipy", reason="needs scipy: pip install newton-avbd[study]")
 

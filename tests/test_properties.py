@@ -11,9 +11,9 @@ import newton
 import pytest
 
 from newton_avbd.__main__ import main
-from newton_avbd.study.properties import PROPERTIES
-from newton_avbd.study.properties_mujoco import ATTRIBUTES, pattern_of, registered
-from newton_avbd.study.property import Measure, Property, Trial, judge
+from newton_avbd.study.properties.mujoco import ATTRIBUTES, pattern_of, registered
+from newton_avbd.study.properties.property import Measure, Property, Trial, judge
+from newton_avbd.study.properties.run import PROPERTIES
 
 CHOICES = ("friction: mixing rule",)
 """Properties for which Newton has no rule of its own."""

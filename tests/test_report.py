@@ -11,7 +11,7 @@ from contract import pile, worlds
 from helpers import G, Simulation, add_box, add_ground
 
 from newton_avbd.report import missed
-from newton_avbd.study.scenes import add_dominoes
+from newton_avbd.scenes.named import add_dominoes
 
 
 def easy_and_hard(**settings: object) -> Simulation:

@@ -10,8 +10,8 @@ import pytest
 import warp as wp
 from helpers import G, Simulation, add_box, add_ground, add_sphere
 
-from newton_avbd.study.hard_piles import add_box as add_solid
-from newton_avbd.study.scenes import add_brick_ring, add_pyramid, add_stack
+from newton_avbd.scenes.named import add_brick_ring, add_pyramid, add_stack
+from newton_avbd.study.stability.piles import add_box as add_solid
 
 
 def contact_wrenches(sim: Simulation, forces: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 from helpers import IDENTITY, NO_GRAVITY, G, Simulation, add_box, add_ground, add_sphere, surface
 
-from newton_avbd.study.scenes import add_dominoes
+from newton_avbd.scenes.named import add_dominoes
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 

@@ -16,12 +16,12 @@ from newton_avbd.__main__ import main
 from newton_avbd.io import Request, UserError, converted, open_scene, robots
 from newton_avbd.io.assets import read_asset
 from newton_avbd.io.robots import find_robot, read_robot
-from newton_avbd.study.robot_page import read_reports, summary, write_page
-from newton_avbd.study.robot_pose import FREQUENCY, lowest_points, stand
-from newton_avbd.study.robot_run import Record
-from newton_avbd.study.robot_torque import Torques
-from newton_avbd.study.robot_trial import WRONG, Report, judge, try_robot
-from newton_avbd.study.robot_wave import wave
+from newton_avbd.scenes.pose import FREQUENCY, lowest_points, stand
+from newton_avbd.study.robots.page import read_reports, summary, write_page
+from newton_avbd.study.robots.run import Record
+from newton_avbd.study.robots.torque import Torques
+from newton_avbd.study.robots.trial import WRONG, Report, judge, try_robot
+from newton_avbd.study.robots.wave import wave
 
 ROUNDING = 1.0e-5
 

@@ -10,7 +10,7 @@ import pytest
 import warp as wp
 from helpers import G, Simulation, add_ground, surface
 
-from newton_avbd.study.accuracy_scenes import TILT, add_cube_on_edge, tipped
+from newton_avbd.study.accuracy.scenes import TILT, add_cube_on_edge, tipped
 
 RADIUS, HALF = 0.1, 0.08
 """Radius of what rolls and half of its length, along y [m]."""

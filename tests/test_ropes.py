@@ -14,9 +14,9 @@ from scipy.linalg import solve_banded
 from scipy.spatial.transform import Rotation
 
 from newton_avbd import SolverAVBD
+from newton_avbd.scenes.named import SCENES
 from newton_avbd.study.contestants import NewtonContestant
 from newton_avbd.study.peers import Peer
-from newton_avbd.study.scenes import SCENES
 
 EYE = np.eye(3)
 FORCE, PLACE, TURN = 0, 3, 6

@@ -9,8 +9,8 @@ import newton
 import numpy as np
 import pytest
 
-from newton_avbd.study import scenes
-from newton_avbd.study.measure import Probe
+from newton_avbd.measure.state import Probe
+from newton_avbd.scenes import named as scenes
 
 OVERLAP = 1e-6
 """Positions up to 8 m away are rounded to float32, twice for a pair: 2 x 2.4e-7 m."""

@@ -7,10 +7,10 @@ import newton
 import numpy as np
 import pytest
 
-from newton_avbd.study import chains, robots
-from newton_avbd.study.chains import add_chain
-from newton_avbd.study.measure_joints import Joints
-from newton_avbd.study.scene import Scene
+from newton_avbd.measure.joints import Joints
+from newton_avbd.scenes import chains, robots
+from newton_avbd.scenes.chains import add_chain
+from newton_avbd.scenes.scene import Scene
 
 CLOSED = 5e-6
 """Positions up to 20 m away are rounded to float32: 1e-6 m, twice for a joint, on three axes."""

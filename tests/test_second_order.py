@@ -29,8 +29,8 @@ from scipy.spatial.transform import Rotation
 from test_gyroscopic import AXES, MOMENTS, reference
 
 from newton_avbd import SolverAVBD
-from newton_avbd.study.chains import add_chain
-from newton_avbd.study.pendulums import pendulum_errors
+from newton_avbd.scenes.chains import add_chain
+from newton_avbd.study.accuracy.pendulums import pendulum_errors
 
 STEPS = (1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0)
 

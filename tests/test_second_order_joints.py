@@ -25,8 +25,8 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from test_second_order import ALPHA, STEPS, assert_second_order
 
-from newton_avbd.study.hard_case import Trial
-from newton_avbd.study.hard_cases import CASES
+from newton_avbd.study.stability.case import Trial
+from newton_avbd.study.stability.cases import CASES
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 

@@ -12,7 +12,7 @@ from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, su
 from joint_scenes import add_hinge_chain, set_control, simulate
 from newton import ModelFlags
 
-from newton_avbd.execute.sleeping import REST_TIME
+from newton_avbd.step.sleeping import REST_TIME
 
 DT = 1.0 / 60.0
 MU = 0.5

@@ -19,9 +19,9 @@ import pytest
 
 from newton_avbd.commands import stability
 from newton_avbd.io import UserError
-from newton_avbd.study import stability_page
-from newton_avbd.study.hard_case import Bounds, Case, Outcome, try_case
-from newton_avbd.study.hard_cases import CASES, GROUPS
+from newton_avbd.study.stability import page as stability_page
+from newton_avbd.study.stability.case import Bounds, Case, Outcome, try_case
+from newton_avbd.study.stability.cases import CASES, GROUPS
 
 WHOLE = os.environ.get("HARD_CASES") == "all"
 

@@ -12,7 +12,8 @@ import warp as wp
 from helpers import NO_GRAVITY, G, Simulation, add_box
 from joint_scenes import WORLD, add_contact, add_link, anchor_gaps, transform
 
-from newton_avbd import SolverAVBD, topology
+from newton_avbd import SolverAVBD
+from newton_avbd.model import topology
 
 LENGTH = 0.1
 

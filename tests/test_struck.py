@@ -9,7 +9,7 @@ from helpers import EPS, Simulation
 from joint_scenes import anchor_gaps
 from scipy.spatial.transform import Rotation
 
-from newton_avbd.study.robots import add_humanoid
+from newton_avbd.scenes.robots import add_humanoid
 
 TILTS = Rotation.random(8, random_state=11)
 """How the robot comes down."""

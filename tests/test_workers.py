@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-from newton_avbd.execute import workers
-from newton_avbd.execute.workers import Workers
+from newton_avbd.drivers import workers
+from newton_avbd.drivers.workers import Workers
 
 
 @pytest.fixture

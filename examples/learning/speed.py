@@ -14,8 +14,8 @@ from collections.abc import Callable
 
 import gymnasium
 
-from newton_avbd.commands.terminal import start_warp
 from newton_avbd.environments import RobotVectorEnv
+from newton_avbd.io.terminal import start_warp
 
 CONTROLS = 4096
 """Of all environments of a batch in a turn."""

@@ -24,8 +24,8 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
-from newton_avbd.commands.terminal import start_warp
 from newton_avbd.environments import RobotVectorEnv
+from newton_avbd.io.terminal import start_warp
 
 ENGINES = ("avbd", "mujoco")
 CONTROLS = 2048

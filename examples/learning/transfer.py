@@ -22,8 +22,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from train import BatchOfWorlds, returns
 
 from newton_avbd import SolverAVBD
-from newton_avbd.commands.terminal import start_warp
 from newton_avbd.environments import RobotVectorEnv
+from newton_avbd.io.terminal import start_warp
 
 EPISODES = 3
 FINER = 4

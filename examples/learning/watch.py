@@ -18,9 +18,9 @@ import warp as wp
 from PIL import Image
 from stable_baselines3 import PPO
 
-from newton_avbd.commands.terminal import start_warp
 from newton_avbd.commands.view import make_viewer
 from newton_avbd.environments import RobotVectorEnv
+from newton_avbd.io.terminal import start_warp
 
 SIZE = (480, 270)
 EVERY = 5

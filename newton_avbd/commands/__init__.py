@@ -80,7 +80,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
     },
     "measure": {
         "bench": Command(
-            "newton_avbd.study.bench",
+            "newton_avbd.study.bench.run",
             "measure time and quality on a set of scenes",
             (
                 ("pyramid --quick", "one scene, rough"),
@@ -114,7 +114,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
             ),
         ),
         "properties": Command(
-            "newton_avbd.study.properties",
+            "newton_avbd.study.properties.run",
             "try solvers on what a scene can author",
             (("joint_friction --solvers avbd xpbd", "some properties, by two solvers"),),
         ),

@@ -11,18 +11,27 @@ from pathlib import Path
 from typing import Any
 
 from newton_avbd.io import UserError, read_scene, require
-from newton_avbd.study import accuracy_ask, accuracy_control, accuracy_page
-from newton_avbd.study.accuracy import ASK, FULL, QUICK, QUICK_SCENES, Results, run
-from newton_avbd.study.accuracy_front import OURS
-from newton_avbd.study.accuracy_run import Point
-from newton_avbd.study.accuracy_scenes import ACCURACY_SCENES
-from newton_avbd.study.accuracy_solvers import MEASURED
-from newton_avbd.study.bench import chosen, describe_machine, pinned
-from newton_avbd.study.mujoco_native import silence
+from newton_avbd.study.accuracy import ask as accuracy_ask
+from newton_avbd.study.accuracy import control as accuracy_control
+from newton_avbd.study.accuracy import page as accuracy_page
+from newton_avbd.study.accuracy.front import OURS
+from newton_avbd.study.accuracy.results import ASK, FULL, QUICK, QUICK_SCENES, Results, run
+from newton_avbd.study.accuracy.run import Point
+from newton_avbd.study.accuracy.scenes import ACCURACY_SCENES
+from newton_avbd.study.accuracy.solvers import MEASURED
+from newton_avbd.study.bench.run import chosen, describe_machine, pinned
+from newton_avbd.study.mujoco.native import silence
 
-from .options import make_folder
-from .output import length, table
-from .terminal import gathered_prints, gathered_warnings, interruptible, progress, say, say_notes
+from ..io.options import make_folder
+from ..io.output import length, table
+from ..io.terminal import (
+    gathered_prints,
+    gathered_warnings,
+    interruptible,
+    progress,
+    say,
+    say_notes,
+)
 
 REFERENCE_BUDGET = 25.0
 """Processor time in which the motion of a scene of the user's is found out [s]."""

@@ -16,13 +16,13 @@ from newton_avbd import SolverAVBD
 from newton_avbd.io import Request, Simulation, UserError, open_scene, require
 from newton_avbd.io.controls import CONTROLS
 from newton_avbd.io.solvers import SOLVERS
-from newton_avbd.study.measure import Probe, deepest_penetration, distances
-from newton_avbd.study.measure_joints import Joints
-from newton_avbd.study.overlaps import describe_overlaps
+from newton_avbd.measure.joints import Joints
+from newton_avbd.measure.overlaps import describe_overlaps
+from newton_avbd.measure.state import Probe, deepest_penetration, distances
 
-from .options import add_scene_arguments, check_writable, device_notes, use_device
-from .output import length, table
-from .terminal import (
+from ..io.options import add_scene_arguments, check_writable, device_notes, use_device
+from ..io.output import length, table
+from ..io.terminal import (
     Interruption,
     gathered_prints,
     gathered_warnings,

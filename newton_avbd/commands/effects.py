@@ -7,12 +7,12 @@ import argparse
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io import Request, UserError, open_scene
-from newton_avbd.study.bench import pinned
-from newton_avbd.study.effects import Stepper, difference
+from newton_avbd.study.bench.run import pinned
+from newton_avbd.study.effects.cost import Stepper, difference
 
-from .options import add_scene_arguments, use_device
-from .output import table
-from .terminal import gathered_warnings, interruptible, progress
+from ..io.options import add_scene_arguments, use_device
+from ..io.output import table
+from ..io.terminal import gathered_warnings, interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -17,13 +17,13 @@ from newton_avbd.io import UserError
 from newton_avbd.io.assets import SUFFIXES, read_asset
 from newton_avbd.io.robots import find_robot, not_installed, read_robot
 from newton_avbd.io.solvers import SOLVERS
-from newton_avbd.study.fall_run import Fall, Setup, run_falls
-from newton_avbd.study.fall_scene import KINDS, bare, starts
+from newton_avbd.study.falls.run import Fall, Setup, run_falls
+from newton_avbd.study.falls.scene import KINDS, bare, starts
 
-from .options import make_folder, positive
-from .output import length, table
+from ..io.options import make_folder, positive
+from ..io.output import length, table
+from ..io.terminal import interruptible
 from .robots import chosen_robots, show, show_nothing, silence
-from .terminal import interruptible
 
 HEAD = (
     "",

@@ -8,12 +8,12 @@ import json
 from pathlib import Path
 
 from newton_avbd.io import UserError, require
-from newton_avbd.study import growth
-from newton_avbd.study.bench import chosen, describe_machine, pinned
+from newton_avbd.study.bench import growth
+from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 
-from .options import make_folder, positive, use_device
-from .output import table
-from .terminal import interruptible, progress
+from ..io.options import make_folder, positive, use_device
+from ..io.output import table
+from ..io.terminal import interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

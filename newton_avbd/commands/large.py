@@ -11,12 +11,12 @@ from pathlib import Path
 import warp as wp
 
 from newton_avbd.io import UserError
-from newton_avbd.study.bench import chosen, describe_machine
-from newton_avbd.study.large import LARGE_SCENES, measure
+from newton_avbd.study.bench.large import LARGE_SCENES, measure
+from newton_avbd.study.bench.run import chosen, describe_machine
 
-from .options import check_writable, positive, use_device
-from .output import length, table
-from .terminal import interruptible, progress
+from ..io.options import check_writable, positive, use_device
+from ..io.output import length, table
+from ..io.terminal import interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -7,13 +7,13 @@ import argparse
 import warnings
 
 from newton_avbd.io import UserError, require
-from newton_avbd.study import learning
-from newton_avbd.study.bench import chosen, describe_machine, pinned
+from newton_avbd.study.bench import learning
+from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 
-from .options import positive
-from .output import table
+from ..io.options import positive
+from ..io.output import table
+from ..io.terminal import interruptible, progress, say_notes
 from .robots import silence
-from .terminal import interruptible, progress, say_notes
 
 HEAD = ("", "step", "AVBD steps/s", "MuJoCo", "AVBD return", "MuJoCo", "AVBD length", "MuJoCo")
 

@@ -18,8 +18,8 @@ import newton
 from newton_avbd.io import UserError, require
 from newton_avbd.io.converted import as_usd, can_convert, require_converters
 from newton_avbd.io.robots import SOURCES, Robot, find_robot, not_installed, read_robot, robots
-from newton_avbd.study.bench import describe_machine
-from newton_avbd.study.robot_page import (
+from newton_avbd.study.bench.run import describe_machine
+from newton_avbd.study.robots.page import (
     line,
     picture,
     read_reports,
@@ -27,11 +27,11 @@ from newton_avbd.study.robot_page import (
     write_montage,
     write_page,
 )
-from newton_avbd.study.robot_run import Record
-from newton_avbd.study.robot_trial import Report, try_robot
+from newton_avbd.study.robots.run import Record
+from newton_avbd.study.robots.trial import Report, try_robot
 
+from ..io.terminal import interruptible
 from . import view
-from .terminal import interruptible
 
 PICTURE_SIZE = (192, 108)
 """Width and height of a robot's picture [px]."""
@@ -161,7 +161,7 @@ def _make_folder(output: Path) -> None:
 
 
 def _write(output: Path, reports: list[Report], stem: str) -> None:
-    from newton_avbd.study.bench import pinned
+    from newton_avbd.study.bench.run import pinned
 
     with pinned() as core:
         machine = describe_machine(core)

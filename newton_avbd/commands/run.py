@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
+from newton_avbd.measure.overlaps import describe_overlaps
+from newton_avbd.measure.state import Probe, deepest_penetration
 from newton_avbd.report import InnerReport, Status
-from newton_avbd.study.measure import Probe, deepest_penetration
-from newton_avbd.study.overlaps import describe_overlaps
 
+from ..io.options import add_scene_arguments, check_writable, device_notes, use_device
+from ..io.output import length, table
+from ..io.terminal import gathered_warnings, interruptible, progress, say_notes
 from . import view
-from .options import add_scene_arguments, check_writable, device_notes, use_device
-from .output import length, table
-from .terminal import gathered_warnings, interruptible, progress, say_notes
 
 TOUCHING = 1.0e-4
 """Gap below which a contact counts as touching [m]: what resting bodies keep of it or less."""

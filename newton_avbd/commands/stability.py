@@ -12,14 +12,14 @@ from pathlib import Path
 from newton_avbd.io import UserError, require
 from newton_avbd.io.errors import unknown
 from newton_avbd.io.solvers import SOLVERS
-from newton_avbd.study.hard_case import Case, Outcome, try_case
-from newton_avbd.study.hard_cases import CASES, GROUPS
-from newton_avbd.study.long_run import IN_GRAPH, LONG_RUNS, run_long
-from newton_avbd.study.stability_page import line, write_page
+from newton_avbd.study.stability.case import Case, Outcome, try_case
+from newton_avbd.study.stability.cases import CASES, GROUPS
+from newton_avbd.study.stability.long_run import IN_GRAPH, LONG_RUNS, run_long
+from newton_avbd.study.stability.page import line, write_page
 
-from .options import make_folder, positive, use_device
-from .output import length
-from .terminal import interruptible, progress, say
+from ..io.options import make_folder, positive, use_device
+from ..io.output import length
+from ..io.terminal import interruptible, progress, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 import newton
 import warp as wp
 
-from newton_avbd.study import scenes
-from newton_avbd.study.scene import FRAMES_PER_SECOND, GivenScene, Scene
+from newton_avbd.scenes import named as scenes
+from newton_avbd.scenes.scene import FRAMES_PER_SECOND, GivenScene, Scene
 
 from . import examples, robots, solvers
 from .assets import FRAMES, SUFFIXES, open_asset, set_up_asset
@@ -39,7 +39,7 @@ def open_scene(name: str, request: Request) -> Simulation:
     """Open a scene by name.
 
     Args:
-        name: A scene of :mod:`newton_avbd.study.scenes`, an installed Newton example, with or
+        name: A scene of :mod:`newton_avbd.scenes.named`, an installed Newton example, with or
             without :data:`EXAMPLE_PREFIX`, a robot of an installed package with the prefix
             ``robot:``, or the path of a USD, URDF or MJCF file.
         request: Solver and settings.

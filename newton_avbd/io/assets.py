@@ -13,8 +13,8 @@ from xml.etree import ElementTree
 import newton
 import numpy as np
 
-from newton_avbd.study.overlaps import filter_neighbors
-from newton_avbd.study.robot_pose import grounds, lowest_points
+from newton_avbd.measure.overlaps import filter_neighbors
+from newton_avbd.scenes.pose import grounds, lowest_points
 
 from . import solvers
 from .controls import Controls

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import newton
 
-from newton_avbd.study.robot_pose import stand
+from newton_avbd.scenes.pose import stand
 
 from .assets import SUFFIXES, read_asset, simulate
 from .errors import UserError

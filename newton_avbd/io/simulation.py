@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import newton
 
-from newton_avbd.study.scene import may_collide
+from newton_avbd.scenes.scene import may_collide
 
 from . import solvers
 from .controls import Controls

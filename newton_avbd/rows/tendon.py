@@ -99,7 +99,7 @@ def tendon_law(
     tendons: wp.ref[TendonModel],
 ) -> AxisLaw:
     """What is not linear along a tendon, about its length, and the piece that it is taken to be on;
-    see :func:`.axis.make_axis`."""
+    see :func:`..step.axes.make_axis`."""
     row = tendons.row[i]
     push = tendons.push[i]
     known = tendons.piece[i]

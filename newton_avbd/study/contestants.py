@@ -19,11 +19,11 @@ import newton
 import numpy as np
 import warp as wp
 
-from newton_avbd.study import measure
-from newton_avbd.study.measure import Array
-from newton_avbd.study.measure_joints import JointProbe, JointQuality
+from newton_avbd.measure import state as measure
+from newton_avbd.measure.joints import JointProbe, JointQuality
+from newton_avbd.measure.state import Array
+from newton_avbd.scenes.named import Scene
 from newton_avbd.study.peers import Peer
-from newton_avbd.study.scenes import Scene
 
 SAMPLES = 10
 """States of a run that are measured, evenly spread; the last one is its end."""

@@ -11,7 +11,7 @@ import newton
 import numpy as np
 from newton.solvers import SolverBase
 
-from newton_avbd.study.scenes import Scene
+from newton_avbd.scenes.named import Scene
 
 ITERATIONS = 10
 """Iterations a step of the solvers that sweep over bodies or constraints."""

@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Inertia along joint axes in the reference pose, by which MuJoCo scales what is soft."""
+
+from collections.abc import Callable, Iterator
+
+import newton
+import numpy as np
+import warp as wp
+
+from ..rows.joint import KINDS
+from .actuators import Actuators, reflected_armature
+
+
+def reference_state(model: newton.Model) -> newton.State:
+    """A state in the reference pose: all coordinates along axes are zero."""
+    state = model.state()
+    joint_q = model.joint_q.numpy().copy()  # on a CPU it is the array itself
+    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
+    for joint, kind in enumerate(kinds):
+        if KINDS[newton.JointType(kind)].has_axes:
+            joint_q[starts[joint] : starts[joint + 1]] = 0.0
+    state.joint_q.assign(joint_q)
+    newton.eval_fk(model, state.joint_q, model.joint_qd, state)
+    return state
+
+
+def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included."""
+    if not model.articulation_count:
+        return
+    axes = Actuators.of_model(model).axes
+    armature = reflected_armature(model, axes, model.joint_dof_count)
+    matrices = newton.eval_mass_matrix(model, reference_state(model)).numpy().astype(float)
+    ends = (model.articulation_start, model.articulation_end)
+    first, last = (model.joint_qd_start.numpy()[end.numpy()] for end in ends)
+    for k in range(model.articulation_count):
+        # joints that close loops stand between articulations
+        dofs = np.arange(first[k], last[k])
+        yield dofs, matrices[k, : dofs.size, : dofs.size] + np.diag(armature[dofs])
+
+
+def reference_mobility(model: newton.Model) -> dict[int, tuple[float, float]]:
+    """How a unit force accelerates each degree of freedom of an articulation at q = 0.
+
+    Returns:
+        Diagonal entry of the mass matrix's inverse, armature included, and the norm of its column,
+        which is how the force accelerates all; by degree of freedom.
+    """
+    found: dict[int, tuple[float, float]] = {}
+    for dofs, matrix in reference_matrices(model):
+        inverse = np.linalg.pinv(matrix)
+        for i, dof in enumerate(dofs.tolist()):
+            norm = float(np.linalg.norm(inverse[:, i]))
+            found[dof] = (float(inverse[i, i]), norm)
+    return found
+
+
+def reference_moments(
+    model: newton.Model, rates_of: Callable[[newton.State], np.ndarray]
+) -> np.ndarray:
+    """How lengths change with each degree of freedom in the reference pose.
+
+    Args:
+        model: The model.
+        rates_of: Finds the rates of the lengths in a state, shape (lengths,).
+
+    Returns:
+        Derivatives, shape (lengths, joint_dof_count) [m/m, m/rad, ...].
+    """
+    state, found = reference_state(model), []
+    for dof in range(model.joint_dof_count):
+        rates = np.zeros(model.joint_dof_count, dtype=np.float32)
+        rates[dof] = 1.0
+        newton.eval_fk(
+            model, state.joint_q, wp.array(rates, dtype=float, device=model.device), state
+        )
+        found.append(rates_of(state).astype(float))
+    return np.array(found).T
+
+
+def mobility_along(model: newton.Model, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How a unit of force along a length moves it in the reference pose, and all coordinates.
+
+    Returns:
+        J M^-1 J^T and the norm of M^-1 J^T of each of some lengths.
+    """
+    along, norms = np.zeros(len(moments)), np.zeros(len(moments))
+    for dofs, matrix in reference_matrices(model):
+        moved = np.linalg.pinv(matrix) @ moments[:, dofs].T
+        along += np.einsum("ij,ji->i", moments[:, dofs], moved)
+        norms += np.sum(moved**2, axis=0)
+    return along, np.sqrt(norms)
+
+
+def rotation_matrix(rotation: np.ndarray) -> np.ndarray:
+    """Matrix of a quaternion (xyzw)."""
+    return np.array(wp.quat_to_matrix(wp.quat(*rotation))).reshape(3, 3)
+
+
+def inertia_root(inertia: np.ndarray) -> np.ndarray:
+    """A with A A^T = inertia."""
+    moments, axes = np.linalg.eigh(inertia)
+    return axes * np.sqrt(np.maximum(moments, 0.0))

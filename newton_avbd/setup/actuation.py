@@ -1,0 +1,439 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The arrays of MuJoCo's actuators and of gravity compensation, and what is launched for them."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import newton
+import numpy as np
+import warp as wp
+
+from .. import data
+from ..drivers.launch import Launcher
+from ..model.actuators import Actuators, compensating_axes, is_limited, reflected_armature
+from ..model.inertia import mobility_along, reference_mobility, reference_moments
+from ..model.topology import Topology
+from ..rows import actuator as rules
+from ..rows.motor import MOTOR
+from ..rows.path import JOINT
+from ..step import actuation as kernels
+from ..step import adhesion
+from ..step import body_actuators as pushes
+from .tendons import KEPT, TendonArrays
+from .views import AllJoints, coordinates_of, indices, lists
+
+ACTUATED = frozenset({"actuators", "gravity_compensation"})
+"""Effects by which actuators compensate gravity."""
+_LIMITS = ("lower", "upper")
+_SAME = (
+    *("dynprm", "gainprm", "biasprm", "gear", "ctrlrange", "forcerange", "actrange"),
+    *("actearly", "damping", "dampingpoly"),
+)
+"""Attributes of actuators that kernels read as they are."""
+
+
+class Actuation:
+    """The arrays by which actuators and gravity compensation act, and what a step launches."""
+
+    def __init__(
+        self,
+        model: newton.Model,
+        solved: Any,
+        topology: Topology,
+        joints: Any,
+        wanted: frozenset[str],
+        before: "Actuation | None" = None,
+    ) -> None:
+        """Makes the arrays.
+
+        Args:
+            model: The user's model.
+            solved: The model as the solver solves it.
+            topology: How joints link its bodies.
+            joints: The joints as kernels see them.
+            wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits``,
+                ``force_ranges``, ``compliance`` and ``second_order``.
+            before: What there was before the model changed, whose activations go on.
+
+        Raises:
+            ValueError: If a muscle has no length range.
+        """
+        self._model, self._joints = model, joints
+        self._has_limits = "effort_limits" in wanted
+        found = Actuators.of_model(model)
+        axes = found.axes if "actuators" in wanted else {}
+        bodies = found.bodies if "body_actuators" in wanted else {}
+        cords = topology.tendons
+        pulling = found.tendons if cords else {}
+        adhesive = found.adhesive if "adhesion" in wanted else {}
+        self.rows = sorted({*axes, *bodies, *pulling, *adhesive})
+        self.control_count = len(found.labels)
+        with wp.ScopedDevice(model.device):
+            self.law = data.ActuatorModel()
+            self.tendons = data.TendonModel()
+            self.beside_tendons = wp.zeros(len(cords), dtype=wp.vec2)
+            if cords:
+                self._cords = TendonArrays(model, solved, topology, wanted, pulling)
+                self.tendons = self._cords.arrays
+                if before is not None and before.tendons.row is not None:
+                    self._cords.take_on(before.tendons)
+            if self.rows:
+                self._make_law(found)
+                if before is not None and before.law.activation is not None:
+                    self.law.activation = before.law.activation
+                    if before.law.motor.size == self.law.motor.size:
+                        self.law.motor = before.law.motor
+            carried = compensating_axes(model) if ACTUATED <= wanted else {}
+            self.compensates = frozenset(carried if self._has_limits else ())
+            self._make_axes(axes, carried)
+            count = self._rows.size if "force_ranges" in wanted else 0
+            self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
+            servos = found.servos(model) if "servos" in wanted else {}
+            self._make_bodies(bodies, servos, solved)
+            if self.rows:
+                self._weigh(found, list(bodies))
+            self._compensation = wp.empty(0, dtype=float)
+            if "gravity_compensation" in wanted:
+                self._compensation = model.mujoco.gravcomp
+            self._adhesion = data.Adhesion()
+            if adhesive:
+                self._adhesion.row = indices(np.array(list(adhesive)))
+                self._adhesion.link = indices(np.array(list(adhesive.values())))
+                self._adhesion.force = wp.zeros(len(adhesive), dtype=float)
+            # servos are part of the drag of their bodies
+            self._pushes_bodies = bodies.keys() != servos.keys()
+            self.pushes_links = self._pushes_bodies or bool(adhesive)
+            self.pushes_links |= "gravity_compensation" in wanted
+            self._pushed = wp.zeros(
+                model.body_count if self.pushes_links else 0, dtype=wp.spatial_vector
+            )
+
+    def launch(
+        self,
+        launch: Launcher,
+        state: Any,
+        ctrl: wp.array | None,
+        contacts: Any,
+        dt: float,
+    ) -> wp.array:
+        """What actuators push axes and links with in a step; returns the wrenches on links.
+
+        Args:
+            launch: Launches kernels.
+            state: State at the start of the step.
+            ctrl: Controls of actuators; None without any.
+            contacts: The contacts that adhesion sees, a :class:`.data.ContactInput`; None for none.
+            dt: Time step [s].
+        """
+        model = self._model
+        if self._is_measured:
+            self._all_joints.measure(launch, state, self._joint_q, self._joint_qd)
+        if self._measures_tendons:
+            motion = [state.body_q, state.body_qd, self._joint_q, self._joint_qd]
+            count = self.tendons.row.size
+            launch(kernels.measure_tendons, count, [model.body_com, *motion, self.tendons])
+            launch(
+                kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons, self.beside_tendons]
+            )
+        if self._carried is not None:
+            found = [self._dofs, *self._carried, self._compensated]
+            compensate_axes(launch, model, state, self._joint_q, found)
+        if self._dofs.size:
+            launch(
+                kernels.push_axes,
+                self._dofs.size,
+                [
+                    self.law,
+                    self._joints,
+                    model.mujoco.dof_ref,
+                    *(self._dofs, self._start, self._rows, self._coordinate),
+                    *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
+                    *(self._compensated, self.ranged, self.pushes, self.beside),
+                ],
+            )
+        if self.bodies.row is not None:
+            count, motion = self.bodies.row.size, [state.body_q, state.body_qd]
+            given = [self.law, model.body_com, *motion, ctrl, dt, self.bodies]
+            launch(pushes.find_pushes, count, given)
+        if self._pushes_bodies:
+            bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia, state.body_q]
+            items = [self.link_start, self.items]
+            launch(pushes.push_bodies, count, [*bodies, dt, *items, self.bodies])
+        if not self.pushes_links:
+            return state.body_f
+        launch(
+            kernels.push_links,
+            model.body_count,
+            [
+                *(model.body_com, model.body_mass, model.body_world, model.gravity),
+                *(self._compensation, state.body_q, state.body_f),
+                *(self.bodies, self.link_start, self.items, self._pushed),
+            ],
+        )
+        if self._adhesion.row is not None and contacts is not None:
+            touching = [model.shape_body, state.body_q, contacts]
+            given = [self.law, *touching, ctrl, dt, self._adhesion]
+            launch(adhesion.share_adhesion, self._adhesion.row.size, given)
+            given = [model.shape_body, model.body_com, *touching[1:], self._adhesion, self._pushed]
+            launch(adhesion.adhere, model.body_count, given)
+        return self._pushed
+
+    def reset(self, launch: Launcher, mask: wp.array) -> None:
+        """Sets the activations of the selected worlds to zero."""
+        if self.law.activation is not None:
+            world = self._model.mujoco.actuator_world
+            states = [self.law.activation, self.law.motor]
+            launch(kernels.reset_activations, world.size, [world, mask, *states])
+        if self.tendons.row is not None:
+            launch(kernels.forget_tendons, self.tendons.row.size, [mask, self.tendons])
+
+    def bind(self, joints: Any, bodies: Any) -> None:
+        """Adds the armature of actuators to that of their axes, and servos to their bodies."""
+        bodies.servos = self.servos
+        if self._armature is not None:
+            joints.armature = self._armature
+
+    def remembered(self) -> Iterator[tuple[str, wp.array]]:
+        """Arrays that a step leaves to the next one, by name."""
+        if self.law.activation is not None:
+            yield "actuators.activation", self.law.activation
+            if self.law.motor.size:
+                yield "actuators.motor", self.law.motor
+        if self.tendons.row is not None:
+            for name in KEPT:
+                if getattr(self.tendons, name).size:
+                    yield f"tendons.{name}", getattr(self.tendons, name)
+
+    def _make_law(self, found: Actuators) -> None:
+        mujoco: Any = self._model.mujoco
+        law = self.law
+        for name, attribute in (
+            ("dynamics", "dyntype"),
+            ("gain", "gaintype"),
+            ("bias", "biastype"),
+            *((same, same) for same in _SAME),
+        ):
+            setattr(law, name, getattr(mujoco, f"actuator_{attribute}"))
+        limits = np.zeros(self.control_count, dtype=int)
+        for name, bit in (
+            ("ctrl", rules.LIMITS_CONTROL),
+            ("force", rules.LIMITS_FORCE),
+            ("act", rules.LIMITS_ACTIVATION),
+        ):
+            limits += int(bit) * is_limited(mujoco, name)
+        law.limits = wp.array(limits, dtype=wp.int32)
+        law.activation = wp.zeros(limits.size, dtype=float)
+        law.is_reported = wp.zeros(limits.size, dtype=wp.bool)
+        is_motor = mujoco.actuator_gaintype.numpy() == int(MOTOR)
+        law.motor = wp.zeros(limits.size if np.any(is_motor) else 0, dtype=data.MotorState)
+        for name, attribute in (("inputs", "ctrlspec"), ("crank", "cranklength")):
+            setattr(law, name, getattr(mujoco, f"actuator_{attribute}", None))
+        law.lengthrange = wp.array(self._length_ranges(found), dtype=wp.vec2)
+
+    def _make_axes(
+        self,
+        axes: dict[int, int],
+        carried: dict[int, list[int]],
+    ) -> None:
+        """Lists actuators by degree of freedom."""
+        model = self._model
+        dofs = np.unique(np.array([*axes.values(), *carried], dtype=int))
+        rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
+        # Axes without actuators keep the effort limit of their own drives.
+        push = data.AxisPush()
+        push.least, push.most = -np.inf, np.inf
+        count = model.joint_dof_count if dofs.size else 0
+        self.pushes = wp.full(count, push, dtype=data.AxisPush)
+        self.beside = wp.zeros(count, dtype=wp.vec2)
+        self._dofs, self._coordinate = indices(dofs), indices(coordinates_of(model, dofs))
+        self._start, self._rows = lists(rows)
+        armature = reflected_armature(model, axes, model.joint_dof_count)
+        self._armature = None
+        if np.any(armature):
+            self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)
+        self._carried, self._compensated = None, wp.empty(0, dtype=float)
+        if carried:
+            joint = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
+            links = lists([carried.get(dof, []) for dof in dofs.tolist()])
+            self._carried = (indices(joint), self._coordinate, *links)
+            self._compensated = wp.zeros(dofs.size, dtype=float)
+        self._measures_tendons = self.tendons.row is not None and self._cords.is_measured
+        combines = self._measures_tendons and np.any(self.tendons.kind.numpy() == int(JOINT))
+        self._is_measured = (
+            bool(combines) or bool(carried) or (bool(axes) and self._needs_motion(axes, rows))
+        )
+        measures = int(self._is_measured)
+        self._joint_q = wp.zeros(measures * model.joint_coord_count, dtype=float)
+        self._joint_qd = wp.zeros(measures * model.joint_dof_count, dtype=float)
+        if self._is_measured:
+            self._all_joints = AllJoints(model)
+
+    def _make_bodies(
+        self,
+        bodies: dict[int, tuple[int, int, Any, int, Any]],
+        held: dict[int, int],
+        solved: Any,
+    ) -> None:
+        """Lists actuators that push bodies, and by link those that push it; servos by body."""
+        work = self.bodies = data.BodyActuation()
+        self.servos = data.Servos()
+        self.link_start = self.items = wp.empty(0, dtype=wp.int32)
+        if not bodies:
+            return
+        axes, link, frame, against, reference = zip(*bodies.values(), strict=True)
+        work.row = wp.array(list(bodies), dtype=wp.int32)
+        work.axes = wp.array(axes, dtype=wp.int32)
+        work.link, work.against = (wp.array(ends, dtype=wp.int32) for ends in (link, against))
+        work.frame = wp.array(np.array(frame, dtype=np.float32), dtype=wp.transform)
+        work.reference = wp.array(np.array(reference, dtype=np.float32), dtype=wp.transform)
+        work.pushes = wp.zeros(len(bodies), dtype=data.BodyPush)
+        work.is_servo = wp.array([row in held for row in bodies], dtype=wp.bool)
+        items: list[list[int]] = [[] for _ in range(self._model.body_count)]
+        for i in range(len(bodies)):
+            items[link[i]].append(2 * i)
+            if against[i] >= 0:
+                items[against[i]].append(2 * i + 1)
+        self.link_start, self.items = lists(items)
+        if held:
+            self._make_servos([i for i, row in enumerate(bodies) if row in held], link, solved)
+
+    def _make_servos(self, chosen: list[int], link: tuple[int, ...], solved: Any) -> None:
+        """Lists servos by the body that the solver makes of their link."""
+        servos, body = self.servos, np.arange(self._model.body_count)
+        servos.arms = wp.zeros(body.size, dtype=wp.vec3)
+        if hasattr(solved, "body_of_link"):
+            servos.arms, body = solved.links.arm, solved.body_of_link
+        of: list[list[int]] = [[] for _ in range(solved.body_count)]
+        for i in chosen:
+            if body[link[i]] >= 0:
+                of[body[link[i]]].append(i)
+        servos.start, servos.items = lists(of)
+        servos.links = wp.array([link[i] for items in of for i in items], dtype=wp.int32)
+        servos.pushes = self.bodies.pushes
+
+    def _needs_motion(self, axes: dict[int, int], rows: list[list[int]]) -> bool:
+        """Whether a force takes length and velocity at the start of the step."""
+        mujoco: Any = self._model.mujoco
+        used = list(axes)
+        gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy()[used] for n in ("gain", "bias"))
+        curved = [getattr(mujoco, f"actuator_{n}type").numpy()[used] > 0 for n in ("gain", "bias")]
+        needs = np.any(gain[:, 1:3] != 0.0, axis=1) & curved[0]
+        needs |= np.any(bias[:, 1:3] > 0.0, axis=1) & curved[1]
+        needs |= np.isin(
+            mujoco.actuator_gaintype.numpy()[used], (int(rules.MUSCLE_GAIN), int(MOTOR))
+        )
+        needs |= mujoco.actuator_biastype.numpy()[used] == int(rules.MUSCLE_BIAS)
+        needs |= np.any(mujoco.actuator_dampingpoly.numpy()[used] != 0.0, axis=1)
+        limited = (self.law.limits.numpy() & int(rules.LIMITS_FORCE)) > 0
+        several = [of_dof for of_dof in rows if len(of_dof) > 1 and np.any(limited[of_dof])]
+        driven = self._model.joint_target_mode.numpy() > 0
+        shared = any(limited[row] and driven[dof] for row, dof in axes.items())
+        return bool(np.any(needs)) or bool(several) or shared
+
+    def _length_ranges(self, found: Actuators) -> np.ndarray:
+        """Length range of each actuator; of a muscle without one that of its joint's limits.
+
+        Raises:
+            ValueError: If a muscle has neither.
+        """
+        mujoco: Any = self._model.mujoco
+        ranges = mujoco.actuator_lengthrange.numpy().copy()
+        kinds = (mujoco.actuator_gaintype.numpy(), mujoco.actuator_biastype.numpy())
+        is_muscle = (kinds[0] == int(rules.MUSCLE_GAIN)) | (kinds[1] == int(rules.MUSCLE_BIAS))
+        for row in np.flatnonzero(is_muscle & (ranges[:, 0] >= ranges[:, 1])).tolist():
+            if row in found.left:
+                continue
+            dof = found.axes.get(row, -1)
+            limits = [getattr(self._model, f"joint_limit_{end}").numpy() for end in _LIMITS]
+            if dof < 0 or limits[0][dof] <= -newton.MAXVAL or limits[1][dof] >= newton.MAXVAL:
+                what = "joint without limits" if dof >= 0 else "tendon"
+                what = "body" if row in found.bodies else what
+                raise ValueError(
+                    f"The muscle actuator {row} ('{found.labels[row]}') pulls a {what} and has no "
+                    "length range. Set mujoco:actuator_lengthrange (lengthrange in MJCF), as "
+                    "MuJoCo's compiler finds it: mujoco.MjModel.from_xml_path(FILE)"
+                    ".actuator_lengthrange."
+                )
+            gear = mujoco.actuator_gear.numpy()[row][0]
+            ends = [gear * (limit[dof] + mujoco.dof_ref.numpy()[dof]) for limit in limits]
+            ranges[row] = sorted(ends)
+        return ranges
+
+    def _weigh(self, found: Actuators, pushing: list[int]) -> None:
+        """What damping ratios and the peak forces of muscles come to in the reference pose.
+
+        MuJoCo takes a ``biasprm[2]`` above zero of a position actuator for a damping ratio, of the
+        mass 1/(J M^-1 J^T) along the transmission, and a muscle's ``force`` below zero for
+        ``scale`` over the acceleration by a unit force.
+
+        Args:
+            found: What actuators push.
+            pushing: Rows of those that push bodies.
+        """
+        mujoco: Any = self._model.mujoco
+        gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy() for n in ("gain", "bias"))
+        velocity_bias, acc0 = bias[:, 2].copy(), np.zeros(len(bias))
+        is_servo = (bias[:, 2] > 0.0) & (gain[:, 0] == -bias[:, 1])
+        muscle = (gain[:, 2] < 0.0) & (mujoco.actuator_gaintype.numpy() == int(rules.MUSCLE_GAIN))
+        needed = is_servo | muscle
+        gear = np.abs(mujoco.actuator_gear.numpy()[:, 0].astype(float))
+        # how a unit force moves the transmission, and how it accelerates all, by row
+        moved: dict[int, tuple[float, float]] = {}
+        if np.any(needed[list(found.axes)]):
+            known = reference_mobility(self._model)
+            for row, dof in found.axes.items():
+                along, norm = known.get(dof, (0.0, 0.0))
+                moved[row] = (gear[row] ** 2 * along, gear[row] * norm)
+        if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
+            number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
+            mobility, norms = mobility_along(self._model, self._cords.moments())
+            for row, cord in found.tendons.items():
+                i = number[cord]
+                moved[row] = (gear[row] ** 2 * mobility[i], gear[row] * norms[i])
+        if np.any(needed[pushing]):
+            moments = reference_moments(self._model, self._push_rates)
+            mobility, norms = mobility_along(self._model, moments)
+            for i, row in enumerate(pushing):
+                moved[row] = (mobility[i], norms[i])
+        for row, (along, norm) in moved.items():
+            if is_servo[row]:
+                mass = 1.0 / along if along > 0.0 else 0.0
+                velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
+            acc0[row] = norm
+        self.law.velocity_bias = wp.array(velocity_bias, dtype=float)
+        self.law.acc0 = wp.array(acc0, dtype=float)
+
+    def _push_rates(self, state: newton.State) -> np.ndarray:
+        """Rates of the transmissions that push bodies, in a state."""
+        motion = [self._model.body_com, state.body_q, state.body_qd]
+        none = wp.empty(0, dtype=float)
+        given = [self.law, *motion, none, 0.0, self.bodies]
+        wp.launch(pushes.find_pushes, dim=self.bodies.row.size, inputs=given)
+        return self.bodies.pushes.numpy()["velocity"].copy()
+
+
+def compensate_axes(
+    launch: Launcher, model: newton.Model, state: newton.State, joint_q: wp.array, found: list[Any]
+) -> None:
+    """Launches what finds the compensation of gravity along axes.
+
+    Args:
+        launch: Launches kernels.
+        model: The user's model.
+        state: Has the poses of bodies.
+        joint_q: Joint coordinates there.
+        found: Degrees of freedom, for each its joint, its coordinate and the links that it carries,
+            and where to write [N or N m].
+    """
+    launch(
+        kernels.compensate_axes,
+        found[0].size,
+        [
+            *(model.joint_parent, model.joint_child, model.joint_X_p, model.joint_X_c),
+            *(model.joint_qd_start, model.joint_dof_dim, model.joint_axis),
+            *(model.body_com, model.body_mass, model.body_world),
+            *(model.gravity, model.mujoco.gravcomp, state.body_q, joint_q),
+            *found,
+        ],
+    )

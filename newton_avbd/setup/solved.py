@@ -1,0 +1,242 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The model as the solver solves it, where that is not the user's model as it stands."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import newton
+import numpy as np
+import warp as wp
+
+from .. import data
+from ..attributes import dahl_friction
+from ..drivers.launch import Launcher
+from ..model.tokens import token_masses
+from ..model.welds import Welds
+from ..rows.joint import PUSHED_AT_COM
+from ..step.links import place_joints, weigh_bodies
+
+
+def solved_model(model: newton.Model, welds: Welds) -> "SolvedModel | None":
+    """What the solver solves instead of the user's model; None where that is the model itself."""
+    is_led = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    if not welds.any and np.all((model.body_mass.numpy() > 0.0) | is_led):
+        return None
+    solved = SolvedModel(model, welds)
+    return solved if welds.any or solved.has_tokens else None
+
+
+@dataclass(frozen=True)
+class BodyState:
+    """What of a :class:`newton.State` the solver reads and writes, of its bodies."""
+
+    body_q: wp.array
+    body_qd: wp.array
+    body_f: wp.array
+
+
+class SolvedModel:
+    """A model whose bodies are what welds make of links, and whose massless links have tokens.
+
+    It has the arrays of a :class:`newton.Model` that the solver reads: those of bodies and joints
+    are its own, all else is the user's model's.
+    """
+
+    def __init__(self, model: newton.Model, welds: Welds) -> None:
+        """Makes the arrays.
+
+        Raises:
+            ValueError: If a body has no mass that its joints call for; see :mod:`.model.tokens`.
+        """
+        self._model = model
+        self.welds = welds
+        self.body_count, self.body_leader = welds.leader.size, welds.leader
+        self.body_of_link = welds.body
+        with wp.ScopedDevice(model.device):
+            self._make_bodies()
+            if welds.any:
+                self._make_joints()
+            self._make_links()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._model, name)
+
+    @property
+    def user_model(self) -> newton.Model:
+        """The model that this one stands for."""
+        return self._model
+
+    @property
+    def weld_indices(self) -> np.ndarray:
+        """The welds, as indices of :attr:`weld_label`."""
+        return np.arange(self.welds.welded.size)
+
+    @property
+    def weld_label(self) -> list[str]:
+        """Labels of the joints that are welds."""
+        return [self._model.joint_label[joint] for joint in self.welds.welded]
+
+    def _make_bodies(self) -> None:
+        model, leader = self._model, self.body_leader
+        self.body_label = [model.body_label[link] for link in leader]
+        self.body_world = _taken(model.body_world, leader)
+        self.body_q, self.body_qd = _taken(model.body_q, leader), _taken(model.body_qd, leader)
+        self.body_flags = _taken(model.body_flags, leader)
+        self.body_mass = wp.zeros(self.body_count, dtype=float)
+        self.body_inv_mass = wp.zeros(self.body_count, dtype=float)
+        self.body_com = wp.zeros(self.body_count, dtype=wp.vec3)
+        self.body_inertia = wp.zeros(self.body_count, dtype=wp.mat33)
+        self.body_inv_inertia = wp.zeros(self.body_count, dtype=wp.mat33)
+        self._bodies = data.BodyModel()
+        for name in ("mass", "inertia", "inv_mass", "inv_inertia", "com", "flags"):
+            setattr(self._bodies, name, getattr(self, f"body_{name}"))
+
+    def _make_joints(self) -> None:
+        model, welds = self._model, self.welds
+        kept = welds.joint
+        body = np.append(welds.body, -1)
+        self.joint_count = kept.size
+        self.joint_label = [model.joint_label[joint] for joint in kept]
+        self.joint_child = _new(body[model.joint_child.numpy()[kept]])
+        self.joint_parent = _new(body[model.joint_parent.numpy()[kept]])
+        for name in ("type", "X_p", "X_c", "enabled", "dof_dim", "mimic_coeffs", "mimic_joint"):
+            setattr(self, f"joint_{name}", _taken(getattr(model, f"joint_{name}"), kept))
+        for name in ("q_start", "qd_start"):
+            # welds have no coordinates: what is left starts where it did
+            starts = getattr(model, f"joint_{name}").numpy()
+            setattr(self, f"joint_{name}", _new(starts[np.append(kept, model.joint_count)]))
+        if model.constraint_mimic_count:
+            for name in ("joint0", "joint1"):
+                ends = getattr(model, f"constraint_mimic_{name}")
+                setattr(self, f"constraint_mimic_{name}", wp.empty_like(ends))
+        authored = getattr(model, "avbd", None)
+        if authored is not None:
+            self.avbd = _Kept(authored, kept)
+        if dahl_friction(model):
+            self.vbd = _Kept(model.vbd, kept)
+        if model.shape_count:
+            shape_link = model.shape_body.numpy()
+            self.shape_body = _new(body[shape_link])
+            frame = np.vstack([welds.frame, np.array([[0, 0, 0, 0, 0, 0, 1.0]])])
+            self.shape_frame = wp.array(frame[shape_link].astype(np.float32), dtype=wp.transform)
+
+    def _make_links(self) -> None:
+        """Finds the links of each body, and what pushes it elsewhere than at its COM."""
+        model, welds, count = self._model, self.welds, self.body_count
+        links = self.links = data.LinkModel()
+        member = np.flatnonzero(welds.body >= 0)
+        member = member[np.argsort(welds.body[member], kind="stable")]
+        size = np.bincount(welds.body[member], minlength=count)
+        links.body = _new(welds.body)
+        links.frame = wp.array(welds.frame.astype(np.float32), dtype=wp.transform)
+        links.arm = wp.zeros(welds.body.size, dtype=wp.vec3)
+        links.leader = _new(welds.leader)
+        links.members = _new(np.append(member, np.flatnonzero(welds.body < 0)))
+        links.member_start = _new(np.append(0, np.cumsum(size)))
+        links.joint = _new(welds.joint)
+        if model.joint_count:
+            links.enabled = self.joint_enabled
+        for name, dtype in (
+            ("body_q", wp.transform),
+            ("body_qd", wp.spatial_vector),
+            ("body_f", wp.spatial_vector),
+            ("body_q_out", wp.transform),
+            ("body_qd_out", wp.spatial_vector),
+        ):
+            setattr(links, name, wp.zeros(count if welds.any else 0, dtype=dtype))
+        links.left_qd = wp.zeros(welds.body.size if welds.any else 0, dtype=wp.spatial_vector)
+        self.given = BodyState(links.body_q, links.body_qd, links.body_f)
+        self.result = BodyState(links.body_q_out, links.body_qd_out, links.body_f)
+        pushes: list[list[tuple[int, int, float]]] = [[] for _ in range(count)]
+        if welds.any:
+            kinds = self.joint_type.numpy()
+            child, parent = self.joint_child.numpy(), self.joint_parent.numpy()
+            for joint in np.flatnonzero(np.isin(kinds, [int(kind) for kind in PUSHED_AT_COM])):
+                link = model.joint_child.numpy()[welds.joint[joint]]
+                if size[child[joint]] > 1:
+                    pushes[child[joint]].append((joint, link, 1.0))
+                    if parent[joint] >= 0:
+                        pushes[parent[joint]].append((joint, link, -1.0))
+        flat = [item for items in pushes for item in items]
+        links.push_start = _new(np.append(0, np.cumsum([len(items) for items in pushes])))
+        links.push_joint = _new(np.array([joint for joint, _, _ in flat], dtype=int))
+        links.pushed = _new(np.array([link for _, link, _ in flat], dtype=int))
+        links.push_sign = wp.array([sign for _, _, sign in flat], dtype=float)
+        dof = self.joint_qd_start.numpy() if model.joint_count else np.zeros(1)
+        links.push_dof = _new(dof[[joint for joint, _, _ in flat]])
+        self._token_mass = wp.zeros(count, dtype=float)
+        self._token_moment = wp.zeros(count, dtype=float)
+        self._is_free = wp.zeros(count, dtype=wp.bool)
+        self.reread()
+
+    def reread(self) -> None:
+        """Reads again which joints mimic others and which links are massless, on the host.
+
+        Raises:
+            ValueError: If a body has no mass that its joints call for; see :mod:`.model.tokens`.
+        """
+        model, welds, count = self._model, self.welds, self.body_count
+        if welds.any:
+            number = np.full(model.joint_count + 1, -1)
+            number[welds.joint] = np.arange(welds.joint.size)
+            self.joint_mimic_joint.assign(number[model.joint_mimic_joint.numpy()[welds.joint]])
+            self.joint_mimic_coeffs.assign(model.joint_mimic_coeffs.numpy()[welds.joint])
+            if model.constraint_mimic_count:
+                for name in ("joint0", "joint1"):
+                    ends = getattr(model, f"constraint_mimic_{name}").numpy()
+                    getattr(self, f"constraint_mimic_{name}").assign(number[ends])
+        self.body_flags.assign(model.body_flags.numpy()[self.body_leader])
+        member = np.flatnonzero(welds.body >= 0)
+        mass = np.bincount(welds.body[member], model.body_mass.numpy()[member], count)
+        token_mass, token_moment, is_free = token_masses(model, self, mass)
+        self.has_tokens = bool(np.any(token_mass > 0.0))
+        self._token_mass.assign(token_mass)
+        self._token_moment.assign(token_moment)
+        self._is_free.assign(is_free & ~welds.is_static[welds.leader])
+
+    def refresh(self, launch: Launcher) -> None:
+        """Reads masses, flags and joint frames of the model again, on the device."""
+        model, links = self._model, self.links
+        for name in ("com", "mass", "inertia", "inv_mass", "inv_inertia"):
+            setattr(links, name, getattr(model, f"body_{name}"))
+        if model.joint_count:
+            links.enabled_in = model.joint_enabled
+        if self.body_count:
+            tokens = [self._token_mass, self._token_moment, self._is_free]
+            launch(weigh_bodies, self.body_count, [links, model.body_flags, *tokens, self._bodies])
+        if self.welds.any and self.joint_count:
+            frames = [model.joint_X_p, model.joint_X_c, self.joint_X_p, self.joint_X_c]
+            ends = [model.joint_parent, model.joint_child]
+            launch(place_joints, self.joint_count, [links, *ends, *frames])
+
+    def loads(self) -> data.LinkLoads:
+        """Buffers for what welds carry."""
+        welds, loads = self.welds, data.LinkLoads()
+        tied = np.flatnonzero(welds.weld >= 0)
+        with wp.ScopedDevice(self._model.device):
+            loads.link = wp.zeros(welds.body.size, dtype=wp.spatial_vector)
+            loads.order = _new(tied[np.argsort(-welds.depth[tied], kind="stable")])
+            loads.towards, loads.weld = _new(welds.towards), _new(welds.weld)
+        return loads
+
+
+class _Kept:
+    """Attributes of a scene, those of joints without the welds."""
+
+    def __init__(self, authored: Any, kept: np.ndarray) -> None:
+        self._authored, self._kept = authored, kept
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._authored, name)
+        return _taken(value, self._kept) if name.startswith(("joint_", "dahl_")) else value
+
+
+def _new(values: np.ndarray) -> wp.array:
+    """An array of indices on the current device."""
+    return wp.array(values.astype(np.int32), dtype=wp.int32)
+
+
+def _taken(array: wp.array, items: np.ndarray) -> wp.array:
+    """Some items of an array, in an array of its own."""
+    return wp.array(array.numpy()[items], dtype=array.dtype)

@@ -1,0 +1,239 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""``newton-avbd properties``: what Newton's solvers honour of what a scene can author.
+
+Each property is tried on the smallest scene that shows it and that can be solved by hand. On the
+CPU, at 240 steps a second.
+"""
+
+import argparse
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+from newton_avbd.io.errors import UserError, unknown
+from newton_avbd.io.options import check_writable
+from newton_avbd.io.terminal import interruptible, progress, say
+from newton_avbd.study.properties.body import BODIES
+from newton_avbd.study.properties.cable import CABLES
+from newton_avbd.study.properties.contact import CONTACTS
+from newton_avbd.study.properties.joint import JOINTS
+from newton_avbd.study.properties.mujoco import ATTRIBUTES, MUJOCO, pattern_of, registered
+from newton_avbd.study.properties.property import SOLVERS, Catalog, Outcome, Property, judge
+
+GROUPS: dict[str, Catalog] = {
+    "Contacts": CONTACTS,
+    "Joints": JOINTS,
+    "Bodies": BODIES,
+    "Cables": CABLES,
+    "MuJoCo": MUJOCO,
+}
+"""Properties by what they belong to."""
+
+PROPERTIES: dict[str, Property] = {**CONTACTS, **JOINTS, **BODIES, **CABLES, **MUJOCO}
+"""All properties by name."""
+
+INTRODUCTION = """\
+# What solvers honour
+
+Each property that a Newton scene can author is tried with each solver, on the smallest scene that
+shows it. The result is compared with a number that follows by hand. [Scenes](#scenes) lists the
+scenes and the numbers. All ran on a CPU at 240 steps a second.
+
+- **yes**: within the bound.
+- a **percentage** or a number: the error; **never**: what should happen did not.
+- *ignored*: authoring the property makes no difference.
+- *error*: the solver refuses, in the words of the note.
+- *not finite*: the state was not finite at the end.
+
+A solver that ignores a property mostly does so by documented choice; it is no defect. If a solver
+honours a property only with an option, the option was set ([Settings](#settings)). This page and
+the numbers behind it, [properties.json](properties.json), are written by
+
+    newton-avbd properties --json docs/properties.json --output docs/properties.md"""
+
+
+ATTRIBUTES_INTRODUCTION = """\
+All that `SolverMuJoCo.register_custom_attributes` declares, in the namespace `mujoco`. SolverMuJoCo
+takes all of it. SolverSteel reads equality constraints and refuses those that it does not enforce;
+the other solvers read none of it. *Tried by* names rows above, or says that tests compare with a
+closed form; without an entry nothing moves by it. An attribute that is ignored has its reason. If
+that changes the motion by more than the softness of MuJoCo's constraints, the solver warns.
+[From MuJoCo](from_mujoco.md) says more."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's arguments to its parser."""
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="properties, by the start of their names, see below (default: all)",
+    )
+    parser.add_argument(
+        "--solvers",
+        nargs="+",
+        choices=SOLVERS,
+        default=list(SOLVERS),
+        metavar="SOLVER",
+        help=f"solvers to try, of {', '.join(SOLVERS)} (default: all)",
+    )
+    parser.epilog = "\n".join(
+        f"{group}:\n" + "\n".join(f"  {name}" for name in catalog)
+        for group, catalog in GROUPS.items()
+    )
+    parser.add_argument("--output", type=Path, metavar="FILE", help="page to write, Markdown")
+    parser.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="outcomes; those that the file already has are kept, unless they are tried anew",
+    )
+
+
+def main(args: argparse.Namespace) -> int:
+    """Try solvers on properties, print each outcome and write the page; 0, or 130 after Ctrl-C."""
+    chosen = _choose(args.names)
+    known = _read(args.json)
+    check_writable(args.json, args.output)
+    with interruptible() as interruption:
+        for property_ in progress(chosen, len(chosen), "properties", lambda tried: tried.name):
+            for solver in args.solvers:
+                outcome = judge(property_, solver)
+                known[property_.name, solver] = outcome
+                say(f"{property_.name:36} {solver:7} {outcome.verdict}")
+            # now and not at the end: some solvers take half an hour for all
+            if args.json:
+                entries = [asdict(outcome) for outcome in _in_order(known)]
+                _write(args.json, f"{json.dumps(entries, indent=1)}\n")
+    if args.output:
+        _write(args.output, page(_in_order(known)))
+    return interruption.status(0)
+
+
+def _in_order(known: dict[tuple[str, str], Outcome]) -> list[Outcome]:
+    """Outcomes in the order of the catalog; those of properties that are no more go."""
+    keys = [(name, solver) for name in PROPERTIES for solver in SOLVERS]
+    return [known[key] for key in keys if key in known]
+
+
+def page(outcomes: Iterable[Outcome]) -> str:
+    """The documentation's page: tables of outcomes, then scenes and settings."""
+    table = {(outcome.property, outcome.solver): outcome for outcome in outcomes}
+    solvers = [solver for solver in SOLVERS if any(key[1] == solver for key in table)]
+    notes: list[str] = []
+    parts = [INTRODUCTION]
+    for title, catalog in GROUPS.items():
+        head = ["property", *(SOLVERS[solver][0] for solver in solvers)]
+        lines = [_row(head), _row(["---"] * len(head))]
+        for name in catalog:
+            cells = [_cell(table.get((name, solver)), notes) for solver in solvers]
+            if any(cells):
+                lines.append(_row([name, *cells]))
+        parts += [f"## {title}", "\n".join(lines)]
+    parts.append("\n".join(f"{index}. {note}" for index, note in enumerate(notes, 1)))
+    parts.append(attributes())
+    parts.append("## Scenes\n\nThe closed form's value and the bound stand at the end.")
+    for title, catalog in GROUPS.items():
+        parts.append(f"### {title}\n\n" + "\n".join(_describe(p) for p in catalog.values()))
+    parts.append("## Settings\n\n" + "\n".join(_settings()))
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def attributes() -> str:
+    """The section of what MuJoCo's namespace authors, an attribute a row."""
+    lines = [_row(["attribute", "in SolverAVBD", "tried by"]), _row(["---"] * 3)]
+    for attribute in registered():
+        pattern = pattern_of(attribute)
+        lines.append(_row([f"`{attribute}`", *(ATTRIBUTES[pattern] if pattern else ("", ""))]))
+    return f"## Attributes of MuJoCo\n\n{ATTRIBUTES_INTRODUCTION}\n\n" + "\n".join(lines)
+
+
+def _choose(names: list[str]) -> list[Property]:
+    """Properties whose names start with one of ``names``; all of them for none.
+
+    Raises:
+        UserError: A name starts none.
+    """
+    for name in names:
+        if not any(known.startswith(name) for known in PROPERTIES):
+            raise unknown("property", name, PROPERTIES)
+    starts = tuple(names) or ("",)
+    return [entry for name, entry in PROPERTIES.items() if name.startswith(starts)]
+
+
+def _read(path: Path | None) -> dict[tuple[str, str], Outcome]:
+    """Outcomes of an earlier run; none without a file."""
+    if path is None or not path.exists():
+        return {}
+    try:
+        entries = [Outcome(**entry) for entry in json.loads(path.read_text())]
+    except (OSError, ValueError, TypeError) as error:
+        raise UserError(f"cannot read {path}: {error}") from error
+    return {(entry.property, entry.solver): entry for entry in entries}
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file.
+
+    Raises:
+        UserError: It cannot be written.
+    """
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error}") from error
+
+
+def _row(cells: list[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _cell(outcome: Outcome | None, notes: list[str]) -> str:
+    """A table's entry; errors become numbered notes."""
+    if outcome is None:
+        return ""
+    if outcome.verdict.startswith("error: "):
+        note = outcome.verdict.removeprefix("error: ")
+        if note not in notes:
+            notes.append(note)
+        return f"*error* ({notes.index(note) + 1})"
+    if outcome.verdict in ("ignored", "not finite"):
+        return f"*{outcome.verdict}*"
+    return f"**{outcome.verdict}**" if outcome.verdict == "yes" else outcome.verdict
+
+
+def _describe(property_: Property) -> str:
+    """A property's scene, closed form and bound, as an entry of a list."""
+    if property_.rules:
+        rules = ", ".join(f"{name} {value:g}" for name, value in property_.rules.items())
+        return f"- `{property_.name}`: {property_.scene} ({rules})"
+    unit = f" {property_.unit}" if property_.unit else ""
+    bound = f"{property_.expected:.4g}{unit} within {property_.bound:.2g}"
+    return f"- `{property_.name}`: {property_.scene} ({bound})"
+
+
+def _settings() -> list[str]:
+    """Settings of the solvers, and what switches properties on, as entries of a list."""
+    lines = []
+    for solver, (name, defaults) in SOLVERS.items():
+        special: dict[str, list[str]] = {}
+        for property_ in PROPERTIES.values():
+            if solver in property_.settings:
+                special.setdefault(_options(property_.settings[solver]), []).append(property_.name)
+        text = f"- {name}: {_options(defaults) or 'defaults'}"
+        for options, names in special.items():
+            text += f"; {options} for {', '.join(names)}"
+        lines.append(text)
+    return lines
+
+
+def _options(settings: dict[str, object]) -> str:
+    """Settings as a caller writes them; custom attributes by their names."""
+    flat = {key: value for key, value in settings.items() if key != "attributes"}
+    custom = settings.get("attributes")
+    if isinstance(custom, dict):
+        flat |= {f"mujoco:{key}": value for key, value in custom.items()}
+    return ", ".join(f"`{key}={value}`" for key, value in flat.items())
