@@ -3,12 +3,14 @@
 """How modules may depend on each other."""
 
 import ast
+import re
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
 import newton_avbd
 
 PACKAGE = Path(newton_avbd.__file__).parent
+CONTRIBUTING = Path(__file__).parent.parent / "CONTRIBUTING.md"
 MODULES = {
     ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts).removesuffix(".__init__"): path
     for path in PACKAGE.rglob("*.py")
@@ -39,6 +41,47 @@ def test_no_module_imports_itself_by_way_of_others() -> None:
     except CycleError as error:
         raise AssertionError(" -> ".join(error.args[1])) from None
     assert imported("newton_avbd.solver") >= {"newton_avbd.effects", "newton_avbd.report"}
+
+
+def layers() -> list[list[str]]:
+    """Modules and folders of the package in the order of its table in ``CONTRIBUTING.md``."""
+    table = CONTRIBUTING.read_text().split("| in `newton_avbd/` | what is in it |")[1]
+    rows = [line.split("|")[1] for line in table.split("\n\n")[0].splitlines()[2:]]
+    return [re.findall(r"`(\w+)(?:/|\.py)`", row) for row in rows]
+
+
+def part(module: str) -> str:
+    """The module or folder right below the package that holds a module."""
+    return (*module.split("."), "__init__")[1]
+
+
+def test_the_table_of_the_package_lists_what_there_is() -> None:
+    listed = [name for layer in layers() for name in layer]
+    assert sorted(listed) == sorted({part(module) for module in MODULES})
+
+
+def test_imports_go_down_the_table_of_the_package() -> None:
+    """So device code knows no files and no studies, and a law knows no stage that uses it."""
+    depth = {name: i for i, layer in enumerate(layers()) for name in layer}
+    assert depth["commands"] < depth["solver"] < depth["drivers"] < depth["step"] < depth["rows"]
+    upwards = [
+        f"{module} -> {other}"
+        for module in sorted(MODULES)
+        for other in sorted(imported(module))
+        if depth[part(other)] < depth[part(module)]
+    ]
+    assert not upwards
+
+
+def test_no_subject_of_a_study_needs_itself_by_way_of_others() -> None:
+    """What several share is in one of them or beside them, and not in two."""
+    below = [module for module in MODULES if module.startswith("newton_avbd.study.")]
+    needs: dict[str, set[str]] = {}
+    for module in below:
+        own = module.split(".")[2]
+        others = {other.split(".")[2] for other in imported(module) & set(below)}
+        needs.setdefault(own, set()).update(others - {own})
+    TopologicalSorter(needs).prepare()
 
 
 LONG = {
