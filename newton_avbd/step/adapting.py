@@ -153,15 +153,106 @@ def make_local_error(effects: Effects) -> wp.Function:
     return local_error
 
 
+@wp.struct
+class Call:
+    """A call of a world: how far it is, and the inner step that it is at."""
+
+    left: float
+    """What is left of it [s]."""
+    h: float
+    """Length of the inner step [s]."""
+    parts: float
+    """How many of these what is left takes."""
+    least: float
+    """Length below which the inner steps that are left would not do [s]."""
+    window: float
+    """Time in which a jump is known to be [s]."""
+    finest: float
+    """Length of the step that finds it [s]."""
+    tries: int
+    steps: int
+    spent: float
+    """Error so far [m]."""
+    worst: int
+    """Body with the largest share of what was allowed, this share, and why."""
+    worst_ratio: float
+    why: int
+    is_missed: bool
+
+
+@wp.struct
+class Misstep:
+    """How far a step has led a world astray."""
+
+    error: float
+    """[m]"""
+    body: int
+    """The body that has it; -1 where nothing moves."""
+    cause: int
+    is_jump: bool
+    is_second_order: bool
+    is_settled: bool
+    residual: float
+    """Update that sweeps were left at [m]."""
+    enough: float
+    """Update at which they may be [m]."""
+
+
+@functools.cache
+def make_judge(effects: Effects) -> wp.Function:
+    """Device function: how far a step has led a world astray."""
+    local_error = make_local_error(effects)
+
+    @wp.func
+    def judge(
+        world: int,
+        h: float,
+        last_h: float,
+        made: Misstep,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> Misstep:
+        """By its bodies, and by what its sweeps have left."""
+        out = made
+        out.body = -1
+        out.cause = wp.where(made.is_second_order, SMOOTHLY, BY_EULER)
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                change = (step.body_qd_out[body] - s.worlds.inner.velocity[body]) / h
+                error = local_error(body, h, last_h, made.is_second_order, change, s)
+                if error > out.error:
+                    out.error = error
+                    out.body = body
+                    before = moved_by(body, s.history.change[body], s.work)
+                    out.is_jump = moved_by(body, change, s.work) > JUMP * JUMP * before
+        if not made.is_settled and wp.isfinite(made.residual):
+            # what sweeps leave of forces stays in velocities
+            out.error += SAVED * made.residual / h
+            out.cause = int(UNSETTLED)
+        return out
+
+    return judge
+
+
 @functools.cache
 def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
     """Device function: a call of a world in inner steps."""
     predict_body = make_predict_body(effects)
-    local_error = make_local_error(effects)
+    judge = make_judge(effects)
 
     @wp.func
-    def begin_call(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]):
+    def begin_call(
+        world: int, body_qd: wp.array[wp.spatial_vector], dt: float, s: wp.ref[Solver]
+    ) -> Call:
         """State of the first inner step; the end may take the place of the start."""
+        call = Call()
+        call.left = dt
+        call.worst = -1
+        if s.history.age[world] == 0:
+            s.history.wanted[world] = dt
+            s.history.ratio[world] = 1.0
+            s.history.saved[world] = SAVED * s.worlds.inner.accuracy
         for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
             body = body_at(i, s.worlds)
             s.worlds.inner.pose[body] = s.work.pose[body]
@@ -173,6 +264,29 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 s.worlds.inner.owned_end[body] = s.rows.owned_end[body]
                 for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
                     s.worlds.inner.contact_f[s.rows.contacts[k]] = wp.spatial_vector()
+        return call
+
+    @wp.func
+    def choose_step(world: int, given: Call, s: wp.ref[Solver]) -> Call:
+        """The next inner step: what is left of the call in equal parts."""
+        call = given
+        last_h = s.history.step[world]
+        # what is left has to be done by the steps that are left
+        room = wp.max(s.worlds.inner.budget - call.tries, 1)
+        call.least = call.left / float(room)
+        h = wp.min(s.history.wanted[world], call.left)
+        if s.history.age[world] > 0:
+            h = wp.min(h, GROWTH * last_h)
+        if call.window > 0.0:
+            h = wp.min(h, wp.max(0.5 * call.window, call.finest))
+        h = wp.max(h, call.least)
+        call.parts = wp.ceil((1.0 - BY_ROUNDING) * call.left / h)
+        if call.parts < 2.0:
+            h = call.left
+        elif call.window <= 0.0:
+            h = call.left / call.parts
+        call.h = h
+        return call
 
     @wp.func
     def predict_world(
@@ -263,6 +377,81 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         s.history.parity[world] = home
 
     @wp.func
+    def solve_step(
+        world: int,
+        call: Call,
+        dt: float,
+        tolerance: float,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> Misstep:
+        """Solves an inner step; what is known of it at once."""
+        made = Misstep()
+        h = call.h
+        is_predicted = call.tries == 0 and h == dt
+        move = predict_world(world, is_predicted, h, h / dt, step, s)
+        made.enough = wp.max(CONVERGED * s.worlds.inner.accuracy * h * h, ROUNDED * move)
+        made.enough = wp.max(tolerance, made.enough)
+        solve_world(world, s.worlds.inner.velocity, h, made.enough, step, s)
+        made.is_second_order = s.worlds.step[world] < h
+        made.residual = s.worlds.update[world]
+        made.is_settled = made.residual <= wp.max(made.enough, s.worlds.settled[world])
+        return made
+
+    @wp.func
+    def try_shorter(
+        world: int, given: Call, made: Misstep, ratio: float, s: wp.ref[Solver]
+    ) -> Call:
+        """Once more, shorter; a step is at most what is left, so that there is an end."""
+        call = given
+        factor = AIM / ratio
+        if made.is_second_order or not made.is_jump:
+            factor = wp.sqrt(factor)
+        if made.is_jump and not made.is_second_order and s.history.age[world] > 1:
+            call.window = call.h
+            call.finest = factor * call.h
+            factor = 0.5
+        restore_world(world, s.worlds)
+        s.history.wanted[world] = call.h * wp.clamp(factor, SHRINKING, 0.9)
+        s.history.ratio[world] = 1.0
+        return call
+
+    @wp.func
+    def choose_next(
+        world: int, call: Call, made: Misstep, dt: float, aimed: float, s: wp.ref[Solver]
+    ):
+        """What the next step is to be, by the error of this one as a share of what it aimed at."""
+        now = wp.max(aimed, 1.0e-6)
+        factor = wp.pow(now, -0.5)
+        if made.is_second_order:
+            factor = wp.pow(now, -INTEGRAL) * wp.pow(s.history.ratio[world] / now, PROPORTIONAL)
+        wanted = call.h * wp.clamp(factor, SHRINKING, MOST)
+        s.history.wanted[world] = wp.min(wanted, MOST * dt)
+        s.history.ratio[world] = now
+
+    @wp.func
+    def account(world: int, given: Call, made: Misstep, ratio: float, s: wp.ref[Solver]) -> Call:
+        """What a step that is accepted takes of the call, and of the errors that are allowed."""
+        call = given
+        accuracy = s.worlds.inner.accuracy
+        call.steps += 1
+        call.left -= call.h
+        if call.parts < 2.0:
+            call.left = 0.0
+        call.spent += made.error
+        saved = s.history.saved[world] + accuracy * call.h - made.error
+        s.history.saved[world] = wp.clamp(saved, 0.0, SAVED * accuracy)
+        is_jump = made.is_jump and not made.is_second_order
+        if ratio > call.worst_ratio:
+            call.worst_ratio = ratio
+            call.worst = made.body
+            call.why = wp.where(is_jump and made.cause != UNSETTLED, BY_JUMP, made.cause)
+        if ratio > 1.0:
+            call.is_missed = True
+        call.window = wp.where(is_jump, 0.0, call.window - call.h)
+        return call
+
+    @wp.func
     def adapt_world(
         world: int,
         body_qd: wp.array[wp.spatial_vector],
@@ -272,138 +461,43 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         s: wp.ref[Solver],
     ):
         """A call of a world, in as many inner steps as its accuracy takes, or as it may take."""
-        begin_call(world, body_qd, s)
         accuracy = s.worlds.inner.accuracy
         home = (s.history.parity[world] + 1) % THIRD
-        if s.history.age[world] == 0:
-            s.history.wanted[world] = dt
-            s.history.ratio[world] = 1.0
-            s.history.saved[world] = SAVED * accuracy
-        left = float(dt)
-        # time in which a jump is known to be, and the step that finds it
-        window = float(0.0)
-        finest = float(0.0)
-        tries = int(0)
-        steps = int(0)
-        spent = float(0.0)
-        worst = int(-1)
-        why = int(SMOOTHLY)
-        worst_ratio = float(0.0)
-        is_missed = bool(False)
         held = s.worlds.held[world]
-        while left > 0.0:
-            # what is left has to be done by the steps that are left
-            least = left / float(wp.max(s.worlds.inner.budget - tries, 1))
+        call = begin_call(world, body_qd, dt, s)
+        while call.left > 0.0:
+            call = choose_step(world, call, s)
             last_h = s.history.step[world]
-            h = wp.min(s.history.wanted[world], left)
-            if s.history.age[world] > 0:
-                h = wp.min(h, GROWTH * last_h)
-            if window > 0.0:
-                h = wp.min(h, wp.max(0.5 * window, finest))
-            h = wp.max(h, least)
-            parts = wp.ceil((1.0 - BY_ROUNDING) * left / h)
-            if parts < 2.0:
-                h = left
-            elif window <= 0.0:
-                h = left / parts
-            share = h / dt
-            if last_h == 0.0:
-                last_h = h
-
+            last_h = wp.where(last_h == 0.0, call.h, last_h)
             save_world(world, s.worlds)
             side = s.history.parity[world]
-            if side == home:
-                s.history.next_side[world] = (home + 1) % THIRD
-            else:
-                s.history.next_side[world] = home
-            is_predicted = tries == 0 and h == dt
-            move = predict_world(world, is_predicted, h, share, step, s)
-            enough = wp.max(CONVERGED * accuracy * h * h, ROUNDED * move)
-            solve_world(world, s.worlds.inner.velocity, h, wp.max(tolerance, enough), step, s)
-            tries += 1
+            s.history.next_side[world] = wp.where(side == home, (home + 1) % THIRD, home)
+            made = solve_step(world, call, dt, tolerance, step, s)
+            call.tries += 1
             if s.worlds.held[world] != held:
                 # what is not finite has no error; it was held for the whole call
                 break
-
-            # how far it went astray, and which body most of all
-            is_second_order = s.worlds.step[world] < h
-            error = float(0.0)
-            guilty = int(-1)
-            is_jump = bool(False)
-            cause = wp.where(is_second_order, SMOOTHLY, BY_EULER)
-            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                body = body_at(i, s.worlds)
-                if s.work.inv_mass[body] > 0.0:
-                    change = (step.body_qd_out[body] - s.worlds.inner.velocity[body]) / h
-                    e = local_error(body, h, last_h, is_second_order, change, s)
-                    if e > error:
-                        error = e
-                        guilty = body
-                        before = moved_by(body, s.history.change[body], s.work)
-                        is_jump = moved_by(body, change, s.work) > JUMP * JUMP * before
-            residual = s.worlds.update[world]
-            if residual > wp.max(enough, s.worlds.settled[world]) and wp.isfinite(residual):
-                # what sweeps leave of forces stays in velocities
-                error += SAVED * residual / h
-                cause = int(UNSETTLED)
-            allowed = accuracy * h
-            if not is_second_order:
+            made = judge(world, call.h, last_h, made, step, s)
+            allowed = accuracy * call.h
+            if not made.is_second_order:
                 allowed += SPENT * s.history.saved[world]
-            ratio = error / allowed
-
-            if ratio > 1.0 and h > 1.001 * least:
-                # once more, shorter; h is at most what is left, so that there is an end
-                factor = AIM / ratio
-                if is_second_order:
-                    factor = wp.sqrt(factor)
-                    is_jump = bool(False)
-                elif not is_jump:
-                    factor = wp.sqrt(factor)
-                if is_jump and s.history.age[world] > 1:
-                    window = h
-                    finest = factor * h
-                    factor = 0.5
-                restore_world(world, s.worlds)
-                s.history.wanted[world] = h * wp.clamp(factor, SHRINKING, 0.9)
-                s.history.ratio[world] = 1.0
+            ratio = made.error / allowed
+            if ratio > 1.0 and call.h > 1.001 * call.least:
+                call = try_shorter(world, call, made, ratio, s)
                 continue
-
-            accept_step(world, h, share, step, s)
-            steps += 1
-            left -= h
-            if parts < 2.0:
-                left = 0.0
-            spent += error
-            saved = s.history.saved[world] + accuracy * h - error
-            s.history.saved[world] = wp.clamp(saved, 0.0, SAVED * accuracy)
-            if is_jump and not is_second_order and cause != UNSETTLED:
-                cause = int(BY_JUMP)
-            if ratio > worst_ratio:
-                worst_ratio = ratio
-                worst = guilty
-                why = cause
-            if ratio > 1.0:
-                is_missed = bool(True)
-            window -= h
-            if is_jump and not is_second_order:
-                window = float(0.0)
-            # the next one
-            now = wp.max(error / (AIM * allowed), 1.0e-6)
-            factor = wp.pow(now, -0.5)
-            if is_second_order:
-                factor = wp.pow(now, -INTEGRAL) * wp.pow(s.history.ratio[world] / now, PROPORTIONAL)
-            s.history.ratio[world] = now
-            s.history.wanted[world] = wp.min(h * wp.clamp(factor, SHRINKING, MOST), MOST * dt)
+            accept_step(world, call.h, call.h / dt, step, s)
+            call = account(world, call, made, ratio, s)
+            choose_next(world, call, made, dt, made.error / (AIM * allowed), s)
 
         end_call(world, home, step, s)
-        s.worlds.inner.steps[world] = steps
-        s.worlds.inner.rejected[world] = tries - steps
-        s.worlds.inner.estimate[world] = spent / dt
-        s.worlds.inner.spent[world] = s.worlds.inner.spent[world] + spent
-        s.worlds.inner.worst[world] = worst
-        s.worlds.inner.cause[world] = why
-        if is_missed:
-            report_missed(world, worst, s.worlds)
+        s.worlds.inner.steps[world] = call.steps
+        s.worlds.inner.rejected[world] = call.tries - call.steps
+        s.worlds.inner.estimate[world] = call.spent / dt
+        s.worlds.inner.spent[world] = s.worlds.inner.spent[world] + call.spent
+        s.worlds.inner.worst[world] = call.worst
+        s.worlds.inner.cause[world] = call.why
+        if call.is_missed:
+            report_missed(world, call.worst, s.worlds)
 
     return adapt_world
 
