@@ -22,6 +22,7 @@ from .errors import UserError, missing, require
 from .meshes import REMEDY, find_asset, read_urdf
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
+from .urdf import massless_root
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".urdf", ".xml")
 """File name endings of assets: USD, URDF and MJCF."""
@@ -44,9 +45,9 @@ GROUND_CLEARANCE = 0.01
 def open_asset(path: Path, request: Request) -> ModelSimulation:
     """Open a file as a simulation.
 
-    Bodies start as authored; the root of a URDF robot, which the format leaves open, floats. An
-    asset without a ground gets a plane at z = 0, or just under its lowest point where that is
-    deeper, so that nothing falls forever.
+    Bodies start as authored; the root of a URDF robot, which the format leaves open, floats if it
+    has mass. An asset without a ground gets a plane at z = 0, or just under its lowest point where
+    that is deeper, so that nothing falls forever.
 
     Args:
         path: A file with one of :data:`SUFFIXES`.
@@ -168,8 +169,8 @@ def read_asset(
     Args:
         path: A file with one of :data:`SUFFIXES`.
         solver: The solver for which the builder is prepared.
-        floating: Whether the root of a URDF robot floats, or is fixed to the world; the other
-            formats say it themselves.
+        floating: Whether the root of a URDF robot floats if it has mass, or is fixed to the world;
+            the other formats say it themselves.
 
     Returns:
         A builder, and what the user should know of it, a sentence each.
@@ -245,13 +246,17 @@ def _prepared(solver: str) -> newton.ModelBuilder:
 def _read_urdf(
     path: Path, solver: str, floating: bool
 ) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
-    """Read a URDF file without the meshes that are not there or that cannot be read."""
+    """Read a URDF file without the meshes that are not there or that cannot be read.
+
+    A root that has no mass does not float, though others would.
+    """
     unreadable: dict[str, str] = {}
     while True:
         builder = _prepared(solver)
         text, absent = read_urdf(path, unreadable)
+        rooted = massless_root(ElementTree.fromstring(text)) if floating else None
         try:
-            builder.add_urdf(text, floating=floating)
+            builder.add_urdf(text, floating=floating and rooted is None)
         except ValueError as error:
             # The importer names the file: "Mesh file '/a/b.dae' contains no triangles; ...".
             named = _MESH.search(str(error))
@@ -267,7 +272,9 @@ def _read_urdf(
             for name in absent
             if str(find_asset(name, path)) not in unreadable
         ]
-        return builder, (*bad, *lost, *_weighed_by_shapes(path, text, builder))
+        fixed = [f"{path.name}: its root {rooted!r} has no mass, so it is fixed to the world"]
+        notes = (*bad, *lost, *_weighed_by_shapes(path, text, builder))
+        return builder, (*notes, *(fixed if rooted else ()))
 
 
 def _weighed_by_shapes(path: Path, text: str, builder: newton.ModelBuilder) -> Iterator[str]:
