@@ -62,6 +62,21 @@ def test_a_root_without_mass_is_fixed_and_bears_a_pendulum(tmp_path, content):
     assert bottom == pytest.approx(quarter, rel=2e-3)
 
 
+def test_a_robot_starts_put_together_above_its_ground(tmp_path):
+    """Links one above the other, 0.4 m apart: the lower one rests, the upper one on it.
+
+    Newton's importer leaves both at the origin; then the first step closed the joint by 0.4 m.
+    """
+    weld = joint("weld", "a", "b", "fixed", '<origin xyz="0 0 0.4"/>')
+    path = write(tmp_path, link("a") + link("b") + weld)
+    simulation = run(path, 0)
+    before = simulation.state.body_q.numpy()[:, 2]
+    assert before == pytest.approx([0.0, 0.4], abs=1e-6)
+    simulation.advance()
+    # A clearance of 10 mm, of which a frame of free fall takes 1.4 mm.
+    assert simulation.state.body_q.numpy()[:, 2] == pytest.approx(before, abs=2e-3)
+
+
 def test_a_root_whose_welded_link_has_mass_floats(tmp_path):
     body = link("base_footprint", "") + link("body") + link("leg")
     weld = joint("weld", "base_footprint", "body", "fixed", "")
@@ -79,6 +94,28 @@ def test_a_capsule_is_as_long_as_the_file_says(tmp_path):
     # Upright, it stands on its lower end, which is 0.2 + 0.1 m below its center.
     simulation = run(path, 10)
     assert simulation.state.body_q.numpy()[0, 2] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_crossed_limits_are_none(tmp_path):
+    """PyBullet's files write so; the slide falls from its limits of 1 and -1 m as if free."""
+    slide = joint("slide", "world", "a", "prismatic", '<limit lower="1" upper="-1"/>')
+    path = write(tmp_path, '<link name="world"/>' + link("a") + slide.replace("0 1 0", "0 0 1"))
+    path.write_text(path.read_text().replace("<axis", '<origin xyz="0 0 9"/><axis'))
+    _, notes = read_asset(path, "avbd", floating=True)
+    assert "joint 'slide' has its lower limit above its upper one" in notes[0]
+    # Half a second of free fall.
+    fallen = 0.5 * 9.81 * 0.5**2
+    assert run(path, 30).state.body_q.numpy()[1, 2] == pytest.approx(9.0 - fallen, rel=1e-3)
+
+
+def test_a_mesh_of_mjcf_that_is_missing_is_named(tmp_path):
+    path = tmp_path / "bot.xml"
+    path.write_text(
+        '<mujoco><asset><mesh name="m" file="gone.stl"/></asset><worldbody><body>'
+        '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(UserError, match=r"it names .*gone\.stl, which is not there"):
+        read_asset(path, "avbd", floating=True)
 
 
 def test_blank_lines_before_the_declaration_and_zeros_after_the_end_are_read_over(tmp_path):

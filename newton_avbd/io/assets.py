@@ -15,6 +15,7 @@ import numpy as np
 
 from newton_avbd.study.overlaps import filter_neighbors
 from newton_avbd.study.robot_pose import grounds, lowest_points
+from newton_avbd.study.robots import place
 
 from . import solvers
 from .controls import Controls
@@ -22,7 +23,7 @@ from .errors import UserError, missing, require
 from .meshes import REMEDY, find_asset, read_urdf
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
-from .urdf import massless_root
+from .urdf import free_crossed, massless_root
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".urdf", ".xml")
 """File name endings of assets: USD, URDF and MJCF."""
@@ -34,6 +35,9 @@ FRAME_DT = 1.0 / 60.0
 FRAMES = 240
 
 _MESH = re.compile(r"Mesh file '(.+?)' ([^;]+)")
+
+_ABSENT = re.compile(r"string is not a file: `(.+)`")
+"""What the reader of meshes says of a file that is missing."""
 
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that Newton's importer leaves out without a word."""
@@ -254,7 +258,11 @@ def _read_urdf(
     while True:
         builder = _prepared(solver)
         text, absent = read_urdf(path, unreadable)
-        rooted = massless_root(ElementTree.fromstring(text)) if floating else None
+        root = ElementTree.fromstring(text)
+        rooted = massless_root(root) if floating else None
+        freed = free_crossed(root)
+        if freed:
+            text = ElementTree.tostring(root, encoding="unicode")
         try:
             builder.add_urdf(text, floating=floating and rooted is None)
         except ValueError as error:
@@ -266,6 +274,8 @@ def _read_urdf(
             continue
         _collide_by_hulls(builder)
         filter_neighbors(builder)
+        # Newton's importer leaves all links at the origin.
+        place(builder)
         bad = [f"{path.name} goes on without {name}: it {why}" for name, why in unreadable.items()]
         lost = [
             f"{path.name} goes on without {name}: {REMEDY}"
@@ -273,7 +283,12 @@ def _read_urdf(
             if str(find_asset(name, path)) not in unreadable
         ]
         fixed = [f"{path.name}: its root {rooted!r} has no mass, so it is fixed to the world"]
-        notes = (*bad, *lost, *_weighed_by_shapes(path, text, builder))
+        free = [
+            f"{path.name}: joint {name!r} has its lower limit above its upper one: it goes on "
+            "without limits"
+            for name in freed
+        ]
+        notes = (*bad, *lost, *_weighed_by_shapes(path, text, builder), *free)
         return builder, (*notes, *(fixed if rooted else ()))
 
 
@@ -314,6 +329,9 @@ def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
 def _reason(error: Exception) -> str:
     """First line of an importer's message, without the place in its source that USD puts first."""
     lines = str(error).strip().splitlines()
+    absent = _ABSENT.search(lines[0]) if lines else None
+    if absent:
+        return f"it names {absent[1]}, which is not there: put it there, or take it out of the file"
     return lines[0].rpartition(" : ")[2].strip("'") if lines else type(error).__name__
 
 

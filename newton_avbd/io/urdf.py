@@ -82,6 +82,20 @@ def massless_root(root: ElementTree.Element) -> str | None:
     return first if moves and not any(_has_mass(links[name]) for name in of_root) else None
 
 
+def free_crossed(root: ElementTree.Element) -> list[str]:
+    """Take the limits from joints whose lower one is above the upper one; returns their names.
+
+    PyBullet, whose files write lower="1" upper="-1", takes these for no limits.
+    """
+    freed = []
+    for joint in root.findall("joint"):
+        for limit in joint.findall("limit"):
+            if float(limit.get("lower", -math.inf)) > float(limit.get("upper", math.inf)):
+                del limit.attrib["lower"], limit.attrib["upper"]
+                freed.append(str(joint.get("name")))
+    return freed
+
+
 def _has_mass(link: ElementTree.Element) -> bool:
     """Whether a link has mass; shapes give mass to links without ``<inertial>``."""
     inertial = link.find("inertial")
