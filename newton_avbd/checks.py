@@ -171,6 +171,11 @@ def report_ignored(
             f"SolverAVBD leaves out the torsional and rolling friction of {', '.join(turning)}. "
             "Pass angular_friction=True for it, or False to say that it is to be left out."
         )
+    if crossed := _crossed_limits(model):
+        messages.append(
+            f"The lower limit of {', '.join(crossed)} is above the upper one, so no coordinate is "
+            "within. Swap them, or set them to -newton.MAXVAL and newton.MAXVAL for no limit."
+        )
     if strict and messages:
         raise NotImplementedError("\n".join(messages))
     for message in messages:
@@ -334,6 +339,22 @@ def _passed_limits(model: newton.Model) -> list[str]:
     dofs = passed_limits(model)
     joints = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
     labels = [_label(model.joint_label, i) for i in np.unique(joints).tolist()]
+    return _named(len(labels), "joint", labels)
+
+
+def _crossed_limits(model: newton.Model) -> list[str]:
+    """Joints with an axis whose lower limit is above its upper one; empty where there are none.
+
+    Some files mean no limit by that, as PyBullet does. DISTANCE joints write a negative distance
+    where they have none.
+    """
+    if model.joint_count == 0:
+        return []
+    crossed = model.joint_limit_lower.numpy() > model.joint_limit_upper.numpy()
+    owner = np.repeat(np.arange(model.joint_count), model.joint_dof_dim.numpy().sum(axis=1))
+    joints = np.unique(owner[crossed])
+    joints = joints[model.joint_type.numpy()[joints] != int(newton.JointType.DISTANCE)]
+    labels = [_label(model.joint_label, joint) for joint in joints]
     return _named(len(labels), "joint", labels)
 
 

@@ -251,3 +251,23 @@ def test_a_parallelogram_that_folds_flat_gains_no_energy(parallel: str) -> None:
         lowest = min(lowest, sim.energy)
         assert sim.energy < start + 1.0e-3 * 14.0
     assert lowest > start - 0.1 * 14.0
+
+
+def test_a_root_that_swings_on_its_joint_is_no_fault_of_a_fall() -> None:
+    """A wheel turns to its stop on the end of a rod of the same inertia, which swings round then.
+
+    The center of mass of the wheel lies on its axis, so that its lever arm alone is zero.
+    """
+    robot = newton.ModelBuilder()
+    rod, wheel = (robot.add_link(mass=1.0, inertia=wp.diag(wp.vec3(0.1))) for _ in range(2))
+    end = wp.transform((0.2, 0.0, 0.0), wp.quat_identity())
+    root = robot.add_joint_free(rod)
+    axle = robot.add_joint_revolute(
+        rod, wheel, parent_xform=end, axis=(0.0, 0.0, 1.0), limit_lower=-0.1, limit_upper=0.1
+    )
+    robot.add_articulation([root, axle])
+    bare(robot)
+    chosen = starts(robot, ("spin5",), range(1))
+    (fall,) = run_falls("wheel", robot, chosen, Setup(seconds=0.5), lambda done, total: None)
+    assert fall.speed > 0.05
+    assert fall.failures() == []

@@ -151,3 +151,17 @@ def test_particles_of_another_solver_are_not_mentioned() -> None:
         SolverAVBD(view, strict=True)
     with pytest.warns(UserWarning, match="4 particles"):
         SolverAVBD(model)
+
+
+def test_crossed_limits_are_named_but_not_those_of_distances() -> None:
+    """A joint whose lower limit is above its upper one locks; a distance of -1 is no limit."""
+    builder = resting_box()
+    link = builder.add_link(mass=1.0, inertia=wp.diag(wp.vec3(0.1)))
+    joint = builder.add_joint_revolute(-1, link, limit_lower=1.0, limit_upper=-1.0, label="hinge")
+    builder.add_articulation([joint])
+    far = builder.add_link(mass=1.0, inertia=wp.diag(wp.vec3(0.1)))
+    far_joint = builder.add_joint_distance(-1, far, min_distance=1.0, max_distance=-1.0)
+    builder.add_articulation([far_joint])
+    message = r"lower limit of 1 joint \('hinge'\) is above the upper one.*newton.MAXVAL"
+    with pytest.warns(UserWarning, match=message):
+        SolverAVBD(builder.finalize(device="cpu"))

@@ -15,6 +15,7 @@ import numpy as np
 
 from newton_avbd.measure.overlaps import filter_neighbors
 from newton_avbd.scenes.pose import grounds, lowest_points
+from newton_avbd.scenes.robots import place
 
 from . import solvers
 from .controls import Controls
@@ -22,6 +23,7 @@ from .errors import UserError, missing, require
 from .meshes import REMEDY, find_asset, read_urdf
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
+from .urdf import free_crossed, massless_root
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".urdf", ".xml")
 """File name endings of assets: USD, URDF and MJCF."""
@@ -34,6 +36,9 @@ FRAMES = 240
 
 _MESH = re.compile(r"Mesh file '(.+?)' ([^;]+)")
 
+_ABSENT = re.compile(r"string is not a file: `(.+)`")
+"""What the reader of meshes says of a file that is missing."""
+
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that Newton's importer leaves out without a word."""
 
@@ -44,9 +49,9 @@ GROUND_CLEARANCE = 0.01
 def open_asset(path: Path, request: Request) -> ModelSimulation:
     """Open a file as a simulation.
 
-    Bodies start as authored; the root of a URDF robot, which the format leaves open, floats. An
-    asset without a ground gets a plane at z = 0, or just under its lowest point where that is
-    deeper, so that nothing falls forever.
+    Bodies start as authored; the root of a URDF robot, which the format leaves open, floats if it
+    has mass. An asset without a ground gets a plane at z = 0, or just under its lowest point where
+    that is deeper, so that nothing falls forever.
 
     Args:
         path: A file with one of :data:`SUFFIXES`.
@@ -168,8 +173,8 @@ def read_asset(
     Args:
         path: A file with one of :data:`SUFFIXES`.
         solver: The solver for which the builder is prepared.
-        floating: Whether the root of a URDF robot floats, or is fixed to the world; the other
-            formats say it themselves.
+        floating: Whether the root of a URDF robot floats if it has mass, or is fixed to the world;
+            the other formats say it themselves.
 
     Returns:
         A builder, and what the user should know of it, a sentence each.
@@ -245,13 +250,21 @@ def _prepared(solver: str) -> newton.ModelBuilder:
 def _read_urdf(
     path: Path, solver: str, floating: bool
 ) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
-    """Read a URDF file without the meshes that are not there or that cannot be read."""
+    """Read a URDF file without the meshes that are not there or that cannot be read.
+
+    A root that has no mass does not float, though others would.
+    """
     unreadable: dict[str, str] = {}
     while True:
         builder = _prepared(solver)
         text, absent = read_urdf(path, unreadable)
+        root = ElementTree.fromstring(text)
+        rooted = massless_root(root) if floating else None
+        freed = free_crossed(root)
+        if freed:
+            text = ElementTree.tostring(root, encoding="unicode")
         try:
-            builder.add_urdf(text, floating=floating)
+            builder.add_urdf(text, floating=floating and rooted is None)
         except ValueError as error:
             # The importer names the file: "Mesh file '/a/b.dae' contains no triangles; ...".
             named = _MESH.search(str(error))
@@ -261,13 +274,22 @@ def _read_urdf(
             continue
         _collide_by_hulls(builder)
         filter_neighbors(builder)
+        # Newton's importer leaves all links at the origin.
+        place(builder)
         bad = [f"{path.name} goes on without {name}: it {why}" for name, why in unreadable.items()]
         lost = [
             f"{path.name} goes on without {name}: {REMEDY}"
             for name in absent
             if str(find_asset(name, path)) not in unreadable
         ]
-        return builder, (*bad, *lost, *_weighed_by_shapes(path, text, builder))
+        fixed = [f"{path.name}: its root {rooted!r} has no mass, so it is fixed to the world"]
+        free = [
+            f"{path.name}: joint {name!r} has its lower limit above its upper one: it goes on "
+            "without limits"
+            for name in freed
+        ]
+        notes = (*bad, *lost, *_weighed_by_shapes(path, text, builder), *free)
+        return builder, (*notes, *(fixed if rooted else ()))
 
 
 def _weighed_by_shapes(path: Path, text: str, builder: newton.ModelBuilder) -> Iterator[str]:
@@ -307,6 +329,9 @@ def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
 def _reason(error: Exception) -> str:
     """First line of an importer's message, without the place in its source that USD puts first."""
     lines = str(error).strip().splitlines()
+    absent = _ABSENT.search(lines[0]) if lines else None
+    if absent:
+        return f"it names {absent[1]}, which is not there: put it there, or take it out of the file"
     return lines[0].rpartition(" : ")[2].strip("'") if lines else type(error).__name__
 
 

@@ -14,6 +14,8 @@ from pathlib import Path
 from urllib.parse import unquote, urlsplit
 from xml.etree import ElementTree
 
+from .urdf import parse
+
 SEARCHED = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "AMENT_PREFIX_PATH")
 """Environment variables that list folders of packages; those of the last have them in share."""
 
@@ -34,10 +36,9 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
 
     Raises:
         xml.etree.ElementTree.ParseError: The file is no XML.
-        ValueError: It holds no links, or expressions of xacro.
+        ValueError: It is no URDF file that can be read; the message says where and why.
     """
-    root = ElementTree.parse(path).getroot()
-    _mend(root, path)
+    root = parse(path)
     parents = {child: parent for parent in root.iter() for child in parent}
     absent: dict[str, None] = {}
     for element in [*root.iter("mesh"), *root.iter("texture")]:
@@ -51,28 +52,6 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
         absent[name] = None
         parents[element].remove(element)
     return ElementTree.tostring(root, encoding="unicode"), tuple(absent)
-
-
-def _mend(root: ElementTree.Element, path: Path) -> None:
-    """Write what Newton's importer asks for and files leave out or say to no effect.
-
-    A robot gets a name, and a FIXED joint, which cannot move, mimics nothing.
-    """
-    if root.tag == "robot" and not root.get("name"):
-        root.set("name", path.stem)
-    if root.find("link") is None:
-        raise ValueError("it holds no links")
-    for element in root.iter():
-        for name, value in element.attrib.items():
-            if name != "filename" and ("$(" in value or "${" in value):
-                raise ValueError(
-                    f"<{element.tag} {name}={value!r}> is to be expanded: "
-                    f"xacro {path.name} > expanded.urdf"
-                )
-    for joint in root.iter("joint"):
-        if joint.get("type") == "fixed":
-            for mimic in joint.findall("mimic"):
-                joint.remove(mimic)
 
 
 def find_asset(name: str, urdf: Path) -> Path | None:

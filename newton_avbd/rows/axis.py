@@ -43,7 +43,8 @@ LEANING = wp.constant(2)
 LEAN = wp.constant(3.0e-7)
 """How far beyond a stop that has let go a coordinate may step before the stop holds it again, as
 rounding of orientations has it step [rad, or m of a meter]. Mimic joints at their stops hold each
-other, and which stops have something to hold is up to rounding."""
+other, and which stops have something to hold is up to rounding. So it is with friction in loops:
+what one joint holds steps that far along its own friction."""
 LEAN_RATE = wp.constant(1.0e-2)
 """Acceleration [rad/s^2 or m/s^2] that such a step may stand for at most: 1e-3 of the earth's
 gravity on an arm of a meter."""
@@ -401,13 +402,16 @@ def excess_force(law: AxisLaw, step: float, share: float) -> float:
     return excess
 
 
-def make_next_piece(*, friction: bool, stops: bool, limits: bool) -> wp.Function:
+def make_next_piece(
+    *, friction: bool, stops: bool, limits: bool, closures: bool = False
+) -> wp.Function:
     """Device function that finds the piece of its law that an axis is on.
 
     Args:
         friction: Whether laws have friction.
         stops: Whether they have stops.
         limits: Whether drives have limits.
+        closures: Whether loops and mimics tie axes to each other.
     """
 
     @wp.func
@@ -424,10 +428,14 @@ def make_next_piece(*, friction: bool, stops: bool, limits: bool) -> wp.Function
         slip = law.piece[2]
         if wp.static(friction):
             moved = step - law.hold
+            lean = wp.static(0.0)
+            if wp.static(closures):
+                # one axis holds all that it is tied to: those move by rounding, either way
+                lean = law.slack
             if not is_stopped(law) and slip == 0:
                 if wp.abs(held) >= law.friction:
                     slip = wp.where(held < 0.0, -1, 1)
-            elif law.friction > 0.0 and float(slip) * moved > 0.0:
+            elif law.friction > 0.0 and float(slip) * moved > lean:
                 # friction that would push along: it holds, or at a stop is the other one
                 slip = wp.where(is_stopped(law), -slip, 0)
         if wp.static(stops):

@@ -47,7 +47,10 @@ class AxisFunctions:
 def make_axis(effects: Effects) -> AxisFunctions:
     """Device functions: the law F(q) of an axis, and its solution."""
     next_piece = make_next_piece(
-        friction=effects.joint_friction, stops=effects.stops, limits=effects.effort_limits
+        friction=effects.joint_friction,
+        stops=effects.stops,
+        limits=effects.effort_limits,
+        closures=effects.closures,
     )
 
     @wp.func
@@ -191,11 +194,12 @@ def make_axis(effects: Effects) -> AxisFunctions:
         law = AxisLaw()
         law.least = -wp.inf
         law.most = wp.inf
+        if wp.static(effects.stops or (effects.joint_friction and effects.closures)):
+            law.slack = wp.min(LEAN * wp.max(1.0, wp.abs(wp.float32(q))), LEAN_RATE * h * h)
         if wp.static(effects.stops):
             lower, upper = stops(joints, index, q, moved, recovery, h)
             law.lower = lower
             law.upper = upper
-            law.slack = wp.min(LEAN * wp.max(1.0, wp.abs(wp.float32(q))), LEAN_RATE * h * h)
             side = known[0]
             if wp.abs(side) == LEANING:
                 away = wp.where(side < 0, law.lower, law.upper)

@@ -267,10 +267,12 @@ class _Probe:
         at: dict[int, Array] = {}
         centers = measure.transform(q, self._bodies.com)
         for joint, (parent, child) in enumerate(zip(joints.parent, joints.child, strict=True)):
-            # parents come before children
+            # parents come before children; a root that floats swings on its joint, too
             known = 0.0
             if parent in at:
                 known = way[parent] + float(np.linalg.norm(anchor[joint] - at[parent]))
+            elif parent >= 0:
+                known = float(np.linalg.norm(anchor[joint] - centers[parent]))
             way[child], at[child] = known, anchor[joint]
         for body, point in at.items():
             way[body] += float(np.linalg.norm(centers[body] - point))
