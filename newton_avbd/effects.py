@@ -47,6 +47,12 @@ CAUSES: dict[str, Cause] = {
     "pairs": Cause(
         "body", "that could meet another one of its world", "step/islands.py", _OF_BODIES
     ),
+    "floating": Cause(
+        "body",
+        "that floats, and that joints, tendons or cables tie to others",
+        "step/islands.py",
+        _OF_JOINTS,
+    ),
     "piles": Cause(
         "body",
         "free, in a world of several bodies, and blocks='articulation', the default",
@@ -295,6 +301,8 @@ class Effects:
     """A joint that breaks at some force or torque."""
     pairs: bool = False
     """Two bodies in a world, which may meet, so that contacts are not all with static shapes."""
+    floating: bool = False
+    """Bodies that are tied to each other and to nothing that is fixed."""
     compliance: bool = False
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
     piles: bool = False
@@ -405,6 +413,7 @@ class Effects:
             "pairs": topology.in_company(np.ones(model.body_count, dtype=bool))[
                 : model.body_count if shapes.size else 0
             ],
+            "floating": _floating(model, topology, pulled)[: 0 if ramp else None],
             "piles": topology.in_company(topology.is_alone)[
                 : model.body_count if shapes.size and piles and not ramp else 0
             ],
@@ -496,10 +505,15 @@ class Effects:
         return False if self.on_gpu and self.joints else None
 
     @property
+    def islands(self) -> bool:
+        """Whether bodies may push each other and nothing that is fixed."""
+        return self.pairs or self.floating
+
+    @property
     def turning_islands(self) -> bool:
         """Whether velocities of islands lack angular momentum, as inertias of bodies turn, or arms
         of a step of second order are those of its end."""
-        return self.pairs and (self.gyroscopic or self.second_order) and not self.drag
+        return self.islands and (self.gyroscopic or self.second_order) and not self.drag
 
     @property
     def spinning(self) -> bool:
@@ -971,6 +985,29 @@ def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
     touches = np.isin(np.arange(mass.size), model.shape_body.numpy()[shapes])
     is_light = LIGHT_LINK * whole[block] > mass
     return np.flatnonzero(is_tree[block] & touches & moves & is_light)
+
+
+def _floating(model: newton.Model, topology: Topology, pulled: np.ndarray) -> np.ndarray:
+    """Bodies that move, and that something ties to others, but no joint to anything fixed.
+
+    Tendons and cables may do so, and then their islands are none.
+    """
+    parent, moves = topology.parent, moving(model)
+    root = np.where(parent >= 0, parent, np.arange(parent.size))
+    while np.any(root != root[root]):
+        root = root[root]
+    is_fixed = (~moves | (topology.joint >= 0))[root]
+    ends = np.zeros((0, 2), dtype=int)
+    if topology.loops.size:
+        joints = (model.joint_child.numpy(), model.joint_parent.numpy())
+        ends = np.stack([of_joint[topology.loops] for of_joint in joints], axis=1)
+    is_fixed[root[ends[ends[:, 1] < 0, 0]]] = True
+    links = root[ends[ends[:, 1] >= 0]]
+    while np.any(meets := is_fixed[links[:, 0]] != is_fixed[links[:, 1]]):
+        is_fixed[links[meets]] = True
+    is_tied = (parent >= 0) | topology.cabled
+    is_tied[np.union1d(ends[:, 0], pulled)] = True
+    return np.flatnonzero(is_tied & moves & ~is_fixed[root])
 
 
 def _light_roots(model: newton.Model, topology: Topology) -> np.ndarray:

@@ -83,7 +83,7 @@ VARIANTS = {
     "ramp": with_all(BODIES, "ramp matching contact_materials"),
     "articulations": with_all(
         JOINTED,
-        "flipped light_roots light_links reaction mimics springs armature joint_friction "
+        "floating flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
         "gravity_compensation body_actuators servos adhesion spatial_tendons cables equalities "
         "force_ranges",

@@ -222,7 +222,7 @@ def test_contact_takes_friction_along() -> None:
         ({"matching": True}, "it can only be left out"),
         ({"loops": False}, "joint_enabled"),
         ({"contact": False, "friction": True}, "another effect that is left out"),
-        ({"sticktion": False}, "'sticktion'; there are only contact, pairs, piles, "),
+        ({"sticktion": False}, "'sticktion'; there are only contact, pairs, floating, "),
     ],
 )
 def test_what_makes_no_sense_is_an_error_that_says_why(

@@ -351,7 +351,7 @@ def test_a_plate_hung_from_four_links_carries_itself() -> None:
 
 @AT_END
 def test_a_loop_that_floats_keeps_its_momentum_and_goes_on_turning() -> None:
-    """Four rods in a rhombus, spun out of their plane: momentum is exact, and spin decays slowly.
+    """Four rods in a rhombus, spun out of their plane: momentum keeps to 3e-5.
 
     Rows that a planar mechanism implies must not push: they would at any of its poses.
     """
@@ -406,10 +406,7 @@ def test_a_loop_that_floats_keeps_its_momentum_and_goes_on_turning() -> None:
         sim.step()
         assert anchor_gaps(sim)[1:].max() < 2e-6
     np.testing.assert_allclose(sim.mass @ sim.velocity[:, :3], 0.0, atol=1e-5)
-    # backward Euler takes h w^2 / 2 a second of the momentum of bodies that circle each other
-    lost = 1.0 - np.linalg.norm(moments(sim)) / np.linalg.norm(start)
-    assert lost == pytest.approx(0.5 * sim.dt * (spin @ spin) * 480 * sim.dt, rel=0.1)
-    assert np.linalg.norm(np.cross(moments(sim), start)) < 0.01 * (start @ start)
+    assert moments(sim) == pytest.approx(start, abs=3e-5 * np.linalg.norm(start))
 
 
 def moments(sim: Simulation) -> np.ndarray:

@@ -41,14 +41,18 @@ def spin(sim: Simulation, held: Any = (0.0, 0.0, 0.0)) -> None:
 
 @pytest.mark.parametrize("held", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])
 def test_a_ball_joint_in_its_center_does_not_turn_the_ball(held: Any) -> None:
-    """It turns on as it did, while the box tumbles and keeps its momentum within 1e-3."""
+    """It turns on as it did, while the box tumbles and keeps its momentum within 1e-5.
+
+    What backward Euler has taken of that, 1e-3, both get back together, so that the ball turns by
+    1e-4 of its spin otherwise.
+    """
     sim = carrying("ball", held, scheme="euler")
     spin(sim, held)
     momentum = sim.spin_momentum[BOX]
     sim.step(STEPS)
-    np.testing.assert_allclose(sim.velocity[BALL, 3:], SPIN, rtol=1.0e-5)
+    np.testing.assert_allclose(sim.velocity[BALL, 3:], SPIN, rtol=2.0e-4)
     lost = np.linalg.norm(sim.spin_momentum[BOX] - momentum)
-    assert lost < 1.0e-3 * np.linalg.norm(momentum)
+    assert lost < 1.0e-5 * np.linalg.norm(momentum)
 
 
 @pytest.mark.parametrize("held", [(0.0, 0.0, 0.0), (0.3, -0.2, 0.1)])

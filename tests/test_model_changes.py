@@ -439,6 +439,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "contact",
             "joint_force",
             "pairs",
+            "floating",
             "kinds",
             "reaction",
             "flipped",

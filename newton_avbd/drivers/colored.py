@@ -38,7 +38,7 @@ from ..step.finite import make_is_world_finite
 from ..step.gathering import make_assemble, make_gather
 from ..step.impacts import make_impacts
 from ..step.kernels import ABSENT, KERNEL, absent, uncollected
-from ..step.loops import make_loops, reach_farther
+from ..step.loops import make_loops, reach_farther, ties
 from ..step.resetting import forget_joints
 from ..step.scale import (
     COLD_STEPS,
@@ -604,15 +604,16 @@ def make_colored(effects: Effects) -> Colored:
         side = 1 - s[0].history.parity[world]
         scale = s[0].colors.scale[world]
         remember_rows(body, side, scale, step.body_qd, s[0])
-        if wp.static(effects.joints and effects.pairs):
+        if wp.static(effects.joints and effects.islands):
             if s[0].work.inv_mass[body] > 0.0:
-                if s[0].tree.joint[body] >= 0:
+                if is_linked(body, s[0]):
                     join_at_once(body, s[0].tree.parent[body], s[0])
                 if wp.static(effects.loops):
                     for k in range(s[0].loops.body_start[body], s[0].loops.body_start[body + 1]):
-                        other = other_end(body, s[0].loops.items[k], s[0])
-                        slot = wp.where(other < 0, scale.static_slot, other)
-                        join_at_once(body, slot, s[0])
+                        if ties(s[0].loops.items[k] / 2, s[0]):
+                            other = other_end(body, s[0].loops.items[k], s[0])
+                            slot = wp.where(other < 0, scale.static_slot, other)
+                            join_at_once(body, slot, s[0])
                 if wp.static(effects.tendons):
                     if s[0].colors.block[body] == body:
                         join_tendons(s[0].worlds.rank[body], s[0])
@@ -637,7 +638,7 @@ def make_colored(effects: Effects) -> Colored:
         if scale.step == scale.h and has_jerked(cluster, scale, s[0].tree.cables):
             s[0].colors.jumps[world] = 1
 
-    @kernel(effects.cables and effects.pairs)
+    @kernel(effects.cables and effects.islands)
     def join_clusters(s: wp.array[Solver]):
         """Makes one island of bodies that cables pull; one thread a cluster of cables."""
         join_cluster(wp.tid(), s[0])

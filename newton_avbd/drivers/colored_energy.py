@@ -134,7 +134,7 @@ def make_colored_energy(
         if s[0].work.inv_mass[body] > 0.0 and is_unbalanced(body, s[0]):
             begin_balance(body, s[0].islands)
 
-    @kernel(not effects.pairs and (effects.joints or effects.tendons))
+    @kernel(not effects.islands and (effects.joints or effects.tendons))
     def join_bodies(static_slot: int, s: wp.array[Solver]):
         """Makes one island of what joints and tendons link; one thread a body."""
         body = wp.tid()
@@ -144,7 +144,7 @@ def make_colored_energy(
             if wp.static(effects.tendons):
                 join_tendons(s[0].worlds.rank[body], s[0])
 
-    @kernel(not effects.pairs and effects.cables)
+    @kernel(not effects.islands and effects.cables)
     def join_clusters(s: wp.array[Solver]):
         """Makes one island of bodies that cables pull; one thread a cluster of cables."""
         join_cluster(wp.tid(), s[0])

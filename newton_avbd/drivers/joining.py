@@ -91,7 +91,7 @@ def keep_island(s: wp.array[Solver]):
             s[0].worlds.bodies, s[0].worlds.body_start[root], s[0].worlds.body_start[root + 1]
         )
         step = s[0].colors.scale[s[0].worlds.of_body[root]].step
-        keep_momentum(root, step, s[0])
+        keep_momentum(root, step, True, s[0])
 
 
 @wp.kernel(enable_backward=False)

@@ -322,9 +322,9 @@ class LargeWorlds:
             launch(kernels.remember_loops, self._loop_count, [lanes])
         if effects.second_order and effects.cables:
             launch(kernels.find_jerked, self._cluster_count, [lanes])
-        if effects.cables and effects.pairs:
+        if effects.cables and effects.islands:
             launch(kernels.join_clusters, self._cluster_count, [lanes])
-        if effects.pairs:
+        if effects.islands:
             launch(joining.find_roots, bodies, [lanes])
             launch(joining.count_members, bodies, [lanes])
             self._scan(launch, colors.count, bodies, self._islands.body_start)

@@ -21,7 +21,7 @@ from ..step.gathering import make_assemble, make_gather
 from ..step.impacts import leave_impacts, make_impacts
 from ..step.islands import join_islands, keep_momentum, keep_spin
 from ..step.kernels import ABSENT, absent
-from ..step.loops import make_loops, reach_farther
+from ..step.loops import make_loops, reach_farther, ties
 from ..step.piles import make_piles
 from ..step.scale import (
     LONGER,
@@ -221,8 +221,8 @@ def make_phases(effects: Effects) -> Phases:
             if s.work.inv_mass[body] > 0.0:
                 if begin_body(i, scale.step, step, s):
                     sweeps = step.iterations
-                if wp.static(effects.joints and effects.pairs):
-                    if s.tree.joint[body] >= 0:
+                if wp.static(effects.joints and effects.islands):
+                    if is_linked(body, s):
                         join_islands(body, s.tree.parent[body], s)
         if wp.static(effects.piles):
             factor_piles(world, s)
@@ -303,26 +303,26 @@ def make_phases(effects: Effects) -> Phases:
                 spend_impacts(world, scale, body_qd, s)
             for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
                 remember_rows(body_at(i, s.worlds), side, scale, body_qd, s)
-            if wp.static(effects.loops and effects.pairs):
-                for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
-                    joint = s.loops.joints[i]
-                    child = s.joints.child[joint]
-                    parent = parent_slot(s.joints, joint, scale.static_slot)
-                    if s.work.inv_mass[child] > 0.0:
-                        join_islands(child, parent, s)
-                    elif s.work.inv_mass[parent] > 0.0:
-                        join_islands(parent, child, s)
-            if wp.static(effects.cables and effects.pairs):
-                for i in range(
-                    s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]
-                ):
-                    join_cluster(i, s)
-            if wp.static(effects.tendons and effects.pairs):
-                for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                    join_tendons(i, s)
-            if wp.static(effects.pairs and not effects.ramp):
-                if sweeps > 0:
-                    has_islands = keep_momentum(world, scale.step, s)
+        if wp.static(effects.loops and effects.islands):
+            for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
+                if not ties(i, s):
+                    continue
+                joint = s.loops.joints[i]
+                child = s.joints.child[joint]
+                parent = parent_slot(s.joints, joint, scale.static_slot)
+                if s.work.inv_mass[child] > 0.0:
+                    join_islands(child, parent, s)
+                elif s.work.inv_mass[parent] > 0.0:
+                    join_islands(parent, child, s)
+        if wp.static(effects.cables and effects.islands):
+            for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
+                join_cluster(i, s)
+        if wp.static(effects.tendons and effects.islands):
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                join_tendons(i, s)
+        if wp.static(effects.islands and not effects.ramp):
+            if sweeps > 0:
+                has_islands = keep_momentum(world, scale.step, wp.static(effects.pairs), s)
         return has_islands
 
     @wp.func(inline=effects.inline)

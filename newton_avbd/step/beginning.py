@@ -335,7 +335,7 @@ def make_begin(
         body = body_at(rank, s.worlds)
         is_touched = bool(False)
         is_jointed = bool(False)
-        if wp.static(effects.pairs):
+        if wp.static(effects.islands):
             begin_island(s.islands, body)
         if wp.static(effects.contact):
             is_touched = has_rows(s.rows, body)

@@ -308,7 +308,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
     def begin_balance(body: int, islands: wp.ref[IslandWork]):
         """Nothing is summed for a body yet; nor does anything push it where that is not known."""
         islands.balance[body] = Balance()
-        if wp.static(not effects.pairs):
+        if wp.static(not effects.islands):
             begin_island(islands, body)
 
     @wp.func
@@ -806,7 +806,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         for i in range(first, end):
             if s.work.inv_mass[s.worlds.bodies[i]] > 0.0:
                 begin_balance(s.worlds.bodies[i], s.islands)
-        if wp.static(not effects.pairs):
+        if wp.static(not effects.islands):
             for i in range(first, end):
                 body = s.worlds.bodies[i]
                 if s.work.inv_mass[body] > 0.0:

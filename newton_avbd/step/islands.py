@@ -102,12 +102,13 @@ def point_inertia(mass: float, r: wp.vec3) -> wp.mat33:
 
 
 @wp.func
-def keep_momentum(world: int, h: float, s: wp.ref[Solver]) -> bool:
+def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
     """Moves each free island rigidly so that it has the momentum of its inertial targets.
 
     With r from the island's COM, the missing momentum is sum m (dx* - dx) and the missing angular
     momentum sum r x m (dx* - dx) + I (dtheta* - dtheta), both times h. Returns whether there is
-    a free island.
+    a free island. One that no contact holds need not move (not ``moves``): its sums are all that
+    :func:`keep_spin` asks for.
     """
     first = s.worlds.body_start[world]
     last = s.worlds.body_start[world + 1]
@@ -147,6 +148,8 @@ def keep_momentum(world: int, h: float, s: wp.ref[Solver]) -> bool:
                     total.com = total.com / total.mass
                     total.moved = total.moved / total.mass
                 island = root
+            if not moves:
+                continue
             missing = s.work.target[body] - s.work.increment[body]
             momentum = s.model.mass[body] * wp.spatial_top(missing)
             spin = s.work.inertia[body] * wp.spatial_bottom(missing)
@@ -170,6 +173,8 @@ def keep_momentum(world: int, h: float, s: wp.ref[Solver]) -> bool:
             total.angular += wp.cross(r, momentum)
             total.angular += spin
     store_sum(s.islands, island, total)
+    if not moves:
+        return True
     island = int(-1)
     for i in range(first, last):
         body = body_at(i, s.worlds)

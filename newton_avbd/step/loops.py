@@ -73,6 +73,15 @@ def has_outer_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
 
 
 @wp.func
+def ties(i: int, s: wp.ref[Solver]) -> bool:
+    """Whether a joint outside of the trees makes one island of its bodies: no slack string does."""
+    joint = s.loops.joints[i]
+    if is_string(s.joints, joint):
+        return wp.length_sq(s.history.loop_force[i]) > 0.0
+    return s.joints.enabled[joint]
+
+
+@wp.func
 def loop_geometry(i: int, s: wp.ref[Solver]):
     """Rotations of a joint's anchors after the increments, arms, and child anchor from parent's."""
     static_slot = s.work.inv_mass.shape[0] - 1

@@ -349,12 +349,12 @@ def lead_spin(world: int, scale: WorldScale, s: wp.ref[Solver]):
         body = s.worlds.bodies[i]
         if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):
             root = s.islands.parent[body]
-            total = s.islands.sum[root]
-            if body == root:
-                total.momentum = wp.vec3(0.0)
-            share = s.model.mass[body] / total.mass
-            total.momentum += share * wp.spatial_top(s.work.increment[body])
-            s.islands.sum[root] = total
+            moved = wp.vec3(0.0)
+            if body != root:
+                moved = s.islands.sum[root].momentum
+            share = s.model.mass[body] / s.islands.sum[root].mass
+            moved += share * wp.spatial_top(s.work.increment[body])
+            s.islands.sum[root].momentum = moved
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
         body = s.worlds.bodies[i]
         if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):

@@ -56,7 +56,7 @@ def add_everything(builder: newton.ModelBuilder) -> None:
             inertia=wp.mat33(np.diag((0.02, 0.03, 0.04))),
             custom_attributes={"mujoco:gravcomp": 0.1},
         )
-        for i in range(10)
+        for i in range(12)
     ]
     builder.add_shape_sphere(links[8], radius=0.1, cfg=cfg)
 
@@ -89,6 +89,8 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     cable = {"vbd:dahl_eps_max": 0.1, "vbd:dahl_tau": 1.0}
     rod = builder.add_joint_rod(**ends(-1, links[9]), custom_attributes=cable)
     builder.add_articulation([rod])
+    floats = builder.add_joint_free(links[10])
+    builder.add_articulation([floats, builder.add_joint_ball(**ends(links[10], links[11]))])
     target = mujoco.ActuatorTarget
     mujoco.add_actuator_motor(builder, target.joint(first))
     for _ in range(2):
