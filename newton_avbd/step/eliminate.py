@@ -8,7 +8,7 @@ from ..algebra.block import factor_block, half_solve
 from ..blocks import tree as algebra
 from ..blocks.closure import end_rows, meet_root, softness_of
 from ..blocks.tree import Block, seen_from, stiffened
-from ..data import LoopWork, Solver, Step
+from ..data import Solver, Step
 from ..effects import Effects
 from .anchors import is_linked
 from .eliminate_axes import make_eliminate_axes
@@ -21,15 +21,6 @@ from .tilting import (
     push_tilting_root,
     times_tilting,
 )
-
-
-@wp.func
-def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
-    """Whether a joint acts on the body whose rows converge by a factor, sweep by sweep."""
-    for k in range(loops.body_start[body], loops.body_start[body + 1]):
-        if loops.is_soft[loops.items[k] / 2]:
-            return True
-    return False
 
 
 @wp.func

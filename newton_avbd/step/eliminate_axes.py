@@ -9,14 +9,11 @@ from ..blocks.closure import meet_axes
 from ..blocks.tree import Block
 from ..data import Solver, Step, TreeAxis
 from ..effects import Effects
-from ..rows import axis as axis_rows
-from ..rows import joint as joint_rows
-from ..rows.dahl import dahl_response
-from ..rows.joint import BALL, NEAR_POLE, ROD
-from .axes import make_axis
+from ..rows.joint import BALL, NEAR_POLE, ROD, make_joint
+from .axis_forces import FreeAxis, make_add_forces, make_ball_and_rod
 from .bodies import nonnegative
 from .free_ball import free_ball
-from .joint_frame import Carried, JointFrame
+from .joint_frame import JointFrame
 from .slopes import make_inputs
 from .tilting import eliminate_tilting
 
@@ -25,192 +22,11 @@ POLE_DRAG = 1.0e-3
 body's own. It only brakes, as if they were always at rest at the start of a step."""
 
 
-@wp.struct
-class FreeAxis:
-    """A free axis as it is eliminated: which it is, and the stiffness that its coordinate meets."""
-
-    dof: int
-    """Which of the joint's axes it is."""
-    entry: int
-    """Its place in ``tree.axes``."""
-    index: int
-    """The degree of freedom of the model."""
-    q: wp.float64
-    """Coordinate [m or rad]."""
-    moved: float
-    """What the step has added to it."""
-    inert: float
-    """Stiffness by the inertia that the axis moves, over h^2 [N/m or N m]."""
-    pivot: float
-    """The whole stiffness."""
-    pushed: float
-    """Generalized force that is put on the axis [N or N m]."""
-
-
-def make_axis_law(effects: Effects) -> wp.Function:
-    """Device function: all that acts along an axis, at its linearisation."""
-    axes = make_axis(effects)
-    linear_force, law_of = axes.linear_force, axes.law_of
-
-    @wp.func
-    def add_linear(
-        free: wp.ref[FreeAxis],
-        axis: wp.ref[TreeAxis],
-        h: float,
-        frame: wp.ref[JointFrame],
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
-    ):
-        """Adds what is linear in the coordinate: drives, springs, armature, compliant limits."""
-        joint = frame.joint
-        start_velocity = float(0.0)
-        if wp.static(effects.axis_rates):
-            start_velocity = s.tree.start_velocity[free.index]
-        if s.joints.type[joint] != ROD:
-            pull, stiffness = linear_force(
-                s.joints,
-                step.control,
-                joint,
-                free.dof,
-                free.q,
-                free.moved,
-                start_velocity,
-                frame.drive_away,
-                frame.spring_away,
-                h,
-            )
-            axis.push += pull
-            free.pivot += stiffness
-        if wp.static(effects.rods):
-            if s.joints.type[joint] == ROD:
-                pull, stiffness = axis_rows.rod_response(
-                    s.joints, free.index, wp.float32(free.q), free.moved, h
-                )
-                if free.dof < frame.linear:
-                    axis.push += pull
-                    free.pivot += stiffness
-                else:
-                    axis.push += wp.dot(axis.angular, frame.rod_torque)
-                    free.pivot += frame.rod_stiffness[free.dof - frame.linear]
-
-    @wp.func
-    def add_law(
-        free: wp.ref[FreeAxis],
-        axis: wp.ref[TreeAxis],
-        recovery: float,
-        h: float,
-        frame: wp.ref[JointFrame],
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
-    ) -> float:
-        """Adds the piece of what is not linear: stops, friction, drives with a limit of effort.
-
-        Returns its generalized force [N or N m].
-        """
-        law = law_of(
-            s.joints,
-            step.control,
-            s.history,
-            frame.joint,
-            free.dof,
-            free.q,
-            free.moved,
-            frame.drive_away,
-            recovery,
-            h,
-        )
-        pull, stiffness = axis_rows.law_force(law)
-        axis.push += pull
-        free.pivot += stiffness
-        if axis_rows.is_held(law):
-            axis.pivot = free.pivot
-            axis.step = axis_rows.held_step(law)
-        s.tree.laws[free.entry] = law
-        return pull
-
-    @wp.func
-    def add_forces(
-        free: wp.ref[FreeAxis],
-        axis: wp.ref[TreeAxis],
-        recovery: float,
-        h: float,
-        frame: wp.ref[JointFrame],
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
-    ) -> float:
-        """Adds what acts along an axis to its push and its pivot.
-
-        Returns the force of a law that does not grow with the coordinate, such as friction that
-        slips [N or N m].
-        """
-        pull = float(0.0)
-        if wp.static(effects.coordinates):
-            add_linear(free, axis, h, frame, step, s)
-            if wp.static(effects.laws):
-                pull = add_law(free, axis, recovery, h, frame, step, s)
-        return pull
-
-    return add_forces
-
-
-def make_ball_and_rod(effects: Effects) -> wp.Function:
-    """Device function: what the three turns of a ball or a rod push with together."""
-
-    @wp.func
-    def rod_responses(body: int, joint: int, h: float, s: wp.ref[Solver]):
-        """Torque along the bends and the twist of a rod [N m], and how it grows [N m/rad]."""
-        response = wp.vec3(0.0)
-        stiff = wp.vec3(0.0)
-        for dof in range(3):
-            k = s.tree.axis_start[body] + 3 + dof
-            index = s.joints.dof_start[joint] + 3 + dof
-            q = s.tree.coordinate[k]
-            moved = wp.float32(q - s.tree.start_coordinate[k])
-            pull, stiffness = axis_rows.rod_response(s.joints, index, wp.float32(q), moved, h)
-            if wp.static(effects.dahl):
-                resisting, slope, _most = dahl_response(
-                    joint, dof, wp.float32(q), moved, s.joints, s.history
-                )
-                pull += resisting
-                stiffness += slope
-            response[dof] = pull
-            stiff[dof] = stiffness
-        return response, stiff
-
-    @wp.func
-    def measure_ball_and_rod(
-        body: int, h: float, frame: wp.ref[JointFrame], step: wp.ref[Step], s: wp.ref[Solver]
-    ):
-        """Measures how a ball or a rod has turned away from where its drive and springs lead."""
-        joint = frame.joint
-        if wp.static(effects.kinds.balls and effects.drives):
-            if s.joints.type[joint] == BALL:
-                frame.drive_away = joint_rows.ball_away(
-                    step.control.target_q, s.joints, joint, frame.q_p, frame.q_c
-                )
-        if wp.static(effects.kinds.balls and effects.springs):
-            if s.joints.type[joint] == BALL:
-                frame.spring_away = joint_rows.ball_away(
-                    s.joints.rest_q, s.joints, joint, frame.q_p, frame.q_c
-                )
-        if wp.static(effects.rods):
-            if s.joints.type[joint] == ROD:
-                response, stiff = rod_responses(body, joint, h, s)
-                frame.rod_torque = frame.sign * joint_rows.rod_torque(
-                    frame.q_p, frame.q_c, response
-                )
-                frame.rod_stiffness = joint_rows.rod_stiffness(frame.q_p, frame.q_c, stiff)
-
-    return measure_ball_and_rod
-
-
-def make_eliminate_axes(effects: Effects) -> wp.Function:
-    """Device function: takes the free axes of a body's joint out of its block."""
-    ahead_along, keep_input = make_inputs(effects)[2:]
-    joint_functions = joint_rows.make_joint(effects.kinds)
+def make_measure_axis(effects: Effects) -> wp.Function:
+    """Device function: an axis of a joint in the block of its child."""
+    ahead_along = make_inputs(effects)[2]
+    joint_functions = make_joint(effects.kinds)
     linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
-    add_forces = make_axis_law(effects)
-    measure_ball_and_rod = make_ball_and_rod(effects)
 
     @wp.func
     def axis_in_block(
@@ -303,41 +119,83 @@ def make_eliminate_axes(effects: Effects) -> wp.Function:
         return free
 
     @wp.func
+    def measure_axis(
+        body: int,
+        dof: int,
+        inv_h2: float,
+        frame: wp.ref[JointFrame],
+        block: wp.ref[Block],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ):
+        """An axis of the joint in the block: its motion and push, and the stiffness it meets."""
+        axis = axis_in_block(dof, frame, block, s)
+        free = weigh_axis(body, dof, inv_h2, axis, frame, step, s)
+        return axis, free
+
+    return measure_axis
+
+
+def make_eliminate_axes(effects: Effects) -> wp.Function:
+    """Device function: takes the free axes of a body's joint out of its block."""
+    ahead_along, keep_input = make_inputs(effects)[2:]
+    measure_axis = make_measure_axis(effects)
+    add_forces = make_add_forces(effects)
+    measure_ball_and_rod = make_ball_and_rod(effects)
+
+    @wp.func
     def keep_slope(
         inv_h2: float, free: wp.ref[FreeAxis], axis: wp.ref[TreeAxis], s: wp.ref[Solver]
     ):
         """Keeps how an axis follows what drives it, for steps of second order."""
-        inertia = free.inert
-        if wp.static(effects.armature):
-            inertia += inv_h2 * s.joints.armature[free.index]
-        bound_force = float(0.0)
-        if wp.static(effects.effort_limits):
-            bound_force = s.tree.laws[free.entry].drive
-        follows = wp.where(axis.pivot > 0.0, 0.0, inertia / free.pivot)
-        keep_input(free.index, inertia, follows, bound_force, inv_h2, s.history)
+        if wp.static(effects.second_order):
+            inertia = free.inert
+            if wp.static(effects.armature):
+                inertia += inv_h2 * s.joints.armature[free.index]
+            bound_force = float(0.0)
+            if wp.static(effects.effort_limits):
+                bound_force = s.tree.laws[free.entry].drive
+            follows = wp.where(axis.pivot > 0.0, 0.0, inertia / free.pivot)
+            keep_input(free.index, inertia, follows, bound_force, inv_h2, s.history)
 
     @wp.func
-    def freed(
-        carried: Carried, free: wp.ref[FreeAxis], axis: wp.ref[TreeAxis], pull: float, linear: int
-    ) -> Carried:
-        """What the joint carries, less what an axis lets go that nothing stiffens."""
-        if free.pivot == free.inert and axis.pivot == 0.0:
-            pushed = float(free.pushed)
-            if wp.static(effects.laws):
-                pushed += pull  # of friction that slips, or a drive at its limit
-            if free.dof < linear:
-                shifting, thrust = algebra.freed(
-                    carried.shifting, carried.thrust, axis.linear, pushed
-                )
-                carried.shifting = shifting
-                carried.thrust = thrust
-            else:
-                turning, torque = algebra.freed(
-                    carried.turning, carried.torque, axis.angular, pushed
-                )
-                carried.turning = turning
-                carried.torque = torque
-        return carried
+    def release_axis(
+        free: wp.ref[FreeAxis],
+        axis: wp.ref[TreeAxis],
+        pull: float,
+        frame: wp.ref[JointFrame],
+    ):
+        """Takes an axis that nothing stiffens out of the directions along which the joint holds.
+
+        Only roots that are light need this; see :attr:`.joint_frame.JointFrame.carried`.
+        """
+        if wp.static(effects.light_roots):
+            if free.pivot == free.inert and axis.pivot == 0.0:
+                carried = frame.carried
+                pushed = float(free.pushed)
+                if wp.static(effects.laws):
+                    pushed += pull  # of friction that slips, or a drive at its limit
+                if free.dof < frame.linear:
+                    shifting, thrust = algebra.freed(
+                        carried.shifting, carried.thrust, axis.linear, pushed
+                    )
+                    carried.shifting = shifting
+                    carried.thrust = thrust
+                else:
+                    turning, torque = algebra.freed(
+                        carried.turning, carried.torque, axis.angular, pushed
+                    )
+                    carried.turning = turning
+                    carried.torque = torque
+                frame.carried = carried
+
+    @wp.func
+    def bend_tendons(free: wp.ref[FreeAxis], frame: wp.ref[JointFrame], s: wp.ref[Solver]):
+        """Adds the curvature of the paths of tendons, of which it is an upper bound."""
+        if wp.static(effects.spatial_tendons):
+            bent = float(s.tree.tendons.curvature[free.entry])
+            free.pivot += bent
+            frame.mismatch = wp.max(frame.mismatch, bent / free.pivot)
 
     @wp.func
     def remove_axis(
@@ -375,17 +233,11 @@ def make_eliminate_axes(effects: Effects) -> wp.Function:
     ):
         """Takes one axis out of the block, with all that acts along it."""
         inv_h2 = 1.0 / (h * h)
-        axis = axis_in_block(dof, frame, block, s)
-        free = weigh_axis(body, dof, inv_h2, axis, frame, step, s)
+        axis, free = measure_axis(body, dof, inv_h2, frame, block, step, s)
         pull = add_forces(free, axis, recovery, h, frame, step, s)
-        if wp.static(effects.second_order):
-            keep_slope(inv_h2, free, axis, s)
-        if wp.static(effects.light_roots):
-            frame.carried = freed(frame.carried, free, axis, pull, frame.linear)
-        if wp.static(effects.spatial_tendons):
-            bent = float(s.tree.tendons.curvature[free.entry])
-            free.pivot += bent
-            frame.mismatch = wp.max(frame.mismatch, bent / free.pivot)
+        keep_slope(inv_h2, free, axis, s)
+        release_axis(free, axis, pull, frame)
+        bend_tendons(free, frame, s)
         remove_axis(body, free.pivot, axis, frame.is_fast, block, s)
         s.tree.axes[free.entry] = axis
 
@@ -394,21 +246,29 @@ def make_eliminate_axes(effects: Effects) -> wp.Function:
         body: int,
         h: float,
         frame: wp.ref[JointFrame],
-        block: Block,
+        block: wp.ref[Block],
         step: wp.ref[Step],
         s: wp.ref[Solver],
-    ) -> Block:
+    ):
         """Takes the turns of a free ball joint out of the block, which is left about the anchor."""
-        first = s.joints.dof_start[frame.joint]
-        reaction = wp.vec3(
-            step.control.joint_f[first] + ahead_along(first, s.history),
-            step.control.joint_f[first + 1] + ahead_along(first + 1, s.history),
-            step.control.joint_f[first + 2] + ahead_along(first + 2, s.history),
-        )
-        reaction = frame.sign * wp.quat_rotate(frame.q_p, reaction)
-        inv_h2 = 1.0 / (h * h)
-        own = inv_h2 / wp.trace(s.model.inv_inertia[body])
-        return free_ball(s.tree.axis_start[body], frame.arm_c, reaction, own, block, s.tree)
+        if wp.static(effects.free_balls):
+            is_free = s.joints.type[frame.joint] == BALL
+            if wp.static(effects.tilting):
+                is_free = is_free and not frame.is_fast
+            if is_free:
+                first = s.joints.dof_start[frame.joint]
+                reaction = wp.vec3(
+                    step.control.joint_f[first] + ahead_along(first, s.history),
+                    step.control.joint_f[first + 1] + ahead_along(first + 1, s.history),
+                    step.control.joint_f[first + 2] + ahead_along(first + 2, s.history),
+                )
+                reaction = frame.sign * wp.quat_rotate(frame.q_p, reaction)
+                inv_h2 = 1.0 / (h * h)
+                own = inv_h2 / wp.trace(s.model.inv_inertia[body])
+                first_axis = s.tree.axis_start[body]
+                block = free_ball(first_axis, frame.arm_c, reaction, own, block, s.tree)
+                frame.is_free = True
+                frame.dofs = 0
 
     @wp.func
     def eliminate_axes(
@@ -425,14 +285,7 @@ def make_eliminate_axes(effects: Effects) -> wp.Function:
         Stores them for the substitution, and in ``frame`` what the joint carries along them.
         """
         measure_ball_and_rod(body, h, frame, step, s)
-        if wp.static(effects.free_balls):
-            is_free = s.joints.type[frame.joint] == BALL
-            if wp.static(effects.tilting):
-                is_free = is_free and not frame.is_fast
-            if is_free:
-                block = eliminate_free_ball(body, h, frame, block, step, s)
-                frame.is_free = True
-                frame.dofs = 0
+        eliminate_free_ball(body, h, frame, block, step, s)
         for dof in range(frame.dofs):
             eliminate_axis(body, dof, recovery, h, frame, block, step, s)
         if wp.static(effects.closures):

@@ -8,7 +8,7 @@ import warp as wp
 
 from ..blocks import tree as algebra
 from ..blocks.closure import MISSED, softness_of, solve_ground
-from ..data import Solver, Step
+from ..data import LoopWork, Solver, Step
 from ..effects import Effects
 from ..rows.joint import make_joint
 from .active_set import PATIENCE, make_active_set
@@ -16,7 +16,7 @@ from .anchors import is_linked
 from .bodies import body_at, has_rows
 from .carrying import is_short
 from .coordinates import make_coordinates
-from .eliminate import has_soft_loops, make_eliminate
+from .eliminate import make_eliminate
 from .rotations import turn_by
 from .scale import STOPPING
 from .substitute import Misplaced, make_substitute
@@ -28,6 +28,15 @@ FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
+
+
+@wp.func
+def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
+    """Whether a joint acts on the body whose rows converge by a factor, sweep by sweep."""
+    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+        if loops.is_soft[loops.items[k] / 2]:
+            return True
+    return False
 
 
 @dataclass(frozen=True)
