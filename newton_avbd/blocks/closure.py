@@ -143,6 +143,13 @@ def softness_of(is_first: bool) -> float:
 
 
 @wp.func
+def ends_rows(top: int, closures: wp.ref[ClosureWork]) -> bool:
+    """Whether a row ends at a node. At most nodes none does, and the block stays where it is."""
+    node = closures.nodes[top]
+    return node.first < node.end or node.row < node.row_end
+
+
+@wp.func
 def end_rows(top: int, block: Block, softness: float, closures: wp.ref[ClosureWork]) -> Block:
     """Eliminates the multipliers of the rows that end at a node; returns its block.
 

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..algebra.block import factor_block, half_solve
 from ..blocks import tree as algebra
-from ..blocks.closure import end_rows, meet_root, softness_of
+from ..blocks.closure import end_rows, ends_rows, meet_root, softness_of
 from ..blocks.tree import Block, seen_from, stiffened
 from ..data import Solver, Step
 from ..effects import Effects
@@ -155,7 +155,8 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
     def close_rows(body: int, has_dual: bool, block: wp.ref[Block], s: wp.ref[Solver]):
         """Eliminates the rows that close loops and end at the body."""
         if wp.static(effects.closures):
-            block = end_rows(body, block, softness_of(not has_dual), s.tree.closures)
+            if ends_rows(body, s.tree.closures):
+                block = end_rows(body, block, softness_of(not has_dual), s.tree.closures)
 
     @wp.func
     def factor_root(body: int, block: Block, s: wp.ref[Solver]) -> float:
