@@ -107,7 +107,7 @@ CAUSES: dict[str, Cause] = {
     "light_roots": Cause(
         "body",
         "with less than 1e-5 of the mass or inertia that its joints carry",
-        "step/trees.py",
+        "step/eliminate.py",
     ),
     "light_links": Cause(
         "body",
@@ -132,7 +132,7 @@ CAUSES: dict[str, Cause] = {
         _OF_JOINTS,
     ),
     "flipped": Cause(
-        "joint", "whose child carries its parent in the tree", "step/trees.py", _OF_JOINTS
+        "joint", "whose child carries its parent in the tree", "step/anchors.py", _OF_JOINTS
     ),
     "loops": Cause("joint", "outside of trees", "step/loops.py", _OF_JOINTS),
     "closures": Cause(

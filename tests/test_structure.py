@@ -86,12 +86,10 @@ def test_no_subject_of_a_study_needs_itself_by_way_of_others() -> None:
 
 LONG = {
     "push_axis": 17,
-    "read_coordinates": 12,
     "leave_link": 10,
     "axis_work": 10,
     "linear_force": 10,
     "law_of": 10,
-    "free_ball": 9,
     "bend_sum": 9,
     "add_axis": 9,
     "add_joint": 9,

@@ -33,7 +33,7 @@ import warp as wp
 
 from ..algebra.block import half_solve
 from ..data import BodyWork, ClosureNode, ClosureWork, TreeWork
-from .tree import handed_down
+from .tree import Block, handed_down
 
 IMPLIED = wp.constant(1.0e-4)
 """Pivot from which a mimic says nothing new, as a share of what it had before elimination."""
@@ -143,16 +143,15 @@ def softness_of(is_first: bool) -> float:
 
 
 @wp.func
-def end_rows(
-    top: int,
-    h_ll: wp.mat33,
-    h_al: wp.mat33,
-    h_aa: wp.mat33,
-    push: wp.spatial_vector,
-    softness: float,
-    closures: wp.ref[ClosureWork],
-):
-    """Eliminates the multipliers of the rows that end at a node; returns its block and wrench.
+def ends_rows(top: int, closures: wp.ref[ClosureWork]) -> bool:
+    """Whether a row ends at a node. At most nodes none does, and the block stays where it is."""
+    node = closures.nodes[top]
+    return node.first < node.end or node.row < node.row_end
+
+
+@wp.func
+def end_rows(top: int, block: Block, softness: float, closures: wp.ref[ClosureWork]) -> Block:
+    """Eliminates the multipliers of the rows that end at a node; returns its block.
 
     A row that the ones before it imply gets a multiplier of zero.
     """
@@ -188,10 +187,10 @@ def end_rows(
         w_l = wp.spatial_top(w)
         w_a = wp.spatial_bottom(w)
         stiffness = wp.float32(inverse)
-        h_ll += stiffness * wp.outer(w_l, w_l)
-        h_al += stiffness * wp.outer(w_a, w_l)
-        h_aa += stiffness * wp.outer(w_a, w_a)
-        push -= wp.float32(inverse * moved) * w
+        block.ll += stiffness * wp.outer(w_l, w_l)
+        block.al += stiffness * wp.outer(w_a, w_l)
+        block.aa += stiffness * wp.outer(w_a, w_a)
+        block.push -= wp.float32(inverse * moved) * w
         for other in range(row + 1, node.row_end):
             share = inverse * closures.gram[g_row + other]
             if share != wp.float64(0.0):
@@ -214,7 +213,7 @@ def end_rows(
                 for q in range(p, node.stop):
                     to = closures.items[q] / 2
                     closures.gram[g_other + to] -= share * closures.gram[g_row + to]
-    return h_ll, h_al, h_aa, push
+    return block
 
 
 @wp.func
@@ -243,7 +242,5 @@ def solve_ground(first: int, softness: float, closures: wp.ref[ClosureWork]):
     number = closures.block_of[first]
     if number >= 0:
         ground = closures.blocks[number].ground
-        none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        zero = wp.mat33(0.0)
-        end_rows(ground, zero, zero, zero, none, softness, closures)
-        find_multipliers(ground, none, closures)
+        end_rows(ground, Block(), softness, closures)
+        find_multipliers(ground, wp.spatial_vector(), closures)

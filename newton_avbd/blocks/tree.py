@@ -24,7 +24,25 @@ from ..data import TreeAxis
 
 ROUNDED = wp.constant(3.0e-8)
 """What rounding may take from a sum of blocks, as a share of the larger. (4e-7 slows what has 6e-8
-of what it carries: after ten sweeps it has slid 17 % too far; without, 6e-9 was not finite.)"""
+of of what it carries: after ten sweeps it has slid 17 % too far; without, 6e-9 was not finite.)"""
+
+
+@wp.struct
+class Block:
+    """What the motion delta of a body meets, H delta - push, once all that it carries has moved.
+
+    H = [ ll  al^T ]
+        [ al  aa   ]
+    """
+
+    ll: wp.mat33
+    """[N/m]"""
+    al: wp.mat33
+    """[N]"""
+    aa: wp.mat33
+    """[N m]"""
+    push: wp.spatial_vector
+    """Wrench [N, N m]."""
 
 
 @wp.func
@@ -121,12 +139,40 @@ def span_skew(span: wp.vec3, n_ll: wp.mat33, n_al: wp.mat33, n_aa: wp.mat33):
 
 
 @wp.func
+def seen_from(span: wp.vec3, block: Block) -> Block:
+    """The block about a point that ``span`` leads from to where it was."""
+    ll, al, aa = span_block(span, block.ll, block.al, block.aa)
+    return Block(ll, al, aa, handed_down(span, block.push))
+
+
+@wp.func
+def stiffened(
+    block: Block, force: wp.vec3, arm: wp.vec3, mass: float, inertia: wp.mat33, h: float
+) -> Block:
+    """The block of a body, of which a joint pushes an arm [m] with a force [N]."""
+    block.aa += geometric_stiffness(force, arm)
+    block.aa += buckling(force, arm, mass, inertia, h)
+    return block
+
+
+@wp.func
+def eliminated(axis: TreeAxis, block: Block) -> Block:
+    """The block that is left once a coordinate has been minimised over."""
+    scaled_force = axis.inv_pivot * axis.force
+    scaled_torque = axis.inv_pivot * axis.torque
+    left = Block()
+    left.ll = block.ll - wp.outer(scaled_force, axis.force)
+    left.al = block.al - wp.outer(scaled_torque, axis.force)
+    left.aa = block.aa - wp.outer(scaled_torque, axis.torque)
+    left.push = block.push - axis.push * wp.spatial_vector(scaled_force, scaled_torque)
+    return left
+
+
+@wp.func
 def eliminated_skew(
     axis: TreeAxis,
     tilting: wp.spatial_vector,
-    h_ll: wp.mat33,
-    h_al: wp.mat33,
-    h_aa: wp.mat33,
+    block: Block,
     n_ll: wp.mat33,
     n_al: wp.mat33,
     n_aa: wp.mat33,
@@ -138,58 +184,36 @@ def eliminated_skew(
     Args:
         axis: The coordinate, with a as its force and torque.
         tilting: b.
-        h_ll, h_al, h_aa: The symmetric part, less a a^T / pivot.
+        block: The symmetric part, less a a^T / pivot.
         n_ll, n_al, n_aa: The antisymmetric part.
     """
     force = wp.spatial_top(tilting)
     torque = wp.spatial_bottom(tilting)
     scaled_force = axis.inv_pivot * force
     scaled_torque = axis.inv_pivot * torque
-    ll = h_ll + wp.outer(scaled_force, force)
-    al = h_al + wp.outer(scaled_torque, force)
-    aa = h_aa + wp.outer(scaled_torque, torque)
+    block.ll += wp.outer(scaled_force, force)
+    block.al += wp.outer(scaled_torque, force)
+    block.aa += wp.outer(scaled_torque, torque)
     # b a^T - a b^T
     skew_ll = n_ll - wp.outer(scaled_force, axis.force) + wp.outer(axis.force, scaled_force)
     skew_al = n_al - wp.outer(scaled_torque, axis.force) + wp.outer(axis.torque, scaled_force)
     skew_aa = n_aa - wp.outer(scaled_torque, axis.torque) + wp.outer(axis.torque, scaled_torque)
-    return ll, al, aa, skew_ll, skew_al, skew_aa
+    return block, skew_ll, skew_al, skew_aa
 
 
 @wp.func
 def symmetric_push(
-    h_ll: wp.mat33,
-    h_al: wp.mat33,
-    h_aa: wp.mat33,
-    n_ll: wp.mat33,
-    n_al: wp.mat33,
-    n_aa: wp.mat33,
-    push: wp.spatial_vector,
+    block: Block, n_ll: wp.mat33, n_al: wp.mat33, n_aa: wp.mat33
 ) -> wp.spatial_vector:
-    """Wrench that moves the block H as ``push`` moves H + N."""
-    ll = wp.inverse(h_ll + n_ll)
-    al = h_al + n_al
-    la = wp.transpose(h_al - n_al)
-    f = wp.spatial_top(push)
-    turn = wp.inverse(h_aa + n_aa - al * ll * la) * (wp.spatial_bottom(push) - al * (ll * f))
-    return times_block(h_ll, h_al, h_aa, wp.spatial_vector(ll * (f - la * turn), turn))
-
-
-@wp.func
-def eliminated(
-    axis: TreeAxis, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33, push: wp.spatial_vector
-):
-    """The block and wrench that are left once a coordinate has been minimised over."""
-    scaled_force = axis.inv_pivot * axis.force
-    scaled_torque = axis.inv_pivot * axis.torque
-    ll = h_ll - wp.outer(scaled_force, axis.force)
-    al = h_al - wp.outer(scaled_torque, axis.force)
-    aa = h_aa - wp.outer(scaled_torque, axis.torque)
-    return (
-        ll,
-        al,
-        aa,
-        push - axis.push * wp.spatial_vector(scaled_force, scaled_torque),
-    )
+    """Wrench that moves the block H as its push moves H + N."""
+    ll = wp.inverse(block.ll + n_ll)
+    al = block.al + n_al
+    la = wp.transpose(block.al - n_al)
+    f = wp.spatial_top(block.push)
+    torque = wp.spatial_bottom(block.push) - al * (ll * f)
+    turn = wp.inverse(block.aa + n_aa - al * ll * la) * torque
+    motion = wp.spatial_vector(ll * (f - la * turn), turn)
+    return times_block(block.ll, block.al, block.aa, motion)
 
 
 @wp.func

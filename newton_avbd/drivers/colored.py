@@ -19,6 +19,7 @@ import warp as wp
 from ..data import ColorWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
+from ..step.anchors import is_linked
 from ..step.beginning import make_begin
 from ..step.bodies import report_held, vector_sum
 from ..step.breaking import make_break_joints
@@ -65,7 +66,7 @@ from ..step.second_order import (
 from ..step.slopes import JUMPED, QUIET_WORLD, is_going_on
 from ..step.sweeps import make_sweep, make_sweep_block
 from ..step.tendons import make_join_tendons
-from ..step.trees import is_linked, make_trees
+from ..step.trees import make_trees
 from ..step.weights import make_weigh
 from .colored_energy import ColoredEnergy, make_colored_energy
 from .colored_impacts import make_colored_impacts

@@ -9,6 +9,7 @@ import warp as wp
 from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
+from ..step.anchors import is_linked, parent_slot
 from ..step.beginning import make_begin, make_coasting
 from ..step.bodies import body_at
 from ..step.breaking import make_break_joints
@@ -38,7 +39,7 @@ from ..step.second_order import lead_spin, make_second_order
 from ..step.sides import make_written_side
 from ..step.sweeps import make_sweep, make_sweep_block, make_sweep_world
 from ..step.tendons import make_join_tendons
-from ..step.trees import is_linked, make_trees, parent_slot
+from ..step.trees import make_trees
 from ..step.weights import make_weigh
 
 

@@ -17,9 +17,9 @@ Newton's types differ only in how many linear and angular axes they leave free:
 A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the
 distance of the anchors, or, where that is to be 0, locks what a ball locks. A new type is a line in
 ``KINDS`` and a case in these functions. Three types are told from the others elsewhere, too: where
-coordinates act, since a BALL has none but a turn (``rows.axis``, ``step.trees``, ``.loops``) and
-those of a ROD are springs (there as well), and where loops are held, as a DISTANCE (``.loops``,
-``.closures``).
+coordinates act, since a BALL has none but a turn (``rows.axis``, ``step.coordinates``,
+``.free_ball``, ``.loops``) and those of a ROD are springs (``step.axis_forces``, ``.loops``),
+and where loops are held, as a DISTANCE (``.loops``, ``.closures``).
 """
 
 import functools

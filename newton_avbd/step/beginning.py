@@ -12,12 +12,14 @@ from ..algebra.so3 import exp_quat
 from ..data import NO_JOINT, BodyWork, ContactRow, Solver, Step, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
+from .anchors import ROUNDING, is_linked, parent_slot
 from .bodies import body_at, has_rows
 from .islands import begin_island
 from .loops import LoopFunctions, has_loops, has_outer_loops
 from .piles import in_pile
+from .rotations import begin_turn
 from .slopes import begin_axis, make_inputs
-from .trees import ROUNDING, TreeFunctions, begin_turn, is_linked, parent_slot
+from .trees import TreeFunctions
 
 UNKNOWN = wp.constant(math.inf)
 """Velocity of a joint's coordinate that no step has followed: disabled, or without armature."""

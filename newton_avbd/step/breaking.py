@@ -10,8 +10,9 @@ from ..blocks.tree import handed_down
 from ..data import Solver, Step
 from ..effects import Effects
 from ..rows import joint as joint_rows
+from .anchors import anchor_arm, anchor_rotation, is_linked
+from .eliminate import held_by_loops
 from .kernels import KERNEL
-from .trees import anchor_arm, anchor_rotation, held_by_loops, is_linked
 
 
 @wp.kernel(**KERNEL)

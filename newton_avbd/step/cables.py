@@ -29,7 +29,7 @@ from ..effects import Effects
 from ..rows import cable as law
 from ..rows import joint as joint_rows
 from ..rows.cable import ANCHOR, FREELY, NO_RATIO, ROLLER, STICKS, TO_LEFT, TO_RIGHT, GuidePose
-from .trees import is_linked
+from .anchors import is_linked
 
 LEAST_LENGTH = wp.constant(1.0e-6)
 """Length of a segment below which its geometric stiffness does not grow any more [m]."""

@@ -15,6 +15,7 @@ from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from ..rows.dahl import keep_dahl
 from ..rows.joint import ROD
+from .anchors import is_linked
 from .beginning import UNKNOWN, is_in_tree, make_coasting
 from .bodies import body_at, has_rows, pose_sum, report_held
 from .carrying import carry_flight, carry_turn, carry_velocity, is_short, less_one
@@ -22,7 +23,6 @@ from .islands import is_alone, is_free_island, turn_with_island
 from .loops import has_loops
 from .piles import lasting_share, row_count, row_of
 from .slopes import end_axis
-from .trees import is_linked
 
 HELD = wp.constant(0.5)
 """Share of its free acceleration below which a body is held by what it pushes."""

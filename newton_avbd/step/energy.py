@@ -25,13 +25,13 @@ from ..rows import axis as axis_rows
 from ..rows import contact as contact_rows
 from ..rows import joint as joint_rows
 from ..rows.joint import BALL, ROD, make_joint
+from .anchors import anchor_arm, anchor_rotation, is_linked, parent_slot
 from .cables import end_segment, first_segment, make_join, slot_at
 from .drag import resistance
 from .islands import begin_island, island_of, join_islands, point_inertia
 from .kernels import absent
 from .slopes import JUMPED
 from .tendons import make_join_tendons, tendon_work
-from .trees import anchor_arm, anchor_rotation, is_linked, parent_slot
 
 NEARLY = wp.constant(1.0e-5)
 """Last update of a world, as a share of the farthest move in the step, up to which it has settled

@@ -8,9 +8,9 @@ from ..data import ContactRow, Solver, Step, WorldWork
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
+from .anchors import parent_slot
 from .drag import resistance
 from .piles import in_pile, is_link
-from .trees import parent_slot
 
 
 @wp.func

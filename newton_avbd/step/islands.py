@@ -16,7 +16,7 @@ from ..blocks.tree import combined_with
 from ..data import BodyWork, IslandSum, IslandWork, SleepWork, Solver, Step, WorldWork
 from .bodies import body_at
 from .drag import resistance
-from .trees import turn_by
+from .rotations import turn_by
 
 
 @wp.func

@@ -24,19 +24,18 @@ from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.dahl import dahl_response, keep_dahl
 from ..rows.joint import BALL, DISTANCE, ROD, is_string
-from .axes import make_axis
-from .slopes import begin_axis, make_inputs
-from .trees import (
+from .anchors import (
     ROUNDING,
     anchor_arm,
     anchor_offset,
     anchor_rotation,
-    ball_turn,
     carried_misfit,
-    full_turns,
     parent_slot,
     start_span,
 )
+from .axes import make_axis
+from .rotations import ball_turn, full_turns
+from .slopes import begin_axis, make_inputs
 
 STALE = wp.constant(0.5)
 """Turn of an end in a step from which a joint that is solved with a tree forgets what it pushed
@@ -207,7 +206,7 @@ def string_direction(q_p: wp.quat, arm_c: wp.vec3, offset: wp.vec3) -> wp.vec3:
 
 @wp.func
 def turn_of(i: int, s: wp.ref[Solver]) -> wp.vec3:
-    """As :func:`.trees.full_turns` [rad]."""
+    """As :func:`.rotations.full_turns` [rad]."""
     joint = s.loops.joints[i]
     parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
     return full_turns(s.joints.child[joint], parent, s.work)

@@ -10,11 +10,11 @@ from ..blocks.tree import handed_down
 from ..data import BodyWork, History, JointModel, RowWork, Solver, Step
 from ..effects import Effects
 from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
+from .anchors import is_linked
 from .closures import make_closures
 from .drag import resistance
 from .kernels import KERNEL, absent, uncollected
 from .loops import make_loops
-from .trees import is_linked
 
 
 @wp.kernel(**KERNEL)

@@ -35,7 +35,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at, moved_by
-from .trees import place_body
+from .rotations import place_body
 
 ROOT = wp.constant(-1)
 """Parent of a body from which its pile was reached."""

@@ -32,6 +32,7 @@ from ..data import BodyModel, BodyWork, ContactRow, History, Solver, Step, World
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE, make_joint
+from .anchors import is_linked
 from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
@@ -59,7 +60,6 @@ from .slopes import (
     second_order,
 )
 from .tendons import meets_range
-from .trees import is_linked
 
 JOLT = wp.constant(0.5)
 """Closing of a contact by the velocity of the start of a step that is an impact, as a share of

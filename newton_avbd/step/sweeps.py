@@ -12,7 +12,7 @@ from .bodies import body_at, has_rows, moved_by
 from .loops import has_loops
 from .piles import in_pile
 from .ramped import make_ramped
-from .trees import place_body
+from .rotations import place_body
 
 
 def make_sweep(effects: Effects, gather: wp.Function) -> wp.Function:

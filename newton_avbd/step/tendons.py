@@ -26,8 +26,7 @@ from ..rows import axis as axis_rows
 from ..rows import joint as joint_rows
 from ..rows.path import CYLINDER, JOINT, PULLEY, SPHERE, double, find_path
 from ..rows.tendon import linear_pull, range_of, tendon_law
-from .slopes import begin_axis, end_axis
-from .trees import (
+from .anchors import (
     ROUNDING,
     anchor_arm,
     anchor_rotation,
@@ -36,6 +35,7 @@ from .trees import (
     joint_shift,
     parent_slot,
 )
+from .slopes import begin_axis, end_axis
 
 FREE = wp.constant(1.0e6)
 """How much softer a row without a slope is than the bodies that it pulls are mobile: it then pushes

@@ -17,10 +17,10 @@ from ..blocks import tree as algebra
 from ..data import ContactRow, Solver, TreeAxis
 from ..effects import LIGHT_LINK, Effects
 from ..rows import joint as joint_rows
+from .anchors import anchor_arm, anchor_rotation, is_linked
 from .beginning import is_tree
 from .bodies import body_at, has_rows
 from .piles import LINK_WEIGHT
-from .trees import anchor_arm, anchor_rotation, is_linked
 
 PIVOT_FLOOR = wp.constant(1.0e-6)
 """Least inertia along a free axis, as a share of the block: what rounding leaves counts as that."""
@@ -126,9 +126,10 @@ def make_weigh(effects: Effects) -> wp.Function:
             size = wp.trace(h_ll) * wp.length_sq(axis.linear)
             size += wp.trace(h_aa) * wp.length_sq(axis.angular)
             axis.inv_pivot = 1.0 / wp.max(pivot, PIVOT_FLOOR * size)
-            h_ll, h_al, h_aa, _push = algebra.eliminated(
-                axis, h_ll, h_al, h_aa, wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-            )
+            left = algebra.eliminated(axis, algebra.Block(h_ll, h_al, h_aa, wp.spatial_vector()))
+            h_ll = left.ll
+            h_al = left.al
+            h_aa = left.aa
         return algebra.span_block(span, h_ll, h_al, h_aa)
 
     @wp.func(inline=effects.inline)

@@ -1,0 +1,321 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""One iteration of Newton's method on the tree of an articulation: eliminate, substitute, move."""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..blocks import tree as algebra
+from ..blocks.closure import MISSED, softness_of, solve_ground
+from ..data import LoopWork, Solver, Step
+from ..effects import Effects
+from ..rows.joint import make_joint
+from .active_set import PATIENCE, make_active_set
+from .anchors import is_linked
+from .bodies import body_at, has_rows
+from .carrying import is_short
+from .coordinates import make_coordinates
+from .eliminate import make_eliminate
+from .rotations import turn_by
+from .scale import STOPPING
+from .substitute import Misplaced, make_substitute
+
+HIDDEN = wp.constant(2.0e-2)
+"""Move of a body with contacts that counts as none, as a share of the penetration that is left
+alone: 1e-3 g h^2."""
+FAR = wp.constant(3.0e-2)
+"""Turn by an update from which joint coordinates are measured again [rad]."""
+MOST_TURN = wp.constant(1.0)
+"""Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
+
+
+@wp.func
+def has_soft_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
+    """Whether a joint acts on the body whose rows converge by a factor, sweep by sweep."""
+    for k in range(loops.body_start[body], loops.body_start[body + 1]):
+        if loops.is_soft[loops.items[k] / 2]:
+            return True
+    return False
+
+
+@dataclass(frozen=True)
+class MoveFunctions:
+    """Device functions that move bodies by their updates."""
+
+    gimbal_step: wp.Function
+    move: wp.Function
+
+
+def make_move(effects: Effects) -> MoveFunctions:
+    """Device functions: how far an update turns the joint of a body, and its motion by it."""
+    joint_functions = make_joint(effects.kinds)
+    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
+    is_gimbal = joint_functions.is_gimbal
+    coordinates = make_coordinates(effects)
+    measure_coordinates = coordinates.measure_coordinates
+    measure_moved = coordinates.measure_moved
+
+    @wp.func
+    def gimbal_step(body: int, s: wp.ref[Solver]) -> float:
+        """Square of the largest step of the angles of the body's joint, if it is a gimbal."""
+        largest = float(0.0)
+        if is_linked(body, s):
+            joint = s.tree.joint[body]
+            if is_gimbal(s.joints, joint):
+                first = s.tree.axis_start[body] + linear_count(s.joints, joint)
+                for k in range(first, first + 3):
+                    largest = wp.max(largest, s.tree.axes[k].step * s.tree.axes[k].step)
+        return largest
+
+    @wp.func(inline=effects.inline)
+    def move(body: int, share: float, h: float, s: wp.ref[Solver]):
+        """Moves the body by a share of its update."""
+        update = share * s.tree.update[body]
+        increment = s.work.increment[body]
+        turn = s.tree.turn[body]
+        before = wp.spatial_bottom(increment) - turn
+        further = algebra.combined_with(before, wp.spatial_bottom(update))
+        rest = before + further
+        moved = wp.spatial_vector(wp.spatial_top(increment) + wp.spatial_top(update), turn + rest)
+        s.work.increment[body] = moved
+        if wp.static(effects.carried_rounding):
+            if is_short(h):
+                update = wp.spatial_vector(wp.spatial_top(update), further)
+                s.work.rounded[body] = update - (moved - increment)
+        turn_by(body, rest, s.tree)
+        if wp.static(effects.coordinates):
+            # summing steps misses the square of the turn
+            if is_linked(body, s) and (
+                share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
+            ):
+                static_slot = s.work.inv_mass.shape[0] - 1
+                if wp.static(effects.kinds.gimbals):
+                    joint = s.tree.joint[body]
+                    if is_gimbal(s.joints, joint):
+                        # its pose does not tell all of its coordinates: what its axes turned does
+                        first = s.tree.axis_start[body]
+                        dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
+                        for k in range(first, first + dofs):
+                            back = (1.0 - share) * s.tree.axes[k].step
+                            s.tree.coordinate[k] = s.tree.coordinate[k] - wp.float64(back)
+                        measure_coordinates(
+                            body, first, wp.vec3(0.0), s.tree.coordinate, static_slot, s
+                        )
+                        return
+                measure_moved(body, static_slot, s)
+
+    return MoveFunctions(gimbal_step, move)
+
+
+def make_sweep_tree(
+    effects: Effects,
+    gather: wp.Function,
+    begin_rows: wp.Function,
+    keep_forces: wp.Function,
+    missed_by_lines: wp.Function,
+    settle_tendons: wp.Function,
+) -> wp.Function:
+    """Device function: one Newton iteration on a tree.
+
+    Args:
+        effects: What the kernel is compiled with.
+        gather: Device function that sums the inertial and contact wrench of a body.
+        begin_rows: Device function that starts the closures of a block.
+        keep_forces: Device function that keeps what they push with.
+        missed_by_lines: Device function that measures what equality constraints are off by.
+        settle_tendons: Device function that measures what tendons are off by.
+    """
+    eliminate = make_eliminate(effects, gather)
+    substitute = make_substitute(effects)
+    move_functions = make_move(effects)
+    gimbal_step, move = move_functions.gimbal_step, move_functions.move
+    active_set = make_active_set(effects)
+    least_energy, take_pieces = active_set.least_energy, active_set.take_pieces
+
+    @wp.func
+    def eliminate_tree(
+        first: int,
+        end: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> float:
+        """Eliminates the bodies of a tree, children first, and the rows that close it.
+
+        Returns how far off the geometric stiffness may be, as a share of the blocks.
+        """
+        if wp.static(effects.closures):
+            begin_rows(first, end, recovery, h, s)
+        mismatch = float(0.0)
+        for i in range(end - first):
+            body = body_at(end - 1 - i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                off = eliminate(body, has_dual, recovery, slop, h, step, s)
+                mismatch = wp.max(mismatch, off)
+        if wp.static(effects.closures):
+            solve_ground(first, softness_of(not has_dual), s.tree.closures)
+        return mismatch
+
+    @wp.func
+    def substitute_tree(
+        first: int,
+        end: int,
+        is_searched: bool,
+        h: float,
+        found: wp.ref[Misplaced],
+        s: wp.ref[Solver],
+    ) -> float:
+        """Finds the updates of the bodies of a tree, parents first, and how they fit the laws.
+
+        Returns the square of the largest turn of a body, or step of a gimbal's angle [rad^2].
+        """
+        turned_most = float(0.0)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                of_body = substitute(body, is_searched, h, s)
+                found.wrong += of_body.wrong
+                if wp.static(effects.bounded_axes):
+                    found.curvature += of_body.curvature
+                    found.held_work += of_body.held_work
+                turned_most = wp.max(
+                    turned_most, wp.length_sq(wp.spatial_bottom(s.tree.update[body]))
+                )
+                if wp.static(effects.kinds.gimbals):
+                    turned_most = wp.max(turned_most, gimbal_step(body, s))
+        return turned_most
+
+    @wp.func
+    def is_newtons(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether Newton's method converges at the body. Contacts converge by a factor."""
+        if wp.static(effects.contact):
+            if has_rows(s.rows, body):
+                return False
+        if wp.static(effects.loops):
+            if has_soft_loops(body, s.loops):
+                return False
+        if wp.static(effects.cables):
+            if s.tree.cables.pulled[body]:
+                return False
+        return True
+
+    @wp.func
+    def move_tree(first: int, end: int, share: float, h: float, largest: float, s: wp.ref[Solver]):
+        """Moves the bodies of a tree by a share of their updates.
+
+        Returns the square of the largest turn in the step [rad^2], or ``largest``, and whether all
+        that is left is what Newton's method leaves.
+        """
+        is_newton = bool(True)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                move(body, share, h, s)
+                turn = wp.spatial_bottom(s.work.increment[body])
+                largest = wp.max(largest, wp.length_sq(turn))
+                if wp.static(effects.kinds.gimbals):
+                    largest = wp.max(largest, gimbal_step(body, s))
+                if not is_newtons(body, s):
+                    is_newton = False
+        return largest, is_newton
+
+    @wp.func
+    def off_by(
+        first: int,
+        end: int,
+        wrong: int,
+        largest: float,
+        has_dual: bool,
+        recovery: float,
+        h: float,
+        s: wp.ref[Solver],
+    ) -> float:
+        """What axes on wrong pieces, lines of curves and tendons leave to the next iteration.
+
+        As :func:`sweep_tree` returns it [m^2].
+        """
+        farthest = float(0.0)
+        if largest == wp.inf:
+            farthest = wp.inf
+        if wrong > 0:
+            farthest = wp.inf
+            if wp.static(effects.laws):
+                if take_pieces(first, end, wrong, has_dual, s):
+                    farthest = STOPPING
+        if wp.static(effects.equalities):
+            # what a line misses of a curve, and the next iteration finds
+            farthest = wp.max(farthest, missed_by_lines(first, recovery, s))
+        if wp.static(effects.tendons):
+            farthest = wp.max(farthest, settle_tendons(first, recovery, h, s))
+        return farthest
+
+    @wp.func
+    def farthest_next(
+        first: int, end: int, left: float, is_newton: bool, slop: float, s: wp.ref[Solver]
+    ) -> float:
+        """Square of how far the next iteration moves a body [m^2], which has ``left`` of this."""
+        farthest = float(0.0)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                shift = wp.spatial_top(s.tree.update[body])
+                turn = wp.spatial_bottom(s.tree.update[body])
+                turned = wp.dot(turn, s.work.inertia[body] * turn) * s.work.inv_mass[body]
+                moved = left * (wp.dot(shift, shift) + turned)
+                hidden = s.tree.rounding[body]
+                if not is_newton and slop > 0.0:
+                    # multipliers of contacts build up by moves that small
+                    hidden = wp.min(hidden, HIDDEN * slop)
+                if moved > hidden * hidden:
+                    farthest = wp.max(farthest, moved)
+        return farthest
+
+    @wp.func
+    def sweep_tree(
+        first: int,
+        end: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> float:
+        """Moves the bodies of a tree to the minimum of their quadratic model.
+
+        Returns the square of how far the next iteration would move one of them [m^2]: zero where
+        the rounding of the poses hides it.
+        """
+        mismatch = eliminate_tree(first, end, has_dual, recovery, slop, h, step, s)
+        is_searched = bool(False)
+        if wp.static(effects.bounded_axes):
+            is_searched = has_dual and s.tree.patience[body_at(first, s.worlds)] < PATIENCE
+        found = Misplaced()
+        turned_most = substitute_tree(first, end, is_searched, h, found, s)
+        share = float(1.0)
+        if turned_most > MOST_TURN * MOST_TURN:
+            share = MOST_TURN / wp.sqrt(turned_most)
+        if wp.static(effects.bounded_axes):
+            if is_searched and found.wrong > 0:
+                least = least_energy(first, end, found.curvature, found.held_work, s)
+                share = wp.min(share, least)
+        # Newton's method leaves half of the angle times the update, the angle of the step or, where
+        # a stop takes it back, of the update; or what the joint forces of the last step are off by
+        # in the first iteration.
+        largest = wp.max(4.0 * mismatch * mismatch, turned_most)
+        largest, is_newton = move_tree(first, end, share, h, largest, s)
+        if wp.static(effects.closures and effects.loops):
+            off = keep_forces(first, not has_dual and recovery == 0.0, h, s)
+            largest = wp.max(largest, 4.0 * off * off)
+        farthest = off_by(first, end, found.wrong, largest, has_dual, recovery, h, s)
+        if wp.static(effects.closures):
+            if s.tree.closures.block_of[first] >= 0:
+                largest = wp.max(largest, wp.static(4.0 * MISSED * MISSED))
+        left = wp.where(is_newton, wp.min(0.25 * largest, 1.0), 1.0)
+        return wp.max(farthest, farthest_next(first, end, left, is_newton, slop, s))
+
+    return sweep_tree
