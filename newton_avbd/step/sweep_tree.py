@@ -26,6 +26,8 @@ HIDDEN = wp.constant(2.0e-2)
 alone: 1e-3 g h^2."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
+EULER_FAR = wp.constant(3.0e-3)
+"""Likewise where joints have two or three angular axes, which turn each other."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 
@@ -86,8 +88,11 @@ def make_move(effects: Effects) -> MoveFunctions:
         turn_by(body, rest, s.tree)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
+            far = float(FAR)
+            if wp.static(effects.kinds.euler):
+                far = EULER_FAR
             if is_linked(body, s) and (
-                share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > FAR * FAR
+                share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > far * far
             ):
                 static_slot = s.work.inv_mass.shape[0] - 1
                 if wp.static(effects.kinds.gimbals):
