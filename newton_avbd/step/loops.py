@@ -134,8 +134,7 @@ def share_recovered(
         arm_p: Likewise of the parent.
         child: Slot of the child.
         parent: Slot of the parent.
-        work: The bodies.
-        loops: Joints outside of trees.
+        s: The solver.
     """
     turns_c = mean_inverse(s.work.inv_inertia[child])
     turns_p = mean_inverse(s.work.inv_inertia[parent])
