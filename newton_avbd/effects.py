@@ -506,7 +506,7 @@ class Effects:
 
     @property
     def islands(self) -> bool:
-        """Whether bodies may push each other and nothing that is fixed."""
+        """Whether bodies may push each other, or are tied, and push nothing that is fixed."""
         return self.pairs or self.floating
 
     @property

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Momentum of islands: bodies that may push each other and push nothing that is fixed.
+"""Momentum of islands: bodies that may push each other, or are tied, and push nothing fixed.
 
 Forces within an island cannot change its momentum. Sweeps that stop early do: two bodies that meet
 are held together by the penalty, and their common motion converges slowly. So do turns, in which

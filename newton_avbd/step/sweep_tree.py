@@ -27,7 +27,7 @@ alone: 1e-3 g h^2."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 EULER_FAR = wp.constant(3.0e-3)
-"""Likewise where joints have two or three angular axes, which turn each other."""
+"""Likewise in scenes with joints of two or three angular axes, which turn each other."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 
