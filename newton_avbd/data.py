@@ -299,7 +299,10 @@ class JointModel:
 
 @wp.struct
 class LinkModel:
-    """The links of the user's model, and the bodies that welds make of them (:mod:`.welds`)."""
+    """The links of the user's model, and the bodies that welds make of them.
+
+    See :mod:`.model.welds`.
+    """
 
     body: wp.array[wp.int32]
     """Body of each link; -1 for one that is part of the static world."""

@@ -506,14 +506,15 @@ class Effects:
 
     @property
     def islands(self) -> bool:
-        """Whether bodies may push each other and nothing that is fixed."""
+        """Whether bodies may push each other, or are tied, and push nothing that is fixed."""
         return self.pairs or self.floating
 
     @property
     def turning_islands(self) -> bool:
         """Whether velocities of islands lack angular momentum, as inertias of bodies turn, or arms
-        of a step of second order are those of its end."""
-        return self.islands and (self.gyroscopic or self.second_order) and not self.drag
+        of a step of second order are those of its end, or because their bodies are not moved."""
+        turns = self.gyroscopic or self.second_order or not self.pairs
+        return self.islands and turns and not self.drag
 
     @property
     def spinning(self) -> bool:

@@ -36,7 +36,8 @@ import dataclasses
 import warp as wp
 
 wp.config.cpu_compiler_flags = "-ffp-contract=on"
-from newton_avbd.study import bench, robots
+from newton_avbd.scenes import robots
+from newton_avbd.study.bench import run as bench
 
 robots.WORLDS = 4
 settings = dataclasses.replace(bench.QUICK, repeats=1, budget=60.0)

@@ -230,8 +230,10 @@ def test_a_moving_pulley(kind: Kind) -> None:
 
 @pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
 def test_bodies_on_a_cable_keep_their_momentum(scheme: str) -> None:
-    """Without gravity. Backward Euler damps the spin of what turns, as it does for joints; with
-    BDF2, of second order, 0.3 % of it are lost in two seconds at 4 rad/s."""
+    """Without gravity, for two seconds at 4 rad/s: angular momentum to 3e-5.
+
+    Without islands backward Euler would lose 11 % of it, and BDF2, of second order, 0.5 %.
+    """
     builder = built(weightless=True)
     one, other = weight(builder, 1.0, -0.5, 0.0, 0.0), weight(builder, 3.0, 0.5, 0.0, 0.0)
     builder.add_tendon([Guide(body=one, offset=(0.05, 0.02, 0)), Guide(body=other)])
@@ -248,12 +250,12 @@ def test_bodies_on_a_cable_keep_their_momentum(scheme: str) -> None:
         spin = (mass[:, None] * np.cross(place, velocity[:, :3])).sum(0)[2]
         spin += 0.004 * (mass @ velocity[:, 5])
         start = spin if start is None else start
-        assert momentum == pytest.approx([0.6, 0.0, 0.0], abs=2e-5)
+        assert momentum == pytest.approx([0.6, 0.0, 0.0], abs=3e-5)
         if scheme == "euler":
             assert run.energy() < before + 1e-6
         before = run.energy()
     assert run.tension()[0] > 1.0
-    assert spin == pytest.approx(start, rel=0.2 if scheme == "euler" else 5e-3)
+    assert spin == pytest.approx(start, rel=3e-5)
 
 
 def test_a_cable_follows_a_guide_that_the_user_moves() -> None:

@@ -24,7 +24,7 @@ from ..data import TreeAxis
 
 ROUNDED = wp.constant(3.0e-8)
 """What rounding may take from a sum of blocks, as a share of the larger. (4e-7 slows what has 6e-8
-of of what it carries: after ten sweeps it has slid 17 % too far; without, 6e-9 was not finite.)"""
+of what it carries: after ten sweeps it has slid 17 % too far; without, 6e-9 was not finite.)"""
 
 
 @wp.struct

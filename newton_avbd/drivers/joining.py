@@ -80,7 +80,7 @@ def list_members(s: wp.array[Solver]):
 
 
 @wp.kernel(enable_backward=False)
-def keep_island(s: wp.array[Solver]):
+def keep_island(moves: bool, s: wp.array[Solver]):
     """Gives an island its momentum back; one thread a body, which does it for a root."""
     root = wp.tid()
     total = IslandSum()
@@ -91,7 +91,7 @@ def keep_island(s: wp.array[Solver]):
             s[0].worlds.bodies, s[0].worlds.body_start[root], s[0].worlds.body_start[root + 1]
         )
         step = s[0].colors.scale[s[0].worlds.of_body[root]].step
-        keep_momentum(root, step, True, s[0])
+        keep_momentum(root, step, moves, s[0])
 
 
 @wp.kernel(enable_backward=False)

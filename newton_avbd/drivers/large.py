@@ -329,7 +329,7 @@ class LargeWorlds:
             launch(joining.count_members, bodies, [lanes])
             self._scan(launch, colors.count, bodies, self._islands.body_start)
             launch(joining.list_members, bodies, [islands_as_worlds])
-            launch(joining.keep_island, bodies, [islands_as_worlds])
+            launch(joining.keep_island, bodies, [effects.pairs, islands_as_worlds])
         if effects.breaking:
             launch(kernels.break_trees, bodies, [step, lanes])
             if effects.loops:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Contacts by owner as :func:`.make_sort_by_owner` sorts them, by many threads: for GPUs.
+"""Contacts sorted by owner with many threads, for GPUs.
 
-The lists are the same, each in the order of the contact buffer; where they begin follows the order
-of the bodies in the model.
+The lists are those of :func:`.step.contacts.make_sort_by_owner`, each in the order of the contact
+buffer; where they begin follows the order of the bodies in the model.
 """
 
 from typing import Any

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What acts along a tendon of MuJoCo's, by its length L.
 
-It is what acts along a joint axis (:mod:`.axis`), at the end of the step:
+It is what acts along a joint axis (:mod:`.rows.axis`), at the end of the step:
 
     actuators  force - stiffness L - damping dL/h, or in parts within a force range
     spring     -stiffness (L - band), where L is beyond the band of the spring's lengths
@@ -99,7 +99,7 @@ def tendon_law(
     tendons: wp.ref[TendonModel],
 ) -> AxisLaw:
     """What is not linear along a tendon, about its length, and the piece that it is taken to be on;
-    see :func:`..step.axes.make_axis`."""
+    see :func:`.step.axes.make_axis`."""
     row = tendons.row[i]
     push = tendons.push[i]
     known = tendons.piece[i]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Which piece of its law each axis of a tree is on, from sweep to sweep.
 
-Elimination assumes a piece of each law (:mod:`..rows.axis`), and substitution finds which it should
+Elimination assumes a piece of each law (:mod:`.rows.axis`), and substitution finds which it should
 have been.
 """
 
@@ -41,7 +41,9 @@ def make_active_set(effects: Effects) -> ActiveSetFunctions:
     def least_energy(
         first: int, end: int, curvature: float, held_work: float, s: wp.ref[Solver]
     ) -> float:
-        """Share of a tree's update at which the energy along it is least; limits are those there.
+        """Share of a tree's update at which the energy along it is least.
+
+        The next pieces of the laws become those at that share.
 
         The energy is convex where only drives, their limits and friction are not quadratic: its
         slope is that of the model, (s - 1) d^T H d, but for those that are not on their assumed
@@ -73,7 +75,8 @@ def make_active_set(effects: Effects) -> ActiveSetFunctions:
     @wp.func
     def take_pieces(first: int, end: int, wrong: int, has_dual: bool, s: wp.ref[Solver]) -> bool:
         """Puts the ``wrong`` axes of a tree on their next pieces: all of them, unless that has
-        not led to fewer for a while. Limits of drives are then searched along the update.
+        not led to fewer for a while. Then only one does so, and the others take the limit that
+        their drive is at.
 
         Returns whether a stop is to hold that did not, or to let go.
         """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""The law of an axis for the effects of a scene: what of :mod:`..rows.axis` acts there."""
+"""The law of an axis for the effects of a scene: what of :mod:`.rows.axis` acts there."""
 
 from dataclasses import dataclass
 

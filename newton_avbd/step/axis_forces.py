@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What acts along a free axis of a joint as it is eliminated: its push, and the stiffness it meets.
 
-What acts is in :mod:`..rows.axis`, put together for a scene in :mod:`.axes`.
+What acts is in :mod:`.rows.axis`, put together for a scene in :mod:`.step.axes`.
 """
 
 import warp as wp

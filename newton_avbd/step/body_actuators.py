@@ -7,9 +7,9 @@ by J v. What pushes against the world and depends on that motion,
 
     F = force - stiffness (l + J dx) - damping J v,
 
-is a servo: linear in the velocity of the step's end, it is part of the body's drag (:mod:`.drag`),
-stable however stiff, and holds against any load as its law says. What pushes two bodies apart acts
-as a force that is constant in the step.
+is a servo: linear in the velocity of the step's end, it is part of the body's drag
+(:mod:`.step.drag`), stable however stiff, and holds against any load as its law says. What pushes
+two bodies apart acts as a force that is constant in the step.
 """
 
 import warp as wp

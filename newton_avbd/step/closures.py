@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Equations between the bodies of a tree, solved with it: joints that close loops, mimics, tendons.
 
-What they are is here, how they are eliminated in :mod:`..blocks.closure`.
+What they are is here, how they are eliminated in :mod:`.blocks.closure`.
 """
 
 from dataclasses import dataclass

@@ -60,7 +60,7 @@ def make_coordinates(effects: Effects) -> CoordinateFunctions:
         static_slot: int,
         s: wp.ref[Solver],
     ):
-        """As :func:`measure_coordinates`, by the ``anchors`` of the joint."""
+        """As :func:`measure_coordinates`, by the ``anchors`` of the joint, into ``coordinates``."""
         joint = nonnegative(s.tree.joint[body])
         parent = nonnegative(s.tree.parent[body])
         sign = anchors.sign
@@ -106,7 +106,8 @@ def make_coordinates(effects: Effects) -> CoordinateFunctions:
         static_slot: int,
         s: wp.ref[Solver],
     ):
-        """Coordinates of the body's joint as ``tree`` has it; of a ball its turn in the step.
+        """Coordinates of the body's joint as ``tree`` has it [m or rad]; of a ball its turn in the
+        step.
 
         They and the ``known`` ones stand in their arrays from ``first`` on. An angle is the one
         nearest to the known one, and what the joint's ``turn`` since then [rad, world frame] adds

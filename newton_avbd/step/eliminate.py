@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""One body of an articulation, eliminated: its block goes to its parent, by way of their joint."""
+"""One body of an articulation, eliminated: its block goes to its parent, by way of their joint.
+
+``eliminate`` at the end says in which order. What a joint is open by is in
+:mod:`.step.joint_frame`, its axes are in :mod:`.step.eliminate_axes`.
+"""
 
 import warp as wp
 
@@ -74,7 +78,8 @@ def find_joint_force(
 ) -> wp.vec3:
     """Force of the body's joint on it [N]: what holds all that the body carries.
 
-    The guess of the first iteration tells it less well than the last step did.
+    In the first iteration (not ``has_dual``) it is that of the last step, since the guess tells it
+    less well; ``frame.mismatch`` then says how far the two are apart.
     """
     force = -wp.spatial_top(load)
     if not has_dual:
@@ -119,7 +124,8 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
     def assemble(body: int, wrench: wp.spatial_vector, h: float, s: wp.ref[Solver]):
         """The body's own block, that of its contacts, and what its children have handed to it.
 
-        Returns the block, and the wrench that the body's joint has to hold, with its children.
+        Returns the block, and the wrench that the body's joint has to hold, with its children
+        [N, N m].
         """
         inv_h2 = 1.0 / (h * h)
         block = Block()
@@ -205,7 +211,11 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
         block: Block,
         s: wp.ref[Solver],
     ):
-        """Adds to the parent what is left of the body's block, which its joint holds."""
+        """Adds to the parent what is left of the body's block, which its joint holds.
+
+        ``force`` is that of the joint on the body [N], ``load`` the wrench that the joint has to
+        hold [N, N m].
+        """
         parent = frame.parent
         if s.work.inv_mass[parent] > 0.0:
             span = s.tree.span[body]
@@ -248,7 +258,8 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
     ) -> float:
         """Reduces the body's block and wrench by its joint's axes and hands them to the parent.
 
-        Returns how far off the geometric stiffness may be, as a share of the block.
+        Returns how far off the geometric stiffness and the curvature of tendons may be, as a share
+        of the block.
         """
         wrench = gather(body, has_dual, recovery, slop, h, step, s)
         block, load = assemble(body, wrench, h, s)

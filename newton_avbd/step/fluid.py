@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Drag of a fluid on bodies (:mod:`.drag`): the sum over their links.
+"""Drag of a fluid on bodies (:mod:`.step.drag`): the sum over their links.
 
 Each link of a welded body has its own box, at its own place.
 """

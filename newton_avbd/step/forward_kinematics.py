@@ -102,7 +102,7 @@ def make_forward_kinematics(effects: Effects) -> ForwardFunctions:
 
     @wp.func
     def stop_coordinates(first: int, end: int, static_slot: int, s: wp.ref[Solver]):
-        """Has the limits of bodies from ``first`` on hold after sweeps that were cut off.
+        """Has the limits of joints hold after sweeps that were cut off, in visiting order.
 
         An axis may be on the wrong piece of its law, and coordinates that have followed many turns
         are off by their squares.

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Momentum of islands: bodies that may push each other and push nothing that is fixed.
+"""Momentum of islands: bodies that may push each other, or are tied, and push nothing fixed.
 
 Forces within an island cannot change its momentum. Sweeps that stop early do: two bodies that meet
 are held together by the penalty, and their common motion converges slowly. So do turns, in which
@@ -237,12 +237,8 @@ def keep_spin(world: int, h: float, is_led: bool, step: wp.ref[Step], s: wp.ref[
         h: Time step [s].
         is_led: Whether it is of second order: arms are then those of the end, see
             :func:`.second_order.lead_spin`.
-        body_q: Poses after the step.
-        model: The bodies.
-        worlds: Which of them are in the world.
-        work: Their targets and increments.
-        islands: As :func:`keep_momentum` has summed them.
-        body_qd: Velocities after the step.
+        step: Its poses, and velocities that are turned.
+        s: The solver, whose islands are as :func:`keep_momentum` has summed them.
     """
     first = s.worlds.body_start[world]
     last = s.worlds.body_start[world + 1]

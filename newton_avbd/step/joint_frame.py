@@ -31,7 +31,7 @@ class Carried:
     thrust: wp.vec3
     """What the joint carries along the other directions [N]."""
     torque: wp.vec3
-    """[N m]"""
+    """Likewise of torques [N m]."""
 
 
 @wp.struct
@@ -48,7 +48,7 @@ class JointFrame:
     is_fast: bool
     """Whether a body of the tree turns fast, so that spins resist being tilted."""
     is_free: bool
-    """Whether a ball joint was eliminated at once, see :mod:`.free_ball`."""
+    """Whether a ball joint was eliminated at once, see :mod:`.step.free_ball`."""
     sign: float
     q_p: wp.quat
     q_c: wp.quat
@@ -62,7 +62,8 @@ class JointFrame:
     closing: wp.spatial_vector
     """Motion of the body that closes the joint, about its COM [m, rad]."""
     mismatch: float
-    """How far off the geometric stiffness may be, as a share of the block."""
+    """How far off the geometric stiffness and the curvature of tendons may be, as a share of the
+    block."""
     first_axis: wp.vec3
     """First of the angular axes."""
     drive_away: wp.vec3
@@ -72,7 +73,9 @@ class JointFrame:
     rod_torque: wp.vec3
     """What the bend and twist of a rod push with [N m]."""
     rod_stiffness: wp.vec3
+    """How much more by a turn about each of its angular axes [N m/rad]."""
     carried: Carried
+    """What it hands on; only light roots need that."""
 
 
 @functools.cache

@@ -173,8 +173,8 @@ def make_joint_start(effects: Effects) -> JointStartFunctions:
         velocity_p: wp.spatial_vector,
         s: wp.ref[Solver],
     ):
-        """Velocities of a joint's coordinates by those of its child and its parent, at their
-        present poses."""
+        """Velocities of a joint's coordinates [m/s or rad/s], by those of its child and its parent
+        at their present poses."""
         child = s.joints.child[joint]
         parent = s.joints.parent[joint]
         frame_c = s.joints.child_frame[joint]

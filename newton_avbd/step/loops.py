@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints outside of trees, held by multipliers and a penalty, as contacts are.
 
-Those are the joints that close loops, DISTANCE joints, and with ``blocks="body"`` all joints. With
+Those are the joints that close loops, DISTANCE joints, and with ``blocks="body"`` all joints. What
+is solved with a tree (``is_exact``, see :mod:`.step.closures`) has no penalty. Of the others, with
 the misfit e = (e_l, e_a) beyond that of the start of the step, a joint pushes its child with
 
     F = P_l lambda_l - k_l e_l at the anchor,   tau = P_a lambda_a - k_a e_a,
@@ -134,8 +135,7 @@ def share_recovered(
         arm_p: Likewise of the parent.
         child: Slot of the child.
         parent: Slot of the parent.
-        work: The bodies.
-        loops: Joints outside of trees.
+        s: The solver.
     """
     turns_c = mean_inverse(s.work.inv_inertia[child])
     turns_p = mean_inverse(s.work.inv_inertia[parent])

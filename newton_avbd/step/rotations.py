@@ -14,7 +14,10 @@ COUNTED = wp.constant(1.0)
 
 @wp.func
 def turn_by(body: int, rest: wp.vec3, tree: wp.ref[TreeWork]):
-    """Turns a body after the turn of :func:`begin_turn` [rad], world axes."""
+    """Orientation of a body that turns by the ``rest`` after the turn of :func:`begin_turn`.
+
+    The rest is a rotation vector [rad], world axes.
+    """
     swing = exp_quat(rest)
     tree.rotation[body] = swing * tree.turned[body]
     turn = tree.turn[body]

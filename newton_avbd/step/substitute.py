@@ -23,7 +23,7 @@ class Misplaced:
     wrong: int
     """Axes that are off their pieces."""
     curvature: float
-    """Share of the curvature d^T H d along the update d of the tree."""
+    """Share of the curvature d^T H d [J] along the update d of the tree."""
     held_work: float
     """Work of what holds axes [J]."""
 
@@ -49,7 +49,8 @@ def make_step_of_axis(effects: Effects) -> wp.Function:
             k: Entry of the axis in ``tree.axes``.
             q: The step where nothing holds the axis [m or rad].
             met: What the motion of the parent meets along it [N or N m].
-            is_searched: Whether the update is searched along: it is then that of the pieces.
+            is_searched: Whether the tree is searched along its update, which is then that of the
+                assumed pieces.
             axis: The axis.
             found: What the body has of misplaced axes.
             s: The solver.
@@ -142,8 +143,8 @@ def make_substitute(effects: Effects) -> wp.Function:
     def substitute(body: int, is_searched: bool, h: float, s: wp.ref[Solver]) -> Misplaced:
         """Finds the update of the body by that of its parent.
 
-        Where the update ``is_searched`` along, it is that of the assumed pieces. Returns how it
-        fits them.
+        If the tree is then searched along its update (``is_searched``), the update is that of the
+        assumed pieces. Returns how it fits them.
         """
         found = Misplaced()
         pushed = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))

@@ -27,7 +27,7 @@ alone: 1e-3 g h^2."""
 FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 EULER_FAR = wp.constant(3.0e-3)
-"""Likewise where joints have two or three angular axes, which turn each other."""
+"""Likewise in scenes with joints of two or three angular axes, which turn each other."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 
@@ -60,7 +60,7 @@ def make_move(effects: Effects) -> MoveFunctions:
 
     @wp.func
     def gimbal_step(body: int, s: wp.ref[Solver]) -> float:
-        """Square of the largest step of the angles of the body's joint, if it is a gimbal."""
+        """Square of the largest step of the angles of the body's joint [rad^2], if a gimbal."""
         largest = float(0.0)
         if is_linked(body, s):
             joint = s.tree.joint[body]
@@ -151,7 +151,8 @@ def make_sweep_tree(
     ) -> float:
         """Eliminates the bodies of a tree, children first, and the rows that close it.
 
-        Returns how far off the geometric stiffness may be, as a share of the blocks.
+        Returns how far off the geometric stiffness and the curvature of tendons may be, as a share
+        of the blocks.
         """
         if wp.static(effects.closures):
             begin_rows(first, end, recovery, h, s)
@@ -212,8 +213,8 @@ def make_sweep_tree(
     def move_tree(first: int, end: int, share: float, h: float, largest: float, s: wp.ref[Solver]):
         """Moves the bodies of a tree by a share of their updates.
 
-        Returns the square of the largest turn in the step [rad^2], or ``largest``, and whether all
-        that is left is what Newton's method leaves.
+        Returns the square of the largest turn in the step [rad^2], or ``largest`` if that is more,
+        and whether all that is left is what Newton's method leaves.
         """
         is_newton = bool(True)
         for i in range(first, end):
@@ -239,9 +240,9 @@ def make_sweep_tree(
         h: float,
         s: wp.ref[Solver],
     ) -> float:
-        """What axes on wrong pieces, lines of curves and tendons leave to the next iteration.
+        """What axes on wrong pieces, equality constraints and tendons leave to the next iteration.
 
-        As :func:`sweep_tree` returns it [m^2].
+        A square [m^2], as :func:`sweep_tree` returns it; infinite where it is to run in any case.
         """
         farthest = float(0.0)
         if largest == wp.inf:

@@ -20,7 +20,7 @@ def add_spin(body: int, momentum: wp.vec3, h: float, tree: wp.ref[TreeWork]):
 
 @wp.func(inline=False)
 def push_tilting_root(body: int, block: Block, tree: wp.ref[TreeWork]) -> wp.spatial_vector:
-    """As :func:`.blocks.tree.symmetric_push`, of a body that no joint holds."""
+    """As :func:`.blocks.tree.symmetric_push` [N, N m], of a body that no joint holds."""
     return algebra.symmetric_push(block, tree.n_ll[body], tree.n_al[body], tree.n_aa[body])
 
 

@@ -1,6 +1,11 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""All that a step does with the trees of joints, compiled for the effects of a scene."""
+"""All that a step does with the trees of joints, compiled for the effects of a scene.
+
+Each part has a file: how joints stand at the start of a step (:mod:`.step.joint_start`), a sweep
+(:mod:`.step.sweep_tree`), coordinates (:mod:`.step.coordinates`), and what comes after the sweeps
+(:mod:`.step.spin_alignment`, :mod:`.step.forward_kinematics`).
+"""
 
 from dataclasses import dataclass
 

@@ -83,7 +83,7 @@ def make_weigh(effects: Effects) -> wp.Function:
             mass: That of the tree [kg], of which the world is taken to have as much.
             static_slot: Slot of the static world.
             h_ll, h_al, h_aa: The block about the COM on that side [kg, kg m, kg m^2].
-            model, joints, work, tree: The tree at the start of the step.
+            s: The solver, with the tree at the start of the step.
         """
         joint = s.tree.joint[body]
         parent = s.tree.parent[body]
