@@ -257,12 +257,10 @@ def _read_urdf(
     unreadable: dict[str, str] = {}
     while True:
         builder = _prepared(solver)
-        text, absent = read_urdf(path, unreadable)
-        root = ElementTree.fromstring(text)
+        root, absent = read_urdf(path, unreadable)
         rooted = massless_root(root) if floating else None
         freed = free_crossed(root)
-        if freed:
-            text = ElementTree.tostring(root, encoding="unicode")
+        text = ElementTree.tostring(root, encoding="unicode")
         try:
             builder.add_urdf(text, floating=floating and rooted is None)
         except ValueError as error:
@@ -288,14 +286,15 @@ def _read_urdf(
             "without limits"
             for name in freed
         ]
-        notes = (*bad, *lost, *_weighed_by_shapes(path, text, builder), *free)
+        notes = (*bad, *lost, *_weighed_by_shapes(path, root, builder), *free)
         return builder, (*notes, *(fixed if rooted else ()))
 
 
-def _weighed_by_shapes(path: Path, text: str, builder: newton.ModelBuilder) -> Iterator[str]:
+def _weighed_by_shapes(
+    path: Path, root: ElementTree.Element, builder: newton.ModelBuilder
+) -> Iterator[str]:
     """Says which mass Newton's importer gives to links without ``<inertial>``, which have none."""
-    links = ElementTree.fromstring(text).iter("link")
-    bare = {link.get("name") for link in links if link.find("inertial") is None}
+    bare = {link.get("name") for link in root.iter("link") if link.find("inertial") is None}
     named = zip(builder.body_label, builder.body_mass, strict=True)
     masses = [mass for label, mass in named if label.rpartition("/")[2] in bare and mass > 0.0]
     if masses:

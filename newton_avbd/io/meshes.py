@@ -22,7 +22,9 @@ SEARCHED = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "AM
 REMEDY = "set ROS_PACKAGE_PATH to the folder that holds the package"
 
 
-def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[str, ...]]:
+def read_urdf(
+    path: Path, unreadable: Collection[str] = ()
+) -> tuple[ElementTree.Element, tuple[str, ...]]:
     """Read a URDF file with the paths of its meshes and textures resolved.
 
     Args:
@@ -30,9 +32,9 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
         unreadable: Absolute paths of files to leave out, too.
 
     Returns:
-        The file's text, in which every mesh and texture that was found has an absolute path and
-        each one that was not found is left out, with the shape that consists of it; and the names
-        of those that were not found, as the file writes them.
+        The file's root element, in which every mesh and texture that was found has an absolute path
+        and each one that was not found is left out, with the shape that consists of it; and the
+        names of those that were not found, as the file writes them.
 
     Raises:
         xml.etree.ElementTree.ParseError: The file is no XML.
@@ -51,7 +53,7 @@ def read_urdf(path: Path, unreadable: Collection[str] = ()) -> tuple[str, tuple[
             continue
         absent[name] = None
         parents[element].remove(element)
-    return ElementTree.tostring(root, encoding="unicode"), tuple(absent)
+    return root, tuple(absent)
 
 
 def find_asset(name: str, urdf: Path) -> Path | None:

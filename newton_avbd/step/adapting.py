@@ -190,12 +190,11 @@ class Misstep:
     """The body that has it; -1 where nothing moves."""
     cause: int
     is_jump: bool
+    """Whether a velocity has jumped, in a step that is not of second order."""
     is_second_order: bool
     is_settled: bool
     residual: float
     """Update that sweeps were left at [m]."""
-    enough: float
-    """Update at which they may be [m]."""
 
 
 @functools.cache
@@ -225,7 +224,8 @@ def make_judge(effects: Effects) -> wp.Function:
                     out.error = error
                     out.body = body
                     before = moved_by(body, s.history.change[body], s.work)
-                    out.is_jump = moved_by(body, change, s.work) > JUMP * JUMP * before
+                    jumps = moved_by(body, change, s.work) > JUMP * JUMP * before
+                    out.is_jump = jumps and not made.is_second_order
         if not made.is_settled and wp.isfinite(made.residual):
             # what sweeps leave of forces stays in velocities
             out.error += SAVED * made.residual / h
@@ -390,12 +390,12 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         h = call.h
         is_predicted = call.tries == 0 and h == dt
         move = predict_world(world, is_predicted, h, h / dt, step, s)
-        made.enough = wp.max(CONVERGED * s.worlds.inner.accuracy * h * h, ROUNDED * move)
-        made.enough = wp.max(tolerance, made.enough)
-        solve_world(world, s.worlds.inner.velocity, h, made.enough, step, s)
+        enough = wp.max(CONVERGED * s.worlds.inner.accuracy * h * h, ROUNDED * move)
+        enough = wp.max(tolerance, enough)
+        solve_world(world, s.worlds.inner.velocity, h, enough, step, s)
         made.is_second_order = s.worlds.step[world] < h
         made.residual = s.worlds.update[world]
-        made.is_settled = made.residual <= wp.max(made.enough, s.worlds.settled[world])
+        made.is_settled = made.residual <= wp.max(enough, s.worlds.settled[world])
         return made
 
     @wp.func
@@ -405,9 +405,9 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         """Once more, shorter; a step is at most what is left, so that there is an end."""
         call = given
         factor = AIM / ratio
-        if made.is_second_order or not made.is_jump:
+        if not made.is_jump:
             factor = wp.sqrt(factor)
-        if made.is_jump and not made.is_second_order and s.history.age[world] > 1:
+        elif s.history.age[world] > 1:
             call.window = call.h
             call.finest = factor * call.h
             factor = 0.5
@@ -441,14 +441,13 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         call.spent += made.error
         saved = s.history.saved[world] + accuracy * call.h - made.error
         s.history.saved[world] = wp.clamp(saved, 0.0, SAVED * accuracy)
-        is_jump = made.is_jump and not made.is_second_order
         if ratio > call.worst_ratio:
             call.worst_ratio = ratio
             call.worst = made.body
-            call.why = wp.where(is_jump and made.cause != UNSETTLED, BY_JUMP, made.cause)
+            call.why = wp.where(made.is_jump and made.cause != UNSETTLED, BY_JUMP, made.cause)
         if ratio > 1.0:
             call.is_missed = True
-        call.window = wp.where(is_jump, 0.0, call.window - call.h)
+        call.window = wp.where(made.is_jump, 0.0, call.window - call.h)
         return call
 
     @wp.func

@@ -59,8 +59,6 @@ def make_measure_axis(effects: Effects) -> wp.Function:
         counts.)
         """
         own = float(s.model.mass[body])
-        if dof == frame.linear:
-            frame.first_axis = angular
         if dof >= frame.linear:
             across = float(1.0)
             if dof > frame.linear:
@@ -107,6 +105,8 @@ def make_measure_axis(effects: Effects) -> wp.Function:
             free.q = s.tree.coordinate[free.entry]
             free.moved = wp.float32(free.q - s.tree.start_coordinate[free.entry])
         pivot = wp.dot(axis.linear, axis.force) + wp.dot(axis.angular, axis.torque)
+        if dof == frame.linear:
+            frame.first_axis = axis.angular
         own = own_inertia(body, dof, axis.angular, frame, s)
         free.inert = wp.max(pivot, inv_h2 * own)
         free.pivot = free.inert

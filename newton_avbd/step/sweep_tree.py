@@ -88,9 +88,7 @@ def make_move(effects: Effects) -> MoveFunctions:
         turn_by(body, rest, s.tree)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
-            far = float(FAR)
-            if wp.static(effects.kinds.euler):
-                far = EULER_FAR
+            far = wp.static(EULER_FAR if effects.kinds.euler else FAR)
             if is_linked(body, s) and (
                 share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > far * far
             ):
