@@ -15,6 +15,7 @@ from ..step.contacts import make_sort_by_owner
 from ..step.denormals import flush_denormals, restore_denormals
 from ..step.energy import keep_start
 from ..step.finite import hold_world, is_solution_finite, make_is_world_finite
+from ..step.islands import join_islands
 from ..step.kernels import KERNEL, uncollected
 from ..step.links import gather_body, gather_joint, place_fixed_links, scatter_body
 from ..step.scale import (
@@ -28,7 +29,11 @@ from ..step.scale import (
     most_rounds,
 )
 from ..step.sides import make_written_side
-from .phases import make_phases
+from .stages import make_stages
+from .world_motion import make_world_motion
+from .world_recovery import make_world_recovery
+from .world_start import make_world_start
+from .world_sweeps import make_sweep_to_rest, stiffen_impacts
 
 
 @functools.cache
@@ -36,22 +41,19 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
     """Device function: the whole step of the world of a thread, after prediction."""
     is_world_finite = make_is_world_finite(effects)
     written_side = make_written_side(effects)
-    (
-        begin_world,
-        build_rows,
-        begin_second_order,
-        begin_joints,
-        begin_sweeps,
-        stiffen_impacts,
-        sweep_to_rest,
-        keep_forces,
-        break_joints,
-        end_velocities,
-        begin_recovery,
-        end_recovery,
-        end_poses,
-        gains_settled,
-    ) = make_phases(effects)
+    stages = make_stages(effects, join_islands)
+    begin_second_order = stages.second_order.begin_step
+    gains_settled = stages.energy.gains_settled
+    start = make_world_start(effects, stages)
+    begin_world, build_rows = start.begin_world, start.build_rows
+    begin_joints, begin_sweeps = start.begin_joints, start.begin_sweeps
+    sweep_to_rest = make_sweep_to_rest(effects, stages)
+    motion = make_world_motion(effects, stages)
+    keep_forces, break_joints = motion.keep_forces, motion.break_joints
+    end_velocities = motion.end_velocities
+    after = make_world_recovery(effects, stages)
+    begin_recovery, end_recovery = after.begin_recovery, after.end_recovery
+    end_poses = after.end_poses
 
     @wp.func
     def solve_world(

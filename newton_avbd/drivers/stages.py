@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""The device functions of :mod:`newton_avbd.step`, put together once for each driver."""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from ..step.beginning import BeginFunctions, make_begin, make_coasting
+from ..step.breaking import BreakFunctions, make_break_joints
+from ..step.cables import CableFunctions, make_cables, make_join
+from ..step.closures import ClosureFunctions, make_closures
+from ..step.ending import EndFunctions, make_end, make_remember
+from ..step.energy import EnergyFunctions, make_energy
+from ..step.gathering import make_assemble, make_gather
+from ..step.impacts import ImpactFunctions, make_impacts
+from ..step.kernels import ABSENT, absent
+from ..step.loops import LoopFunctions, make_loops
+from ..step.piles import PileFunctions, make_piles
+from ..step.second_order import SecondOrderFunctions, make_second_order
+from ..step.sweeps import make_sweep, make_sweep_block
+from ..step.tendons import make_join_tendons
+from ..step.trees import TreeFunctions, make_trees
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Device functions of the stages of a step; absent those of effects that a scene has not."""
+
+    second_order: SecondOrderFunctions
+    impacts: ImpactFunctions
+    loops: LoopFunctions
+    closures: ClosureFunctions
+    trees: TreeFunctions
+    piles: PileFunctions
+    cables: CableFunctions
+    begin: BeginFunctions
+    sweep_block: wp.Function
+    """Moves a block to the minimum of its quadratic model."""
+    remember_rows: wp.Function
+    """Keeps what the rows that a body owns push with."""
+    join_cluster: wp.Function
+    """Makes one island of bodies that cables pull."""
+    join_tendons: wp.Function
+    """Makes one island of bodies that tendons pull."""
+    breaking: BreakFunctions
+    end: EndFunctions
+    energy: EnergyFunctions
+
+
+def make_stages(effects: Effects, join: wp.Function) -> Stages:
+    """Makes the device functions, and all that they call.
+
+    Args:
+        effects: What the kernel is compiled with.
+        join: Device function that makes one island of two: ``join_islands`` where one thread has
+            the world, ``join_at_once`` where many have.
+    """
+    contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
+    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+    loops = make_loops(effects) if effects.loops else ABSENT
+    gather = make_gather(effects, contact_force, sweep_gap, loops.loop_wrench)
+    closures = make_closures(effects) if effects.closures else ABSENT
+    trees = ABSENT
+    if effects.joints:
+        trees = make_trees(
+            effects,
+            gather,
+            closures.begin_rows,
+            closures.keep_forces,
+            closures.missed_by_lines,
+            closures.settle_tendons,
+        )
+    begin = make_begin(
+        effects,
+        trees,
+        loops,
+        closures.begin_closures,
+        closures.begin_tendons,
+        make_assemble(effects, loops.loop_curvature),
+    )
+    breaking = ABSENT
+    if effects.breaking:
+        breaking = make_break_joints(effects, gather, closures.load_tendons)
+    return Stages(
+        second_order=make_second_order(effects) if effects.second_order else ABSENT,
+        impacts=make_impacts(effects) if effects.restitution else ABSENT,
+        loops=loops,
+        closures=closures,
+        trees=trees,
+        piles=make_piles(effects, gather, make_coasting(effects)) if effects.piles else ABSENT,
+        cables=make_cables(effects) if effects.cables else ABSENT,
+        begin=begin,
+        sweep_block=make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree),
+        remember_rows=make_remember(effects, contact_force, sweep_gap, join),
+        join_cluster=make_join(join) if effects.cables else absent,
+        join_tendons=make_join_tendons(join) if effects.tendons else absent,
+        breaking=breaking,
+        end=make_end(effects, trees.count_turns),
+        energy=make_energy(effects, join) if effects.balanced else ABSENT,
+    )
