@@ -196,7 +196,7 @@ def test_the_variants_hold_all_effects() -> None:
     ],
 )
 def test_a_large_world_compiles_for_gpus(variant: str, arch: int, tmp_path: Path) -> None:
-    compiles(make_colored(LARGE_VARIANTS[variant]).sweep_color, tmp_path, arch)
+    compiles(make_colored(LARGE_VARIANTS[variant]).sweeps.sweep_color, tmp_path, arch)
 
 
 @pytest.mark.parametrize("kernel", SHARED.values(), ids=lambda kernel: kernel.key)

@@ -9,8 +9,7 @@ and an island of n bodies, which mostly follow each other, takes about the root 
 after the other.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import warp as wp
 
@@ -24,12 +23,14 @@ from ..step.energy import (
     combined_momentum,
     squared_move,
 )
+from ..step.kernels import KernelDecorator
 from ..step.scale import is_unsettled
 from .joining import root_of
 
 
-class ColoredEnergy(NamedTuple):
-    """Kernels in the order in which they run."""
+@dataclass(frozen=True)
+class EnergyKernels:
+    """Kernels in the order in which they run; None for those of effects that the scene has not."""
 
     measure_moves: wp.Kernel
     find_unbalanced: wp.Kernel
@@ -75,10 +76,8 @@ def next_moving(first: int, end: int, s: wp.ref[Solver]) -> int:
 
 
 def make_colored_energy(
-    effects: Effects,
-    energy: EnergyFunctions,
-    kernel: Callable[..., Callable[[Callable], wp.Kernel | None]],
-) -> ColoredEnergy:
+    effects: Effects, energy: EnergyFunctions, kernel: KernelDecorator
+) -> EnergyKernels:
     """Kernels that bound the energy of islands, made by a decorator.
 
     Args:
@@ -298,7 +297,7 @@ def make_colored_energy(
             for i in range(cables.world_start[world], cables.world_start[world + 1]):
                 drop_tensions(i, s[0])
 
-    return ColoredEnergy(
+    return EnergyKernels(
         measure_moves,
         find_unbalanced,
         begin_balances,

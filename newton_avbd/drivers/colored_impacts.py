@@ -11,25 +11,24 @@ likewise of those that are left (Jones, Plassmann, 1993). A sweep goes wave by w
 Gauss-Seidel sweep, in the order of the waves.
 """
 
-from collections.abc import Callable
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import warp as wp
 
 from ..data import RowWork, Solver
-from ..effects import Effects
 from ..step.impacts import (
     ROUNDS,
     SETTLE,
+    ImpactFunctions,
     begin_impacts,
     begin_rounds,
     continue_impacts,
     leave_impacts,
-    make_impacts,
     noise_of,
     strike,
     threshold_of,
 )
+from ..step.kernels import KernelDecorator
 from .barrier import any_thread
 
 _STILL = wp.constant(-1)
@@ -38,14 +37,15 @@ _WAITING = wp.constant(-2)
 """Wave of a body that has none yet."""
 
 
-class ColoredImpacts(NamedTuple):
-    """Kernels in the order of the step; None where nothing bounces."""
+@dataclass(frozen=True)
+class ImpactKernels:
+    """Kernels in the order of the step."""
 
-    begin_rounds: wp.Kernel | None
-    find_impacts: wp.Kernel | None
-    strike_worlds: wp.Kernel | None
-    end_rounds: wp.Kernel | None
-    leave_impacts: wp.Kernel | None
+    begin_rounds: wp.Kernel
+    find_impacts: wp.Kernel
+    strike_worlds: wp.Kernel
+    end_rounds: wp.Kernel
+    leave_impacts: wp.Kernel
 
 
 @wp.func
@@ -118,14 +118,11 @@ def divide(
     return waves
 
 
-def make_colored_impacts(
-    effects: Effects, kernel: Callable[..., Callable[[Callable], wp.Kernel | None]]
-) -> ColoredImpacts:
+def make_colored_impacts(impacts: ImpactFunctions, kernel: KernelDecorator) -> ImpactKernels:
     """The kernels, made by the decorator ``kernel``."""
-    functions = make_impacts(effects)
-    end_body_rounds = functions.end_rounds
+    end_body_rounds = impacts.end_rounds
 
-    @kernel(effects.restitution)
+    @kernel()
     def begin_all_rounds(
         # State in:
         body_qd: wp.array[wp.spatial_vector],
@@ -135,7 +132,7 @@ def make_colored_impacts(
         """Nothing has struck a body yet; one thread a body."""
         begin_rounds(wp.tid(), body_qd, rows)
 
-    @kernel(effects.restitution)
+    @kernel()
     def find_impacts(s: wp.array[Solver]):
         """Rows that a body owns and that close in this step; one thread a body."""
         body = wp.tid()
@@ -145,7 +142,7 @@ def make_colored_impacts(
             if begin_impacts(body, side, s[0].colors.scale[world], s[0]):
                 s[0].colors.has_impacts[world] = 1
 
-    @kernel(effects.restitution)
+    @kernel()
     def strike_worlds(threads: int, wave: wp.array[wp.int32], s: wp.array[Solver]):
         """Lets the impacts go through a world, in rounds; ``threads`` a world, which is a block."""
         world = wp.tid() / threads
@@ -180,7 +177,7 @@ def make_colored_impacts(
                 is_active = any_thread(is_active)
                 rounds += 1
 
-    @kernel(effects.restitution)
+    @kernel()
     def end_rounds(s: wp.array[Solver]):
         """Where bodies start from, and how their rows are to part; one thread a body."""
         body = wp.tid()
@@ -188,7 +185,7 @@ def make_colored_impacts(
         if s[0].colors.has_impacts[world] == 1:
             end_body_rounds(body, s[0].colors.scale[world], s[0])
 
-    @kernel(effects.restitution)
+    @kernel()
     def leave_all_impacts(s: wp.array[Solver]):
         """Puts bodies to where their rebounds are; one thread a body."""
         body = wp.tid()
@@ -196,6 +193,6 @@ def make_colored_impacts(
         if s[0].colors.has_impacts[world] == 1:
             leave_impacts(body, s[0].colors.scale[world], s[0])
 
-    return ColoredImpacts(
+    return ImpactKernels(
         begin_all_rounds, find_impacts, strike_worlds, end_rounds, leave_all_impacts
     )

@@ -19,6 +19,13 @@ from ..step.scale import COLD_FACTOR, JOINT_PASSES, LONGER, LOOP_PASSES, STRUCK_
 from . import coloring, joining, scan
 from .barrier import block_size
 from .colored import Colored, make_colored
+from .colored_energy import EnergyKernels
+from .colored_impacts import ImpactKernels
+from .colored_joints import JointKernels
+from .colored_motion import MotionKernels
+from .colored_rows import RowKernels
+from .colored_second_order import SecondOrderKernels
+from .colored_sweeps import SweepKernels
 from .coloring import COLORS, PASSES
 from .launch import Launcher
 
@@ -147,7 +154,7 @@ class LargeWorlds:
         self._views: _Views | None = None
         self._allocate_sweeps(iterations)
 
-    def _views_of(self, whole: data.Context) -> "_Views":
+    def _views_of(self, whole: data.Context) -> _Views:
         """The solver with what these kernels take for its worlds."""
         if self._views is None or self._views.whole is not whole:
             lanes = whole._replace(worlds=self._worlds)
@@ -209,19 +216,40 @@ class LargeWorlds:
             iterations: Most sweeps of a round.
         """
         views = self._views_of(whole)
-        lanes, measured, by_rank = views.lanes, views.measured, views.by_rank
-        islands_as_worlds, colors, rows = views.islands, self.colors, whole.rows
+        lanes, colors = views.lanes, self.colors
         if h > float(LONGER) * self._h:
             self.may_be_cold = True
         self._h = h
-        most = int(COLD_FACTOR) * iterations
-        if colors.moved.shape[0] <= most:
+        if colors.moved.shape[0] <= int(COLD_FACTOR) * iterations:
             launch.forget()
             self._allocate_sweeps(iterations)
-        bodies, lane_count = self._body_count, self._lanes
         kernels = make_colored(effects)
 
-        # Which blocks touch, and in what order they move.
+        self._color_blocks(launch, step, lanes, places)
+        self._build_rows(launch, kernels.rows, step, views)
+        # without a contact buffer nothing bounces
+        impacts = kernels.impacts if places else None
+        if impacts is not None:
+            self._strike(launch, impacts, step, views)
+        if kernels.second_order is not None:
+            self._order_step(launch, kernels.second_order, effects, step, lanes)
+        self._begin_joints(launch, kernels.joints, effects, step, lanes)
+        sweep = functools.partial(self._sweep, launch, kernels.sweeps, step, lanes)
+        self._move(launch, kernels.sweeps, sweep, iterations, step, lanes)
+        self._keep_forces(launch, kernels, effects, step, views)
+        self._end_velocities(launch, kernels.motion, impacts, effects, step, lanes)
+        self._recover(launch, kernels, sweep, effects, step, views)
+        if kernels.energy is not None:
+            bound = functools.partial(
+                self._bound_energy, launch, kernels.energy, effects, step, lanes
+            )
+            self._launch_if(colors.is_excessive, bound)
+        if kernels.second_order is not None:
+            launch(kernels.second_order.remember_states, self._body_count, [step, lanes])
+
+    def _color_blocks(self, launch: Launcher, step: Any, lanes: data.Context, places: int) -> None:
+        """Which blocks touch, and in what order they move."""
+        bodies, lane_count, colors = self._body_count, self._lanes, self.colors
         launch(coloring.clear_counts, bodies, [colors])
         launch(coloring.count_contacts, places, [step, lanes])
         self._scan(launch, colors.count, bodies, colors.incident_start)
@@ -233,147 +261,32 @@ class LargeWorlds:
         self._scan(launch, colors.table, (COLORS + 1) * lane_count, colors.start)
         launch(coloring.list_colors, lane_count, [self._turns.rank, lanes])
 
-        # Rows: linearised at state_in, warm-started from the last step.
-        launch(kernels.measure_lanes, lane_count, [step, measured])
+    def _build_rows(self, launch: Launcher, kernels: RowKernels, step: Any, views: _Views) -> None:
+        """Rows: linearised at state_in, warm-started from the last step."""
+        bodies, lanes, by_rank = self._body_count, views.lanes, views.by_rank
+        launch(kernels.measure_lanes, self._lanes, [step, views.measured])
         launch(kernels.begin_step, self._world_count, [step, lanes])
         launch(coloring.count_owned, bodies, [by_rank])
-        self._scan(launch, colors.count, bodies, rows.owned_start)
+        self._scan(launch, self.colors.count, bodies, views.whole.rows.owned_start)
         launch(kernels.build_rows, bodies, [step, by_rank])
         launch(kernels.recall_rows, bodies, [by_rank])
-        if effects.light_links:
+        if kernels.weigh is not None:
             launch(kernels.weigh, bodies, [lanes])
         launch(kernels.penalise, bodies, [step, lanes])
 
-        # What bounces; without a contact buffer nothing does.
-        if effects.restitution and places:
-            launch(kernels.begin_rounds, bodies, [step.body_qd, rows])
-            launch(kernels.find_impacts, bodies, [lanes])
-            block = block_size(self._device)
-            wave = self._islands.bodies  # of no use before the sweeps have ended
-            launch(kernels.strike_worlds, self._world_count * block, [block, wave, by_rank])
-            launch(kernels.end_rounds, bodies, [lanes])
-
-        if effects.second_order:
-            self._order_step(launch, kernels, effects, step, lanes)
-
-        # Joints, and the blocks of bodies.
-        if effects.joints:
-            launch(kernels.measure_joints, bodies, [step, lanes])
-        if effects.loops:
-            launch(kernels.measure_loops, self._loop_count, [step, lanes])
-        if effects.loops and effects.kinds.distances:
-            launch(kernels.widen_loops, self._loop_count, [lanes])
-        if effects.joints:
-            launch(kernels.place_joints, bodies, [lanes])
-        if effects.cables:
-            launch(kernels.begin_clusters, self._cluster_count, [lanes])
-
-        def assemble(begin: int) -> None:
-            launch(kernels.assemble, bodies, [begin, step, lanes])
-
-        threads = -(-bodies // _SHARE)
-
-        def sweep(first: int, end: int) -> None:
-            run(first, end, 0.0, colors.most, colors.moved)
-
-        def recover(first: int, end: int) -> None:
-            run(first, end, float(RECOVERY), colors.passes, colors.recovered)
-
-        def run(first: int, end: int, recovery: float, most: wp.array, moved: wp.array) -> None:
-            for sweep in range(first, end):
-                for color in range(COLORS + 1):
-                    count = threads if color < COLORS else 1
-                    launch(
-                        kernels.sweep_color,
-                        count,
-                        [sweep, color, count, recovery, most, moved, step, lanes],
-                    )
-                if effects.loops:
-                    launch(
-                        kernels.sweep_loops,
-                        self._loop_count,
-                        [sweep, recovery, moved, most, step, lanes],
-                    )
-                if effects.cables:
-                    launch(
-                        kernels.solve_clusters,
-                        self._cluster_count,
-                        [sweep, recovery, most, moved, lanes],
-                    )
-
-        def sweep_on(begin: int) -> None:
-            if kernels.stiffen is not None:
-                launch(kernels.stiffen, bodies, [begin, lanes])
-            assemble(begin)
-            sweep(begin, begin + iterations)
-
-        def sweep_cold() -> None:
-            sweep(int(STRUCK_FACTOR) * iterations, most)
-
-        assemble(0)
-        sweep(0, iterations)
-        for turn in range(1, int(STRUCK_FACTOR)):
-            launch(kernels.begin_round, self._world_count, [iterations, turn * iterations, colors])
-            self._launch_if(colors.has_more, functools.partial(sweep_on, turn * iterations))
-        self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)
-        self.may_be_cold = False
-        launch(kernels.remember, bodies, [step, lanes])
-        if effects.second_order and effects.loops:
-            launch(kernels.remember_loops, self._loop_count, [lanes])
-        if effects.second_order and effects.cables:
-            launch(kernels.find_jerked, self._cluster_count, [lanes])
-        if effects.cables and effects.islands:
-            launch(kernels.join_clusters, self._cluster_count, [lanes])
-        if effects.islands:
-            launch(joining.find_roots, bodies, [lanes])
-            launch(joining.count_members, bodies, [lanes])
-            self._scan(launch, colors.count, bodies, self._islands.body_start)
-            launch(joining.list_members, bodies, [islands_as_worlds])
-            launch(joining.keep_island, bodies, [effects.pairs, islands_as_worlds])
-        if effects.breaking:
-            launch(kernels.break_trees, bodies, [step, lanes])
-            if effects.loops:
-                launch(kernels.break_loops, self._loop_count, [lanes])
-        launch(kernels.end_velocities, bodies, [step, lanes])
-        if effects.spinning:
-            launch(kernels.align_spins, bodies, [step, lanes])
-        if effects.restitution and places:
-            launch(kernels.leave_impacts, bodies, [lanes])
-        if effects.axis_rates:
-            launch(kernels.end_armatures, bodies, [step, lanes])
-            if effects.loops:
-                launch(kernels.end_loop_armatures, self._loop_count, [step, lanes])
-
-        # Recovery: old errors go, without entering the velocity.
-        launch(kernels.end_sweeps, self._world_count, [lanes])
-        if effects.second_order:
-            launch(kernels.remember_motions, bodies, [lanes])
-        if effects.loops:
-            launch(kernels.keep_loops, self._loop_count, [lanes])
-        if effects.joints or not effects.compliance:
-            recover(0, 1)
-        if effects.joints:
-            passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
-            self._launch_if(colors.is_apart, lambda: recover(1, passes))
-            launch(kernels.close_joints, bodies, [step, lanes])
-        if effects.loops:
-            launch(kernels.give_loops_back, self._loop_count, [lanes])
-        if effects.cables:
-            launch(kernels.give_cables_back, self._cluster_count, [lanes])
-        launch(kernels.end_poses, bodies, [step, lanes])
-        if effects.turning_islands:
-            launch(joining.keep_island_spin, bodies, [step, islands_as_worlds])
-
-        if effects.balanced:
-            bound = functools.partial(self._bound_energy, launch, kernels, effects, step, lanes)
-            self._launch_if(colors.is_excessive, bound)
-        if effects.second_order:
-            launch(kernels.remember_states, bodies, [step, lanes])
+    def _strike(self, launch: Launcher, kernels: ImpactKernels, step: Any, views: _Views) -> None:
+        """What bounces: the speed after each impact."""
+        bodies, block = self._body_count, block_size(self._device)
+        wave = self._islands.bodies  # of no use before the sweeps have ended
+        launch(kernels.begin_rounds, bodies, [step.body_qd, views.whole.rows])
+        launch(kernels.find_impacts, bodies, [views.lanes])
+        launch(kernels.strike_worlds, self._world_count * block, [block, wave, views.by_rank])
+        launch(kernels.end_rounds, bodies, [views.lanes])
 
     def _order_step(
         self,
         launch: Launcher,
-        kernels: Colored,
+        kernels: SecondOrderKernels,
         effects: Effects,
         step: Any,
         lanes: data.Context,
@@ -391,37 +304,204 @@ class LargeWorlds:
         if effects.contact:
             launch(kernels.lead_all_rows, bodies, [lanes])
 
-    def _bound_energy(
+    def _begin_joints(
+        self,
+        launch: Launcher,
+        kernels: JointKernels,
+        effects: Effects,
+        step: Any,
+        lanes: data.Context,
+    ) -> None:
+        """How joints stand, the guess of increments, and tensions of cables."""
+        if effects.joints:
+            launch(kernels.measure_joints, self._body_count, [step, lanes])
+        if effects.loops:
+            launch(kernels.measure_loops, self._loop_count, [step, lanes])
+        if effects.loops and effects.kinds.distances:
+            launch(kernels.widen_loops, self._loop_count, [lanes])
+        if effects.joints:
+            launch(kernels.place_joints, self._body_count, [lanes])
+        if effects.cables:
+            launch(kernels.begin_clusters, self._cluster_count, [lanes])
+
+    def _sweep(
+        self,
+        launch: Launcher,
+        kernels: SweepKernels,
+        step: Any,
+        lanes: data.Context,
+        first: int,
+        end: int,
+        recovery: float,
+        most: wp.array,
+        moved: wp.array,
+    ) -> None:
+        """The sweeps from ``first`` to ``end``, of which each world takes ``most`` at most.
+
+        The squares of the updates go to ``moved``, (sweep + 1, world) [m^2].
+        """
+        threads = -(-self._body_count // _SHARE)
+        for sweep in range(first, end):
+            for color in range(COLORS + 1):
+                count = threads if color < COLORS else 1
+                launch(
+                    kernels.sweep_color,
+                    count,
+                    [sweep, color, count, recovery, most, moved, step, lanes],
+                )
+            if kernels.sweep_loops is not None:
+                launch(
+                    kernels.sweep_loops,
+                    self._loop_count,
+                    [sweep, recovery, moved, most, step, lanes],
+                )
+            if kernels.solve_clusters is not None:
+                launch(
+                    kernels.solve_clusters,
+                    self._cluster_count,
+                    [sweep, recovery, most, moved, lanes],
+                )
+
+    def _move(
+        self,
+        launch: Launcher,
+        kernels: SweepKernels,
+        sweep: Callable[..., None],
+        iterations: int,
+        step: Any,
+        lanes: data.Context,
+    ) -> None:
+        """The motion: rounds of sweeps, and blocks of bodies before each."""
+        bodies, colors = self._body_count, self.colors
+
+        def sweep_on(begin: int, end: int) -> None:
+            sweep(begin, end, 0.0, colors.most, colors.moved)
+
+        def sweep_again(begin: int) -> None:
+            if kernels.stiffen is not None:
+                launch(kernels.stiffen, bodies, [begin, lanes])
+            launch(kernels.assemble, bodies, [begin, step, lanes])
+            sweep_on(begin, begin + iterations)
+
+        def sweep_cold() -> None:
+            sweep_on(int(STRUCK_FACTOR) * iterations, int(COLD_FACTOR) * iterations)
+
+        launch(kernels.assemble, bodies, [0, step, lanes])
+        sweep_on(0, iterations)
+        for turn in range(1, int(STRUCK_FACTOR)):
+            launch(kernels.begin_round, self._world_count, [iterations, turn * iterations, colors])
+            self._launch_if(colors.has_more, functools.partial(sweep_again, turn * iterations))
+        self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)
+        self.may_be_cold = False
+
+    def _keep_forces(
+        self, launch: Launcher, kernels: Colored, effects: Effects, step: Any, views: _Views
+    ) -> None:
+        """What rows and loops push with, for the next step; islands keep their momentum."""
+        bodies, lanes, motion = self._body_count, views.lanes, kernels.motion
+        launch(motion.remember, bodies, [step, lanes])
+        if kernels.second_order is not None and effects.loops:
+            launch(kernels.second_order.remember_loops, self._loop_count, [lanes])
+        if kernels.second_order is not None and effects.cables:
+            launch(kernels.second_order.find_jerked, self._cluster_count, [lanes])
+        if motion.join_clusters is not None:
+            launch(motion.join_clusters, self._cluster_count, [lanes])
+        if effects.islands:
+            launch(joining.find_roots, bodies, [lanes])
+            launch(joining.count_members, bodies, [lanes])
+            self._scan(launch, self.colors.count, bodies, self._islands.body_start)
+            launch(joining.list_members, bodies, [views.islands])
+            launch(joining.keep_island, bodies, [effects.pairs, views.islands])
+        if effects.breaking:
+            launch(motion.break_trees, bodies, [step, lanes])
+            if effects.loops:
+                launch(motion.break_loops, self._loop_count, [lanes])
+
+    def _end_velocities(
+        self,
+        launch: Launcher,
+        kernels: MotionKernels,
+        impacts: ImpactKernels | None,
+        effects: Effects,
+        step: Any,
+        lanes: data.Context,
+    ) -> None:
+        """Velocities; bodies that bounce leave their impacts."""
+        bodies = self._body_count
+        launch(kernels.end_velocities, bodies, [step, lanes])
+        if effects.spinning:
+            launch(kernels.align_spins, bodies, [step, lanes])
+        if impacts is not None:
+            launch(impacts.leave_impacts, bodies, [lanes])
+        if effects.axis_rates:
+            launch(kernels.end_armatures, bodies, [step, lanes])
+            if effects.loops:
+                launch(kernels.end_loop_armatures, self._loop_count, [step, lanes])
+
+    def _recover(
         self,
         launch: Launcher,
         kernels: Colored,
+        sweep: Callable[..., None],
+        effects: Effects,
+        step: Any,
+        views: _Views,
+    ) -> None:
+        """Recovery: old errors go, without entering the velocity; then poses."""
+        bodies, lanes, colors = self._body_count, views.lanes, self.colors
+        recovery = kernels.recovery
+
+        def recover(first: int, end: int) -> None:
+            sweep(first, end, float(RECOVERY), colors.passes, colors.recovered)
+
+        launch(recovery.end_sweeps, self._world_count, [lanes])
+        if kernels.second_order is not None:
+            launch(kernels.second_order.remember_motions, bodies, [lanes])
+        if effects.loops:
+            launch(recovery.keep_loops, self._loop_count, [lanes])
+        if effects.joints or not effects.compliance:
+            recover(0, 1)
+        if effects.joints:
+            passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
+            self._launch_if(colors.is_apart, lambda: recover(1, passes))
+            launch(recovery.close_joints, bodies, [step, lanes])
+        if effects.loops:
+            launch(recovery.give_loops_back, self._loop_count, [lanes])
+        if effects.cables:
+            launch(recovery.give_cables_back, self._cluster_count, [lanes])
+        launch(recovery.end_poses, bodies, [step, lanes])
+        if effects.turning_islands:
+            launch(joining.keep_island_spin, bodies, [step, views.islands])
+
+    def _bound_energy(
+        self,
+        launch: Launcher,
+        kernels: EnergyKernels,
         effects: Effects,
         step: Any,
         lanes: data.Context,
     ) -> None:
         """Slows islands that did not settle down to the energy that they may have."""
-        energy = kernels.energy
         bodies, lane_count, count = self._body_count, self._lanes, self._world_count
-        assert energy is not None
-        launch(energy.measure_moves, lane_count, [lanes])
-        launch(energy.find_unbalanced, count, [lanes])
-        launch(energy.begin_balances, bodies, [lanes])
-        if energy.join_bodies is not None:
-            launch(energy.join_bodies, bodies, [bodies, lanes])
-        if energy.join_clusters is not None:
-            launch(energy.join_clusters, self._cluster_count, [lanes])
+        launch(kernels.measure_moves, lane_count, [lanes])
+        launch(kernels.find_unbalanced, count, [lanes])
+        launch(kernels.begin_balances, bodies, [lanes])
+        if kernels.join_bodies is not None:
+            launch(kernels.join_bodies, bodies, [bodies, lanes])
+        if kernels.join_clusters is not None:
+            launch(kernels.join_clusters, self._cluster_count, [lanes])
         if effects.cables:
-            launch(energy.add_all_cables, count, [lanes])
-        launch(energy.add_bodies, bodies, [step, lanes])
-        launch(energy.add_runs, lane_count, [lanes])
-        launch(energy.add_lanes, count, [lanes])
-        launch(energy.add_momenta, lane_count, [step, lanes])
-        launch(energy.settle_islands, count, [lanes])
-        launch(energy.slow_bodies, bodies, [step, lanes])
+            launch(kernels.add_all_cables, count, [lanes])
+        launch(kernels.add_bodies, bodies, [step, lanes])
+        launch(kernels.add_runs, lane_count, [lanes])
+        launch(kernels.add_lanes, count, [lanes])
+        launch(kernels.add_momenta, lane_count, [step, lanes])
+        launch(kernels.settle_islands, count, [lanes])
+        launch(kernels.slow_bodies, bodies, [step, lanes])
         if effects.axis_rates:
-            launch(energy.slow_all_rotors, bodies, [step, lanes])
+            launch(kernels.slow_all_rotors, bodies, [step, lanes])
         if effects.cables:
-            launch(energy.drop_all_tensions, count, [lanes])
+            launch(kernels.drop_all_tensions, count, [lanes])
 
     def _launch_if(
         self, condition: wp.array, launches: Callable[[], None], *, is_due: bool = True

@@ -3,7 +3,7 @@
 """How all kernels are made, and what stands for functions of an absent effect."""
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -38,6 +38,23 @@ KERNEL: dict[str, Any] = {
 }
 """How all kernels are made: Warp compiles its headers once for each set of flags (1 s), and finds
 out what a kernel is made of once for each block size, that of a CPU being 1."""
+
+
+KernelDecorator = Callable[..., Callable[[Callable], Any]]
+"""Makes a kernel of a function, or None where it is called with False: the scene does without."""
+
+
+def in_module(name: str) -> KernelDecorator:
+    """Decorator of kernels that are all in the module of this name."""
+    module = wp.get_module(name)
+    module.options |= KERNEL["module_options"]
+
+    def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
+        if not is_called_for:
+            return lambda function: None
+        return wp.kernel(enable_backward=False, module=module)
+
+    return kernel
 
 
 @contextmanager
