@@ -649,7 +649,7 @@ class InnerWork:
     worst: wp.array[wp.int32]
     """Body with the largest share of what was allowed; -1 where nothing moved."""
     cause: wp.array[wp.int32]
-    """Why, see :data:`.step.adapting.SMOOTHLY`."""
+    """Why, see :data:`.step.local_error.SMOOTHLY`."""
     spent: wp.array[float]
     """Error that was estimated since the last reset [m]."""
     missed: wp.array[wp.int32]

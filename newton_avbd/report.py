@@ -16,7 +16,7 @@ CAUSES_OF_ERROR = (
     "a velocity that jumps",
     "sweeps that did not settle",
 )
-"""What led a body astray, as :mod:`.step.adapting` counts it."""
+"""What led a body astray, as :mod:`.step.local_error` counts it."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ FIXED = (1, 2, 4, 8, 16, 32)
 """Fixed steps a frame beside them."""
 
 SAVED = 0.25
-"""Time that the accuracy counts for at once [s]; see :mod:`newton_avbd.step.adapting`."""
+"""Time that the accuracy counts for at once [s]; see :mod:`newton_avbd.step.local_error`."""
 
 REPEATS = 5
 """Runs whose median cost counts."""
