@@ -36,8 +36,9 @@ def loop_world(i: int, s: wp.ref[Solver]) -> int:
 
 def make_colored_joints(effects: Effects, stages: Stages, kernel: KernelDecorator) -> JointKernels:
     """The kernels, made by the decorator ``kernel``."""
-    measure_blocks, measure_loop = stages.begin.measure_blocks, stages.begin.measure_loop
-    place_blocks, begin_cluster = stages.begin.place_blocks, stages.cables.begin_cluster
+    block_start = stages.block_start
+    measure_blocks, measure_loop = block_start.measure_blocks, block_start.measure_loop
+    place_blocks, begin_cluster = block_start.place_blocks, stages.cables.begin_cluster
 
     @kernel(effects.joints)
     def measure_joints(step: Step, s: wp.array[Solver]):

@@ -60,7 +60,7 @@ def count_sweeps(world: int, moved: wp.array2d[float]) -> int:
 
 def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorator) -> SweepKernels:
     """The kernels, made by the decorator ``kernel``."""
-    begin_body, sweep_block = stages.begin.begin_body, stages.sweep_block
+    begin_body, sweep_block = stages.begin_body, stages.sweep_block
     loop_wrench, solve_cluster = stages.loops.loop_wrench, stages.cables.solve_cluster
 
     @kernel()

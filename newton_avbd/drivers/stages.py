@@ -8,7 +8,8 @@ import warp as wp
 
 from ..effects import Effects
 from ..rows import contact as contact_rows
-from ..step.beginning import BeginFunctions, make_begin, make_coasting
+from ..step.beginning import make_begin_body, make_coasting
+from ..step.block_start import BlockStartFunctions, make_block_start
 from ..step.breaking import BreakFunctions, make_break_joints
 from ..step.cables import CableFunctions, make_cables, make_join
 from ..step.closures import ClosureFunctions, make_closures
@@ -36,7 +37,9 @@ class Stages:
     trees: TreeFunctions
     piles: PileFunctions
     cables: CableFunctions
-    begin: BeginFunctions
+    block_start: BlockStartFunctions
+    begin_body: wp.Function
+    """Sums the block of a body, or puts the body to its target."""
     sweep_block: wp.Function
     """Moves a block to the minimum of its quadratic model."""
     remember_rows: wp.Function
@@ -73,13 +76,8 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
             closures.missed_by_lines,
             closures.settle_tendons,
         )
-    begin = make_begin(
-        effects,
-        trees,
-        loops,
-        closures.begin_closures,
-        closures.begin_tendons,
-        make_assemble(effects, loops.loop_curvature),
+    block_start = make_block_start(
+        effects, trees, loops.begin_loop, closures.begin_closures, closures.begin_tendons
     )
     breaking = ABSENT
     if effects.breaking:
@@ -92,7 +90,8 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
         trees=trees,
         piles=make_piles(effects, gather, make_coasting(effects)) if effects.piles else ABSENT,
         cables=make_cables(effects) if effects.cables else ABSENT,
-        begin=begin,
+        block_start=block_start,
+        begin_body=make_begin_body(effects, make_assemble(effects, loops.loop_curvature)),
         sweep_block=make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree),
         remember_rows=make_remember(effects, contact_force, sweep_gap, join),
         join_cluster=make_join(join) if effects.cables else absent,

@@ -38,8 +38,9 @@ def make_world_start(effects: Effects, stages: Stages) -> WorldStart:
     written_side = make_written_side(effects)
     find_impacts = stages.impacts.find_impacts
     link_piles, factor_piles = stages.piles.link_piles, stages.piles.factor_piles
-    measure_blocks, measure_loop = stages.begin.measure_blocks, stages.begin.measure_loop
-    place_blocks, begin_body = stages.begin.place_blocks, stages.begin.begin_body
+    block_start = stages.block_start
+    measure_blocks, measure_loop = block_start.measure_blocks, block_start.measure_loop
+    place_blocks, begin_body = block_start.place_blocks, stages.begin_body
     begin_cluster = stages.cables.begin_cluster
 
     @wp.func

@@ -26,7 +26,7 @@ from ..model.topology import Topology, mimics, moving
 from ..model.welds import Welds
 from ..rows.joint import KINDS
 from ..settings import Settings
-from ..step.beginning import UNKNOWN
+from ..step.block_start import UNKNOWN
 from ..step.fluid import find_boxes
 from ..step.sleeping import AWAKE, STILL
 from . import buffers, inner_steps, views

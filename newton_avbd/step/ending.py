@@ -16,7 +16,8 @@ from ..rows import spin as spin_rows
 from ..rows.dahl import keep_dahl
 from ..rows.joint import ROD
 from .anchors import is_linked
-from .beginning import UNKNOWN, is_in_tree, make_coasting
+from .beginning import is_in_tree, make_coasting
+from .block_start import UNKNOWN
 from .bodies import body_at, has_rows, pose_sum, report_held
 from .carrying import carry_flight, carry_turn, carry_velocity, is_short, less_one
 from .islands import is_alone, is_free_island, turn_with_island

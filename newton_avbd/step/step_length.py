@@ -12,7 +12,7 @@ from .local_error import BY_JUMP, SAVED, UNSETTLED, Misstep
 from .saving import restore_world
 
 SPENT = wp.constant(0.5)
-"""Share of the saved error that one step may spend, so that there is something left for the next."""
+"""Share of the saved error that one step may spend, so that the next one has something left."""
 AIM = wp.constant(0.8)
 """Share of the allowed error that a step aims at."""
 INTEGRAL = wp.constant(0.35)
