@@ -11,15 +11,10 @@ from typing import Any
 import newton
 import numpy as np
 
-from .attributes import authored_fluid, break_limits, dahl_friction
-from .model.actuators import Actuators, compensated_links, compensating_axes, reflected_armature
-from .model.condim import Condims
-from .model.limits import has_authored_limit
-from .model.tendons import Tendon
-from .model.topology import Topology, moving
-from .rows.joint import NO_LIMIT, PUSHED_AT_COM, JointKinds
+from .model.callers import find_callers
+from .model.topology import Topology
+from .rows.joint import JointKinds
 
-_FREE = int(newton.JointType.FREE)
 _MOST_NAMES = 3
 """Labels that a reason names."""
 
@@ -225,13 +220,6 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
 }
 """What goes with an effect that is left out."""
 
-_LIGHT = 1.0e-5
-"""Share of what it carries, in mass or inertia, below which a root counts as light. (At 5e-7 what
-the joints of a heavy body round moves it more than its own momentum does; at 5e-6 not yet.)"""
-
-LIGHT_LINK = 5.0e-3
-"""Share of the mass that moves with it below which a link counts as light."""
-
 
 @dataclass(frozen=True)
 class Effects:
@@ -381,89 +369,17 @@ class Effects:
         Returns:
             The effects, and what calls for each.
         """
-        shapes = _colliding(model)
-        axes = _Axes.of_model(model)
-        driven = axes.driven()
-        user_model = getattr(model, "user_model", model)
-        condims = Condims.of_model(user_model if "condim" not in without else None)
-        frictional = _frictional(model, condims)
-        actuators = Actuators.of_model(user_model)
-        compensated = list(compensating_axes(user_model))
-        actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated])
-        pulled, threaded = (_tied_bodies(topology, only) for only in (False, True))
-        dof_count = user_model.joint_dof_count
-        reflected = reflected_armature(user_model, actuators.axes, dof_count)[axes.dofs] > 0.0
-        ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
-        shared = actuators.is_shared(user_model)[axes.dofs] | driven
-        shared = ranged & (shared | np.isin(axes.dofs, compensated))
-        authored = has_authored_limit(user_model)[axes.dofs]
-        callers = {
-            "contact": shapes,
-            "cylinders": np.intersect1d(
-                shapes, np.flatnonzero(model.shape_type.numpy() == int(newton.GeoType.CYLINDER))
-            ),
-            "friction": frictional,
-            "angular_friction": _twisting(model, condims, angular_friction)[: 0 if ramp else None],
-            "condim": np.intersect1d(
-                shapes, np.union1d(np.flatnonzero(condims.is_own), condims.pairs)
-            ),
-            "contact_pairs": np.intersect1d(shapes, condims.pairs),
-            "put_bodies": _put_bodies(model)[: model.body_count if frictional.size else 0],
-            "restitution": _shapes_with(model, "restitution")[: 0 if ramp or compliance else None],
-            "pairs": topology.in_company(np.ones(model.body_count, dtype=bool))[
-                : model.body_count if shapes.size else 0
-            ],
-            "floating": _floating(model, topology, pulled)[: 0 if ramp else None],
-            "piles": topology.in_company(topology.is_alone)[
-                : model.body_count if shapes.size and piles and not ramp else 0
-            ],
-            "gyroscopic": _unequal_moments(model),
-            "carried_rounding": np.arange(model.body_count if second_order else 0),
-            "joint_force": _pushing(model),
-            "welds": getattr(model, "weld_indices", np.zeros(0, dtype=int)),
-            "reaction": pushing_joints(model),
-            "light_roots": _light_roots(model, topology),
-            "light_links": _light_links(model, topology)[: 0 if ramp else model.body_count],
-            "joints": np.union1d(linking_joints(model), _joints_of(model, pulled)),
-            "flipped": topology.flipped,
-            "loops": topology.loops,
-            "closures": _closing_joints(model, topology, pulled),
-            "mimics": np.array(
-                [closure.joint for closure in topology.closures if closure.leader >= 0], dtype=int
-            ),
-            "equalities": np.array(
-                [closure.joint for closure in topology.closures if closure.equality is not None],
-                dtype=int,
-            ),
-            "drives": axes.joints(driven),
-            "actuators": axes.joints(actuated),
-            "force_ranges": axes.joints(shared),
-            "tendons": pulled,
-            "spatial_tendons": threaded,
-            "gravity_compensation": _bodies_of(model, compensated_links(user_model)),
-            "body_actuators": _bodies_of(
-                model, np.array([link for _, link, *_ in actuators.bodies.values()], dtype=int)
-            ),
-            "adhesion": _bodies_of(model, np.array(list(actuators.adhesive.values()))),
-            "servos": _bodies_of(model, np.array(list(actuators.servos(user_model).values()))),
-            "effort_limits": axes.joints(
-                ((driven | actuated) & axes.limited("joint_effort_limit", -1.0)) | ranged
-            ),
-            "limits": axes.joints(axes.bounded()),
-            "limit_impedance": axes.joints(axes.bounded() & authored & compliance),
-            "velocity_limits": axes.joints(axes.limited("joint_velocity_limit", 0.0)),
-            "springs": axes.joints(axes.positive("joint_damping", "joint_stiffness")),
-            "armature": axes.joints(axes.positive("joint_armature") | reflected),
-            "joint_friction": axes.joints(axes.positive("joint_friction")),
-            "breaking": _breakable(model),
-            "dahl": _dahl_rods(model),
-            "fluid": bodies_in_fluid(model),
-            "cables": np.arange(model.tendon_count),
-        }
-        # contacts are off by more than rounding, and settle by what it leaves; a cable is as taut
-        # as rounding of the poses that it ties; drag and inner steps need states of their own
-        if adaptive or any(callers[name].size for name in ("contact", "cables", "servos", "fluid")):
-            callers["carried_rounding"] = np.arange(0)
+        callers = find_callers(
+            model,
+            topology,
+            piles=piles,
+            compliance=compliance,
+            ramp=ramp,
+            angular_friction=angular_friction,
+            second_order=second_order,
+            adaptive=adaptive,
+            has_condims="condim" not in without,
+        )
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(
             **flags,
@@ -772,263 +688,3 @@ class SceneEffects(Mapping[str, Effect]):
 def _all(names: Iterable[str], value: bool) -> dict[str, Any]:
     """The same for all names, as keyword arguments."""
     return dict.fromkeys(names, value)
-
-
-def _bodies_of(model: newton.Model, links: np.ndarray) -> np.ndarray:
-    """The bodies that some links of the user's model belong to."""
-    links = links.astype(int)
-    bodies = getattr(model, "body_of_link", None)
-    return np.unique(links if bodies is None else bodies[links][bodies[links] >= 0])
-
-
-def _tied_bodies(topology: Topology, only_spatial: bool) -> np.ndarray:
-    """Bodies that tendons pull, all of them or spatial ones."""
-    found = [
-        body
-        for closure in topology.closures
-        if isinstance(closure.tendon, Tendon) and not (only_spatial and closure.tendon.is_fixed)
-        for body in closure.ends
-        if body >= 0
-    ]
-    return np.unique(np.array(found, dtype=int))
-
-
-def _joints_of(model: newton.Model, bodies: np.ndarray) -> np.ndarray:
-    """Joints whose children are some bodies."""
-    if bodies.size == 0 or model.joint_count == 0:
-        return np.zeros(0, dtype=int)
-    return np.flatnonzero(np.isin(model.joint_child.numpy(), bodies))
-
-
-def _closing_joints(model: newton.Model, topology: Topology, pulled: np.ndarray) -> np.ndarray:
-    """Joints that ask for equations beside the trees: their own, or those of tendons."""
-    own = [closure.joint for closure in topology.closures if closure.joint >= 0]
-    return np.union1d(np.array(own, dtype=int), _joints_of(model, pulled))
-
-
-def _pushing(model: newton.Model) -> np.ndarray:
-    """Joints whose generalized force is a wrench on their child."""
-    types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
-    return np.flatnonzero(np.isin(types, [int(kind) for kind in PUSHED_AT_COM]))
-
-
-def free_joints(model: newton.Model) -> np.ndarray:
-    """The first joint of each body whose force is a wrench on it, -1 without, (body_count,)."""
-    first = np.full(model.body_count, -1)
-    pushing = _pushing(model)[::-1]
-    if pushing.size:
-        first[model.joint_child.numpy()[pushing]] = pushing
-    return first
-
-
-def pushing_joints(model: newton.Model) -> np.ndarray:
-    """Joints whose force is such a wrench, and not only that on a body without another one."""
-    pushing = _pushing(model)
-    if pushing.size == 0:
-        return pushing
-    is_other = free_joints(model)[model.joint_child.numpy()[pushing]] != pushing
-    return pushing[is_other | (model.joint_parent.numpy()[pushing] >= 0)]
-
-
-def linking_joints(model: newton.Model) -> np.ndarray:
-    """Joints that are more than the FREE joint of a body to the world."""
-    types = model.joint_type.numpy() if model.joint_count else np.zeros(0)
-    return np.union1d(np.flatnonzero(types != _FREE), pushing_joints(model))
-
-
-@dataclass(frozen=True)
-class _Axes:
-    """Degrees of freedom of joints that list their axes: not those of FREE joints and the like."""
-
-    model: newton.Model
-    dofs: np.ndarray
-    joint: np.ndarray
-    """Joint of each."""
-
-    @classmethod
-    def of_model(cls, model: newton.Model) -> "_Axes":
-        if model.joint_count == 0:
-            return cls(model, np.zeros(0, dtype=int), np.zeros(0, dtype=int))
-        unlisted = (_FREE, int(newton.JointType.ROD), int(newton.JointType.DISTANCE))
-        owner = np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
-        dofs = np.flatnonzero(~np.isin(model.joint_type.numpy()[owner], unlisted))
-        return cls(model, dofs, owner[dofs])
-
-    def values(self, name: str) -> np.ndarray:
-        """An array of the model, of these axes."""
-        return getattr(self.model, name).numpy()[self.dofs] if self.dofs.size else np.zeros(0)
-
-    def joints(self, concerned: np.ndarray) -> np.ndarray:
-        """Joints that have one of the axes that a mask selects."""
-        return np.unique(self.joint[concerned])
-
-    def driven(self) -> np.ndarray:
-        """Which have a drive that could act."""
-        gain = self.values("joint_target_ke") + self.values("joint_target_kd")
-        passive = (int(newton.JointTargetMode.NONE), int(newton.JointTargetMode.EFFORT))
-        return (gain != 0.0) & ~np.isin(self.values("joint_target_mode"), passive)
-
-    def bounded(self) -> np.ndarray:
-        """Which have a limit."""
-        lower, upper = self.values("joint_limit_lower"), self.values("joint_limit_upper")
-        return (lower > -newton.MAXVAL) | (upper < newton.MAXVAL)
-
-    def positive(self, *names: str) -> np.ndarray:
-        """Which have one of these coefficients above zero."""
-        return np.any([self.values(name) > 0.0 for name in names], axis=0)
-
-    def limited(self, name: str, least: float) -> np.ndarray:
-        """Which have such a limit: below Newton's default, which says none."""
-        limit = self.values(name)
-        return (limit > least) & (limit < NO_LIMIT)
-
-
-def _colliding(model: newton.Model) -> np.ndarray:
-    """Shapes that collide with others; where bodies have variants, all."""
-    if model.body_count == 0 or model.shape_count == 0:
-        return np.zeros(0, dtype=int)
-    if model.body_variant is not None and np.any(model.body_variant.numpy() >= 0):
-        return np.arange(model.shape_count)
-    return np.flatnonzero(model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_SHAPES))
-
-
-def _shapes_with(model: newton.Model, name: str) -> np.ndarray:
-    """Shapes that collide, with a coefficient of their material above zero."""
-    shapes = _colliding(model)
-    if shapes.size == 0:
-        return shapes
-    return shapes[getattr(model, f"shape_material_{name}").numpy()[shapes] > 0.0]
-
-
-def _frictional(model: newton.Model, condims: Condims) -> np.ndarray:
-    """Shapes that collide with friction."""
-    found = _shapes_with(model, "mu")
-    if condims.condim.size == 0:
-        return found
-    sliding = np.intersect1d(_colliding(model), np.flatnonzero(condims.slides()))
-    if sliding.size == 0:
-        return sliding
-    return np.union1d(found, np.intersect1d(sliding, condims.pairs))
-
-
-def _twisting(model: newton.Model, condims: Condims, angular_friction: bool | None) -> np.ndarray:
-    """Shapes that collide with torsional or rolling friction that acts."""
-    if angular_friction is False:
-        return np.zeros(0, dtype=int)
-    found = np.intersect1d(_colliding(model), np.flatnonzero(condims.twists()))
-    if not angular_friction:
-        return found
-    for name in ("mu_torsional", "mu_rolling"):
-        found = np.union1d(found, _shapes_with(model, name))
-    return found
-
-
-def _put_bodies(model: newton.Model) -> np.ndarray:
-    """Bodies that the solver does not move and whose shapes collide."""
-    if _colliding(model).size == 0:
-        return np.zeros(0, dtype=int)
-    is_put = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
-    is_put |= model.body_inv_mass.numpy() == 0.0
-    return np.intersect1d(np.flatnonzero(is_put), model.shape_body.numpy()[_colliding(model)])
-
-
-def bodies_in_fluid(model: newton.Model) -> np.ndarray:
-    """Bodies that move in a world with a fluid of some density or viscosity."""
-    found = authored_fluid(model)
-    if model.body_count == 0 or found is None:
-        return np.zeros(0, dtype=int)
-    is_felt = (found.density.numpy() > 0.0) | (found.viscosity.numpy() > 0.0)
-    world = np.maximum(model.body_world.numpy(), 0)
-    return np.flatnonzero(is_felt[world] & moving(model))
-
-
-def _dahl_rods(model: newton.Model) -> np.ndarray:
-    """Rods with Dahl friction."""
-    authored = dahl_friction(model)
-    if model.joint_count == 0 or not authored:
-        return np.zeros(0, dtype=int)
-    is_rod = model.joint_type.numpy() == int(newton.JointType.ROD)
-    return np.flatnonzero(is_rod & np.all([v.numpy() > 0.0 for v in authored.values()], axis=0))
-
-
-def _breakable(model: newton.Model) -> np.ndarray:
-    """Joints that break at some force or torque."""
-    limits = [~np.isposinf(limit.numpy()) for limit in break_limits(model).values()]
-    return np.flatnonzero(np.any(limits, axis=0)) if limits else np.zeros(0, dtype=int)
-
-
-def _unequal_moments(model: newton.Model) -> np.ndarray:
-    """Bodies whose inertia tensor is not a multiple of the identity, beyond rounding."""
-    if model.body_count == 0:
-        return np.zeros(0, dtype=int)
-    inertia = model.body_inertia.numpy().astype(np.float64)
-    mean = np.trace(inertia, axis1=1, axis2=2) / 3.0
-    off = np.abs(inertia - mean[:, None, None] * np.eye(3)).max(axis=(1, 2))
-    return np.flatnonzero(off > 1.0e-5 * mean)
-
-
-def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
-    """Bodies with shapes that collide, in trees of so many times their mass.
-
-    What a tree hangs on counts as much as the tree.
-    """
-    hung = topology.joint >= 0
-    shapes = _colliding(model)
-    if not np.any(hung) or shapes.size == 0:
-        return np.zeros(0, dtype=int)
-    moves = moving(model)
-    mass = np.where(moves, model.body_mass.numpy().astype(np.float64), 0.0)
-    block = topology.block_end[topology.rank]
-    is_held = ~moves[topology.parent] | (topology.parent < 0)
-    whole = np.bincount(block, mass)
-    whole *= np.where(np.bincount(block, hung & is_held) > 0, 2.0, 1.0)
-    is_tree = np.bincount(block, hung) > 0
-    touches = np.isin(np.arange(mass.size), model.shape_body.numpy()[shapes])
-    is_light = LIGHT_LINK * whole[block] > mass
-    return np.flatnonzero(is_tree[block] & touches & moves & is_light)
-
-
-def _floating(model: newton.Model, topology: Topology, pulled: np.ndarray) -> np.ndarray:
-    """Bodies that move, and that something ties to others, but no joint to anything fixed.
-
-    Tendons and cables may do so, and then their islands are none.
-    """
-    parent, moves = topology.parent, moving(model)
-    root = np.where(parent >= 0, parent, np.arange(parent.size))
-    while np.any(root != root[root]):
-        root = root[root]
-    is_fixed = (~moves | (topology.joint >= 0))[root]
-    ends = np.zeros((0, 2), dtype=int)
-    if topology.loops.size:
-        joints = (model.joint_child.numpy(), model.joint_parent.numpy())
-        ends = np.stack([of_joint[topology.loops] for of_joint in joints], axis=1)
-    is_fixed[root[ends[ends[:, 1] < 0, 0]]] = True
-    links = root[ends[ends[:, 1] >= 0]]
-    while np.any(meets := is_fixed[links[:, 0]] != is_fixed[links[:, 1]]):
-        is_fixed[links[meets]] = True
-    is_tied = (parent >= 0) | topology.cabled
-    is_tied[np.union1d(ends[:, 0], pulled)] = True
-    return np.flatnonzero(is_tied & moves & ~is_fixed[root])
-
-
-def _light_roots(model: newton.Model, topology: Topology) -> np.ndarray:
-    """Bodies that move, that no joint holds, and that carry so much more than themselves."""
-    linked = np.flatnonzero(topology.parent >= 0)
-    if linked.size == 0:
-        return linked
-    mass = model.body_mass.numpy().astype(np.float64)
-    moments = np.trace(model.body_inertia.numpy().astype(np.float64), axis1=1, axis2=2)
-    root = np.where(topology.parent >= 0, topology.parent, np.arange(mass.size))
-    while np.any(root != root[root]):
-        root = root[root]
-    joint = topology.joint[linked]
-    is_child = model.joint_child.numpy()[joint] == linked
-    frames = np.where(
-        is_child[:, None], model.joint_X_c.numpy()[joint], model.joint_X_p.numpy()[joint]
-    )
-    arm = np.linalg.norm(frames[:, :3] - model.body_com.numpy()[linked], axis=1)
-    is_light = np.zeros(mass.size, dtype=bool)
-    for own, beyond in ((mass, 0.0), (moments, mass[linked] * arm**2)):
-        carried = np.bincount(root[linked], own[linked] + beyond, mass.size)
-        is_light |= (_LIGHT * carried > own) & moving(model)
-    return np.flatnonzero(is_light)

@@ -17,8 +17,9 @@ from ..checks import check_array
 from ..drivers.large import FEW, LARGE, LargeWorlds, obstacles
 from ..drivers.launch import Launcher
 from ..drivers.scan import scratch_size
-from ..effects import Callers, Effects, bodies_in_fluid, free_joints, linking_joints, pushing_joints
+from ..effects import Callers, Effects
 from ..model.actuators import ACTING
+from ..model.callers import bodies_in_fluid, free_joints, linking_joints, pushing_joints
 from ..model.condim import Condims, condim_arrays
 from ..model.limits import limit_law, limits_within_margins
 from ..model.tendons import tendon_count

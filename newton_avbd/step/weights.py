@@ -15,7 +15,8 @@ import warp as wp
 
 from ..blocks import tree as algebra
 from ..data import ContactRow, Solver, TreeAxis
-from ..effects import LIGHT_LINK, Effects
+from ..effects import Effects
+from ..model.callers import LIGHT_LINK
 from ..rows import joint as joint_rows
 from .anchors import anchor_arm, anchor_rotation, is_linked
 from .beginning import is_tree
