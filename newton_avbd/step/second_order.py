@@ -33,12 +33,13 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import BALL, DISTANCE, make_joint
 from .anchors import is_linked
+from .balance import rigid_spin
 from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
 from .cables import may_jerk
 from .carrying import flight_from, gained_in_flight, is_carried, is_short
 from .drag import make_feel_drag
-from .energy import rigid_spin, squared_move
+from .energy import squared_move
 from .islands import is_free_island
 from .loops import has_loops
 from .piles import row_count, row_of
