@@ -36,10 +36,12 @@ from ..step.contacts import (
 from ..step.ending import make_end, make_remember
 from ..step.energy import make_energy
 from ..step.finite import make_is_world_finite
+from ..step.flight import is_flying
 from ..step.gathering import make_assemble, make_gather
 from ..step.impacts import make_impacts
 from ..step.kernels import ABSENT, KERNEL, absent, uncollected
 from ..step.loops import make_loops, reach_farther, ties
+from ..step.motion_history import is_remembered, remember_led, remember_loop
 from ..step.resetting import forget_joints
 from ..step.scale import (
     COLD_STEPS,
@@ -55,15 +57,9 @@ from ..step.scale import (
     settled_update,
     sweeps_at_age,
 )
-from ..step.second_order import (
-    is_flying,
-    is_quiet,
-    is_remembered,
-    last_of,
-    make_second_order,
-    remember_led,
-)
+from ..step.second_order import make_second_order
 from ..step.slopes import JUMPED, QUIET_WORLD, is_going_on
+from ..step.smoothness import is_quiet, last_of
 from ..step.sweeps import make_sweep, make_sweep_block
 from ..step.tendons import make_join_tendons
 from ..step.trees import make_trees
@@ -246,8 +242,7 @@ def make_colored(effects: Effects) -> Colored:
     goes_on_smoothly, order_world = orders.goes_on, orders.order_world
     start_body, lead_rows = orders.start_body, orders.lead_rows
     slips_otherwise = orders.slips_otherwise
-    remember_motion, remember_loop = orders.remember_motion, orders.remember_loop
-    remember_state = orders.remember_state
+    remember_motion, remember_state = orders.remember_motion, orders.remember_state
     join_cluster = make_join(join_at_once)
     join_tendons = make_join_tendons(join_at_once) if effects.tendons else absent
 

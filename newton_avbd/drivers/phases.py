@@ -23,6 +23,7 @@ from ..step.impacts import leave_impacts, make_impacts
 from ..step.islands import join_islands, keep_momentum, keep_spin
 from ..step.kernels import ABSENT, absent
 from ..step.loops import make_loops, reach_farther, ties
+from ..step.motion_history import remember_loop
 from ..step.piles import make_piles
 from ..step.scale import (
     LONGER,
@@ -68,7 +69,7 @@ def make_phases(effects: Effects) -> Phases:
     find_rows, penalise_rows = make_rows(effects)
     weigh_blocks = make_weigh(effects) if effects.light_links else absent
     second_order = make_second_order(effects) if effects.second_order else ABSENT
-    remember_motions, remember_loop = second_order.remember_motions, second_order.remember_loop
+    remember_motions = second_order.remember_motions
     remember_states = second_order.remember_states
     impacts = make_impacts(effects) if effects.restitution else ABSENT
     find_impacts = impacts.find_impacts
