@@ -33,6 +33,7 @@ from ..step.contacts import (
     owner_of,
     stiffen_rows,
 )
+from ..step.distances import reach_farther
 from ..step.ending import make_end, make_remember
 from ..step.energy import make_energy
 from ..step.finite import make_is_world_finite
@@ -40,7 +41,7 @@ from ..step.flight import is_flying
 from ..step.gathering import make_assemble, make_gather
 from ..step.impacts import make_impacts
 from ..step.kernels import ABSENT, KERNEL, absent, uncollected
-from ..step.loops import make_loops, reach_farther, ties
+from ..step.loops import make_loops, ties
 from ..step.motion_history import is_remembered, remember_led, remember_loop
 from ..step.resetting import forget_joints
 from ..step.scale import (

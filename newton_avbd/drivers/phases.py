@@ -16,13 +16,14 @@ from ..step.breaking import make_break_joints
 from ..step.cables import make_cables, make_join
 from ..step.closures import make_closures
 from ..step.contacts import make_rows, stiffen_rows
+from ..step.distances import reach_farther
 from ..step.ending import make_end, make_remember
 from ..step.energy import make_energy
 from ..step.gathering import make_assemble, make_gather
 from ..step.impacts import leave_impacts, make_impacts
 from ..step.islands import join_islands, keep_momentum, keep_spin
 from ..step.kernels import ABSENT, absent
-from ..step.loops import make_loops, reach_farther, ties
+from ..step.loops import make_loops, ties
 from ..step.motion_history import remember_loop
 from ..step.piles import make_piles
 from ..step.scale import (
