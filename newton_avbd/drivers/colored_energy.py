@@ -17,7 +17,8 @@ import warp as wp
 from ..data import Balance, Solver, Step
 from ..effects import Effects
 from ..step.balance import add_cables, add_momentum, add_tendons, combined, combined_momentum
-from ..step.energy import NEARLY, EnergyFunctions, squared_move
+from ..step.bodies import moved_by
+from ..step.energy import NEARLY, EnergyFunctions
 from ..step.scale import is_unsettled
 from ..step.slowing import drop_tensions
 from .joining import root_of
@@ -96,7 +97,7 @@ def make_colored_energy(
         is_led = bool(False)
         for i in range(s[0].colors.lane_start[lane], s[0].colors.lane_start[lane + 1]):
             body = s[0].worlds.bodies[i]
-            farthest = wp.max(farthest, squared_move(body, s[0].work))
+            farthest = wp.max(farthest, moved_by(body, s[0].work.increment[body], s[0].work))
             if wp.static(effects.kinds.gimbals):
                 if is_body_led(body, s[0]):
                     is_led = True

@@ -12,7 +12,7 @@ from ..algebra.so3 import exp_quat, world_inertia
 from ..blocks.body import target_spin
 from ..data import Balance, BodyWork, Solver, Step
 from .cables import end_segment, first_segment, slot_at
-from .islands import island_of, point_inertia
+from .islands import island_of, point_inertia, rigid_spin
 from .tendons import tendon_work
 
 EXCESS = wp.constant(1.0e-6)
@@ -146,14 +146,6 @@ def combined_momentum(one: Balance, other: Balance) -> Balance:
     out.inertia += other.inertia
     out.start_inertia += other.start_inertia
     return out
-
-
-@wp.func
-def rigid_spin(inertia: wp.mat33, angular: wp.vec3) -> wp.vec3:
-    """Angular velocity of what has this inertia and this angular momentum [rad/s]."""
-    # scaled: the determinant of a small inertia would underflow
-    size = wp.trace(inertia)
-    return wp.inverse(inertia / size) * (angular / size)
 
 
 @wp.func

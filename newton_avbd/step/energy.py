@@ -20,11 +20,12 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..data import Balance, BodyWork, IslandWork, Solver, Step, WorldScale, WorldWork
+from ..data import Balance, IslandWork, Solver, Step, WorldScale, WorldWork
 from ..effects import Effects
 from ..rows.joint import make_joint
 from .anchors import is_linked, parent_slot
 from .balance import add_cables, add_momentum, add_tendons
+from .bodies import moved_by
 from .body_energy import make_add_body
 from .cables import make_join
 from .islands import begin_island, island_of, join_islands
@@ -48,14 +49,6 @@ def keep_start(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solve
         body = s.worlds.bodies[i]
         s.islands.start_q[body] = s.work.pose[body]
         s.islands.start_qd[body] = body_qd[body]
-
-
-@wp.func
-def squared_move(body: int, work: wp.ref[BodyWork]) -> float:
-    """Square of how far a body has gone in the step, a rotation by its radius of gyration [m^2]."""
-    shift = wp.spatial_top(work.increment[body])
-    turn = wp.spatial_bottom(work.increment[body])
-    return wp.length_sq(shift) + wp.dot(turn, work.inertia[body] * turn) * work.inv_mass[body]
 
 
 @dataclass(frozen=True)
@@ -242,7 +235,8 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         end = s.worlds.body_start[world + 1]
         farthest = float(0.0)
         for i in range(first, end):
-            farthest = wp.max(farthest, squared_move(s.worlds.bodies[i], s.work))
+            body = s.worlds.bodies[i]
+            farthest = wp.max(farthest, moved_by(body, s.work.increment[body], s.work))
         if s.worlds.update[world] <= NEARLY * wp.sqrt(farthest):
             if not gains_settled(world, s):
                 return

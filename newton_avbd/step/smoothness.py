@@ -16,11 +16,10 @@ from ..rows import contact as contact_rows
 from ..rows.contact import is_pushing
 from ..rows.joint import BALL, DISTANCE, make_joint
 from .anchors import is_linked
-from .balance import rigid_spin
-from .bodies import body_at
+from .bodies import body_at, moved_by
 from .cables import may_jerk
-from .energy import squared_move
 from .flight import is_flying
+from .islands import rigid_spin
 from .slopes import JUMPED, is_going_on
 from .tendons import meets_range
 
@@ -138,7 +137,7 @@ def is_quiet(
     if may_stand:
         far = wp.length(s.work.com[body])
         stir = STIR * wp.min(far, 1.0) + FAR_STIR * far
-        if squared_move(body, s.work) <= stir * stir:
+        if moved_by(body, s.work.increment[body], s.work) <= stir * stir:
             return True
     fall = QUIET * scale.gravity * scale.h
     change = velocity - s.history.last[body].velocity
