@@ -53,14 +53,9 @@ from .step.links import (
 )
 from .step.observables import export_acceleration, export_contact_force, make_export_parent_force
 from .step.resetting import reset_bodies
-from .step.sleeping import (
-    export_sleeping_force,
-    make_end_islands,
-    make_form_islands,
-    make_watch_bodies,
-    watch_joints,
-    watch_tendons,
-)
+from .step.sleeping import make_end_islands, make_form_islands
+from .step.sleeping_contacts import export_sleeping_force
+from .step.watching import make_watch_bodies, watch_joints, watch_tendons
 
 
 class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Large worlds: the energy of islands that did not settle, summed by many threads.
 
-What one body adds (:mod:`.step.energy`) is found by a thread a body. A *run* is a sequence of
+What one body adds (:mod:`.step.body_energy`) is found by a thread a body. A *run* is a sequence of
 bodies of one lane that belong to one island; a thread a lane sums over its runs, and a thread a
 world over the runs of all lanes, in their order. So sums do not depend on the order of the threads,
 and an island of n bodies, which mostly follow each other, takes about the root of n additions one
@@ -15,16 +15,12 @@ import warp as wp
 
 from ..data import Balance, Solver, Step
 from ..effects import Effects
-from ..step.energy import (
-    NEARLY,
-    EnergyFunctions,
-    add_momentum,
-    combined,
-    combined_momentum,
-    squared_move,
-)
+from ..step.balance import add_cables, add_momentum, add_tendons, combined, combined_momentum
+from ..step.bodies import moved_by
+from ..step.energy import NEARLY, EnergyFunctions
 from ..step.kernels import KernelDecorator
 from ..step.scale import is_unsettled
+from ..step.slowing import drop_tensions
 from .joining import root_of
 
 
@@ -89,10 +85,8 @@ def make_colored_energy(
     begin_balance = energy.begin_balance
     join_joints, join_tendons = energy.join_joints, energy.join_tendons
     join_cluster = energy.join_cluster
-    add_cables, drop_tensions = energy.add_cables, energy.drop_tensions
-    add_body, add_tendons = energy.add_body, energy.add_tendons
-    settle_island, slow_body = energy.settle_island, energy.slow_body
-    slow_rotors = energy.slow_rotors
+    add_body, settle_island = energy.add_body, energy.settle_island
+    slow_body, slow_rotors = energy.slow_body, energy.slow_rotors
 
     @kernel()
     def measure_moves(s: wp.array[Solver]):
@@ -102,7 +96,7 @@ def make_colored_energy(
         is_led = bool(False)
         for i in range(s[0].colors.lane_start[lane], s[0].colors.lane_start[lane + 1]):
             body = s[0].worlds.bodies[i]
-            farthest = wp.max(farthest, squared_move(body, s[0].work))
+            farthest = wp.max(farthest, moved_by(body, s[0].work.increment[body], s[0].work))
             if wp.static(effects.kinds.gimbals):
                 if is_body_led(body, s[0]):
                     is_led = True

@@ -8,8 +8,8 @@ import warp as wp
 
 from ..data import Solver, Step
 from ..effects import Effects
+from ..step.distances import reach_farther
 from ..step.kernels import KernelDecorator
-from ..step.loops import reach_farther
 from .stages import Stages
 
 

@@ -12,7 +12,7 @@ from ..step.anchors import is_linked
 from ..step.bodies import vector_sum
 from ..step.kernels import KernelDecorator
 from ..step.loops import ties
-from ..step.second_order import is_quiet
+from ..step.smoothness import is_quiet
 from .colored_joints import loop_world
 from .coloring import other_end
 from .joining import join_at_once

@@ -9,9 +9,11 @@ import warp as wp
 from ..data import Solver, Step
 from ..effects import Effects
 from ..step.cables import may_jerk
+from ..step.flight import is_flying
 from ..step.kernels import KernelDecorator
-from ..step.second_order import is_flying, is_remembered, last_of, remember_led
+from ..step.motion_history import is_remembered, remember_led, remember_loop
 from ..step.slopes import QUIET_WORLD, is_going_on
+from ..step.smoothness import last_of
 from .colored_joints import loop_world
 from .stages import Stages
 
@@ -41,7 +43,7 @@ def make_colored_second_order(
     begin_order, body_jumps, loop_jumps = orders.begin_body, orders.body_jumps, orders.loop_jumps
     goes_on_smoothly, order_world = orders.goes_on, orders.order_world
     start_body, lead_rows = orders.start_body, orders.lead_rows
-    remember_loop, remember_motion = orders.remember_loop, orders.remember_motion
+    remember_motion = orders.remember_motion
     remember_state, end_tendons = orders.remember_state, stages.closures.end_tendons
 
     @kernel()

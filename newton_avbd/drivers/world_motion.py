@@ -13,6 +13,7 @@ from ..step.bodies import body_at
 from ..step.impacts import leave_impacts
 from ..step.islands import join_islands, keep_momentum
 from ..step.loops import ties
+from ..step.motion_history import remember_loop
 from ..step.scale import last_update, length_of, settled_update
 from ..step.sides import make_written_side
 from .stages import Stages
@@ -30,7 +31,6 @@ class WorldMotion:
 def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
     """Device functions that read forces and velocities off what the sweeps have found."""
     written_side = make_written_side(effects)
-    remember_loop = stages.second_order.remember_loop
     remember_motions = stages.second_order.remember_motions
     spend_impacts = stages.piles.spend_impacts
     remember_rows, has_jerked = stages.remember_rows, stages.cables.has_jerked

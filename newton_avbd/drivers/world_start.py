@@ -11,9 +11,9 @@ from ..effects import Effects
 from ..step.anchors import is_linked
 from ..step.bodies import body_at
 from ..step.contacts import make_rows
+from ..step.distances import reach_farther
 from ..step.islands import join_islands
 from ..step.kernels import absent
-from ..step.loops import reach_farther
 from ..step.scale import LONGER, MUCH_LONGER, make_measure_world, sweeps_at_age
 from ..step.sides import make_written_side
 from ..step.weights import make_weigh

@@ -190,6 +190,12 @@ def tangent_penalty(row: ContactRow, k: float) -> float:
 
 
 @wp.func
+def is_pushing(row: ContactRow) -> bool:
+    """Whether the multiplier of a row pushes."""
+    return wp.dot(row.normal, row.force) > 0.0
+
+
+@wp.func
 def slid(row: ContactRow) -> bool:
     """Whether friction was at its cone at the end of the last step."""
     f_n = wp.dot(row.normal, row.force)

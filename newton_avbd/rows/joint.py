@@ -18,8 +18,9 @@ A ROD leaves all six free and springs them; a DISTANCE joint leaves them free an
 distance of the anchors, or, where that is to be 0, locks what a ball locks. A new type is a line in
 ``KINDS`` and a case in these functions. Three types are told from the others elsewhere, too: where
 coordinates act, since a BALL has none but a turn (``rows.axis``, ``step.coordinates``,
-``step.free_ball``, ``step.loops``) and those of a ROD are springs (``step.axis_forces``,
-``step.loops``), and where loops are held, as a DISTANCE (``step.loops``, ``step.closures``).
+``step.free_ball``, ``step.loop_axes``) and those of a ROD are springs (``step.axis_forces``,
+``step.loop_axes``), and where loops are held, as a DISTANCE (``step.distances``,
+``step.closures``).
 """
 
 import functools

@@ -29,7 +29,7 @@ from ..rows.joint import KINDS
 from ..settings import Settings
 from ..step.block_start import UNKNOWN
 from ..step.fluid import find_boxes
-from ..step.sleeping import AWAKE, STILL
+from ..step.sleepers import AWAKE, STILL
 from . import buffers, inner_steps, views
 from .actuation import Actuation
 from .actuator_force import ActuatorForce

@@ -8,7 +8,7 @@ import warp as wp
 
 from ..algebra.so3 import turned_from
 from ..blocks import tree as algebra
-from ..data import BodyWork, JointModel, Solver, TreeWork
+from ..data import BodyWork, JointModel, LoopWork, Solver, TreeWork
 from .bodies import nonnegative
 
 ROUNDING = wp.constant(5.0e-7)
@@ -139,6 +139,32 @@ def carried_misfit(
         ahead = algebra.carried(arm_p, s.tree.update[parent])
         return wp.spatial_vector(shift, turn) + ahead
     return wp.spatial_vector(shift, turn)
+
+
+@wp.func
+def loop_geometry(i: int, s: wp.ref[Solver]):
+    """Rotations of a joint's anchors after the increments, arms, and child anchor from parent's."""
+    static_slot = s.work.inv_mass.shape[0] - 1
+    joint = s.loops.joints[i]
+    child = s.joints.child[joint]
+    parent = parent_slot(s.joints, joint, static_slot)
+    frame_p = s.joints.parent_frame[joint]
+    frame_c = s.joints.child_frame[joint]
+    arm_p = anchor_arm(parent, frame_p, static_slot, s)
+    arm_c = anchor_arm(child, frame_c, static_slot, s)
+    offset = anchor_offset(s.loops.apart[i], s.work, child, parent, arm_c, arm_p)
+    q_p = anchor_rotation(s.tree, parent, frame_p)
+    q_c = anchor_rotation(s.tree, child, frame_c)
+    return q_p, q_c, arm_p, arm_c, offset
+
+
+@wp.func
+def left_open(i: int, recovery: float, loops: wp.ref[LoopWork]) -> float:
+    """Share of how far a joint was open at the start of the step that a sweep leaves.
+
+    The motion leaves all of it, so that it does not enter the velocity; the recovery takes it out.
+    """
+    return wp.where(recovery > 0.0, 1.0 - loops.recovered[i], 1.0)
 
 
 @functools.cache

@@ -6,7 +6,7 @@ import functools
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat, rotation_between, world_inertia
+from ..algebra.so3 import exp_quat, rotation_between, turned_inertia, world_inertia
 from ..blocks.body import (
     free_turn,
     is_mobile,
@@ -104,6 +104,14 @@ def mean_spin(
     )
     w = target_spin(model.inertia[body], model.inv_inertia[body], momentum, h)
     return wp.quat_rotate(rotation, w), wp.quat_rotate(rotation, momentum)
+
+
+@wp.func
+def spin_momentum(
+    model: wp.ref[BodyModel], body: int, rotation: wp.quat, velocity: wp.spatial_vector
+) -> wp.vec3:
+    """Angular momentum of a body about its COM [N m s], world axes."""
+    return turned_inertia(rotation, model.inertia[body], wp.spatial_bottom(velocity))
 
 
 @wp.func

@@ -14,9 +14,9 @@ from ..effects import Effects
 from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
 from ..rows.joint import is_point, is_string
-from .anchors import ROUNDING, anchor_shift, is_linked, is_put, parent_slot
+from .anchors import ROUNDING, anchor_shift, is_linked, is_put, loop_geometry, parent_slot
+from .distances import bound_of, distance_force, string_direction
 from .kernels import ABSENT
-from .loops import bound_of, distance_force, loop_geometry, string_direction
 from .rotations import relative_turn
 from .tendons import make_tendons
 

@@ -88,11 +88,11 @@ def is_alone(islands: wp.ref[IslandWork], body: int) -> bool:
 
 
 @wp.func
-def rigid_turn(total: IslandSum) -> wp.vec3:
-    """Turn, or angular velocity, that gives an island its missing angular momentum."""
-    # scaled: the determinant of a small island's inertia would underflow
-    size = wp.trace(total.inertia)
-    return wp.inverse(total.inertia / size) * (total.angular / size)
+def rigid_spin(inertia: wp.mat33, angular: wp.vec3) -> wp.vec3:
+    """Angular velocity of what has this inertia and this angular momentum [rad/s]."""
+    # scaled: the determinant of a small inertia would underflow
+    size = wp.trace(inertia)
+    return wp.inverse(inertia / size) * (angular / size)
 
 
 @wp.func
@@ -184,7 +184,7 @@ def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
                 total = s.islands.sum[root]
                 if body == root:
                     total.momentum = total.momentum / total.mass
-                    total.angular = rigid_turn(total)
+                    total.angular = rigid_spin(total.inertia, total.angular)
                     s.islands.sum[root] = total
                 island = root
             shift = total.momentum + wp.cross(total.angular, s.work.com[body] - total.com)
@@ -279,7 +279,7 @@ def keep_spin(world: int, h: float, is_led: bool, step: wp.ref[Step], s: wp.ref[
             if root != island:
                 total = s.islands.sum[root]
                 if body == root:
-                    total.angular = rigid_turn(total)
+                    total.angular = rigid_spin(total.inertia, total.angular)
                     s.islands.sum[root].angular = total.angular
                 island = root
             r = end_arm(body, is_led, total, s.work)

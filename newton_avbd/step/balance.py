@@ -1,0 +1,223 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What an island had, was given and has of energy and momentum in a step, summed over its bodies.
+
+What a body adds is in :mod:`.step.body_energy`, and what its joints add in
+:mod:`.step.joint_energy`. :func:`settle` decides which motion the sums leave an island.
+"""
+
+import warp as wp
+
+from ..algebra.so3 import exp_quat, world_inertia
+from ..blocks.body import target_spin
+from ..data import Balance, BodyWork, Solver, Step
+from .cables import end_segment, first_segment, slot_at
+from .islands import island_of, point_inertia, rigid_spin
+from .tendons import tendon_work
+
+EXCESS = wp.constant(1.0e-6)
+"""Energy beyond what may be, as a share of it, that float32 explains."""
+
+
+@wp.func
+def squared_overlap(gap: float) -> float:
+    """Square of a penetration [m^2], zero where there is none."""
+    depth = wp.min(gap, 0.0)
+    return depth * depth
+
+
+@wp.func
+def place_from(root: int, body: int, work: wp.ref[BodyWork]) -> wp.vec3:
+    """COM of a body after the step, from where that of the root was before it [m]."""
+    return work.com[body] - work.com[root] + wp.spatial_top(work.increment[body])
+
+
+@wp.func
+def touch_fixed(slot: int, is_joint: bool, work: wp.ref[BodyWork], sum: Balance) -> Balance:
+    """Notes a joint or a contact with a body that the solver does not move."""
+    out = sum
+    if work.inv_mass[slot] == 0.0:
+        if is_joint:
+            out.is_anchored = True
+        out.is_touched = True
+        moved = wp.length_sq(work.increment[slot])
+        if work.put.shape[0] > 0:
+            moved += wp.length_sq(work.put[slot])
+        if moved > 0.0:
+            out.is_pushed = True
+    return out
+
+
+@wp.func
+def counts_here(body: int, item: int, joint: int, s: wp.ref[Solver]) -> bool:
+    """Whether a joint outside of trees counts with this body: with its child, if that moves."""
+    is_child = item % 2 == 0
+    return s.joints.enabled[joint] and (is_child or s.work.inv_mass[s.joints.child[joint]] == 0.0)
+
+
+@wp.func
+def add_tendons(first: int, root: int, s: wp.ref[Solver]):
+    """Adds the work of the tendons of the block that starts at a place in visiting order."""
+    closures = s.tree.closures
+    number = closures.block_of[first]
+    if number >= 0:
+        sum = s.islands.balance[root]
+        block = closures.blocks[number]
+        for c in range(block.first, block.end):
+            closure = closures.closures[c]
+            if closure.tendon >= 0 and closure.other < 0:
+                sum.before += tendon_work(closure.tendon, s.tree)
+        s.islands.balance[root] = sum
+
+
+@wp.func
+def add_cables(cluster: int, s: wp.ref[Solver]):
+    """Adds what the cables of a cluster had stored at the start of the step, and to what they
+    tie its island."""
+    cables = s.tree.cables
+    for i in range(cables.cluster_start[cluster], cables.cluster_start[cluster + 1]):
+        cable = cables.cables[i]
+        for seg in range(first_segment(cable, cables), end_segment(cable, cables)):
+            if cables.active[seg] == 1:
+                for side in range(2):
+                    slot = slot_at(seg, side, cables)
+                    other = slot_at(seg, 1 - side, cables)
+                    if s.work.inv_mass[slot] > 0.0:
+                        root = island_of(s.islands, slot)
+                        sum = s.islands.balance[root]
+                        if side == 0 or s.work.inv_mass[other] == 0.0:
+                            pull = cables.before[seg]
+                            sum.before += 0.5 * cables.compliance[seg] * pull * pull
+                        if s.work.inv_mass[other] == 0.0 and cables.tension[seg] > 0.0:
+                            sum = touch_fixed(other, True, s.work, sum)
+                            is_static = other == s.work.inv_mass.shape[0] - 1
+                            if not is_static and not s.tree.is_left[other]:
+                                sum.is_pushed = True  # the user has moved it
+                        s.islands.balance[root] = sum
+
+
+@wp.func
+def combined(one: Balance, other: Balance) -> Balance:
+    """What is summed over the bodies of both."""
+    out = one
+    out.before += other.before
+    out.after += other.after
+    out.start += other.start
+    out.mass += other.mass
+    out.com += other.com
+    out.start_com += other.start_com
+    out.free_momentum += other.free_momentum
+    out.free_angular += other.free_angular
+    out.is_anchored = out.is_anchored or other.is_anchored
+    out.is_touched = out.is_touched or other.is_touched
+    out.is_pushed = out.is_pushed or other.is_pushed
+    out.is_wild = out.is_wild or other.is_wild
+    return out
+
+
+@wp.func
+def add_momentum(
+    body: int, root: int, island: Balance, sum: Balance, step: wp.ref[Step], s: wp.ref[Solver]
+) -> Balance:
+    """Adds a body's momentum and inertia about the COM of its island."""
+    out = sum
+    mass = s.model.mass[body]
+    r = place_from(root, body, s.work) - island.com / island.mass
+    inertia = world_inertia(wp.transform_get_rotation(step.body_q_out[body]), s.model.inertia[body])
+    momentum = mass * wp.spatial_top(step.body_qd_out[body])
+    out.momentum += momentum
+    out.angular += wp.cross(r, momentum)
+    out.angular += inertia * wp.spatial_bottom(step.body_qd_out[body])
+    out.inertia += inertia + point_inertia(mass, r)
+    r = s.work.com[body] - s.work.com[root] - island.start_com / island.mass
+    inertia = world_inertia(
+        wp.transform_get_rotation(s.islands.start_q[body]), s.model.inertia[body]
+    )
+    out.start_inertia += inertia + point_inertia(mass, r)
+    return out
+
+
+@wp.func
+def combined_momentum(one: Balance, other: Balance) -> Balance:
+    """Momenta and inertias of both, which are summed once the COM of the island is known."""
+    out = one
+    out.momentum += other.momentum
+    out.angular += other.angular
+    out.inertia += other.inertia
+    out.start_inertia += other.start_inertia
+    return out
+
+
+@wp.func
+def settle(sum: Balance, h: float) -> Balance:
+    """Decides which motion is left of an island, once all is summed.
+
+    What fixed things do to its momentum is taken from the velocities, unless the step has come to
+    nothing: a body is faster than anything could be, energies are not finite, or the rigid
+    motion alone has too much, because the inertia of where bodies are is not the one that they had.
+    Then the island moves as a rigid body from where it was.
+    """
+    out = sum
+    out.share = 1.0
+    is_finite = wp.isfinite(sum.after) and wp.isfinite(sum.before) and not sum.is_wild
+    most = sum.start
+    if is_finite:
+        most = sum.before
+    if sum.is_pushed or (is_finite and sum.after - most <= EXCESS * sum.after):
+        return out
+    if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most:
+        return out
+    out.is_bounded = True
+    most = wp.max(most, 0.0)
+    rigid = float(0.0)
+    old = float(0.0)
+    if sum.is_anchored:
+        out.momentum = wp.vec3(0.0)
+        out.angular = wp.vec3(0.0)
+    else:
+        out.momentum = sum.momentum / sum.mass
+        out.angular = rigid_spin(sum.inertia, sum.angular)
+        old = 0.5 * wp.dot(sum.momentum, out.momentum) + 0.5 * wp.dot(sum.angular, out.angular)
+        rigid = old
+        momentum = sum.free_momentum
+        if sum.is_touched:
+            out.free_momentum = out.momentum
+            out.free_angular = out.angular
+        else:
+            out.free_momentum = momentum / sum.mass
+            out.free_angular = rigid_spin(
+                sum.inertia, sum.free_angular - wp.cross(sum.start_com / sum.mass, momentum)
+            )
+            rigid = 0.5 * wp.dot(momentum, out.free_momentum)
+            rigid += 0.5 * wp.dot(out.free_angular, sum.inertia * out.free_angular)
+    if not is_finite or (rigid > most and not sum.is_touched):
+        out.is_rigid = True
+        out.share = 0.0
+        momentum = sum.free_momentum
+        angular = sum.free_angular - wp.cross(sum.start_com / sum.mass, momentum)
+        size = wp.trace(sum.start_inertia)
+        out.free_momentum = momentum / sum.mass
+        inverse = wp.inverse(sum.start_inertia / size) / size
+        # the solve for what turns it is cut off, and as a velocity would gain energy by half the
+        # square of its change; the spin that belongs to the momentum after the turn does not
+        out.angular = target_spin(sum.start_inertia, inverse, angular, h)
+        turn = exp_quat(h * out.angular)
+        spin = inverse * wp.quat_rotate_inv(turn, angular)
+        out.free_angular = wp.quat_rotate(turn, spin)
+        rigid = 0.5 * wp.dot(momentum, out.free_momentum)
+        rigid += 0.5 * wp.dot(spin, sum.start_inertia * spin)
+    else:
+        inner = wp.max(sum.after - old, 1.0e-30)
+        out.share = wp.min(wp.sqrt(wp.max(most - rigid, 0.0) / inner), 1.0)
+    if sum.is_anchored:
+        out.free_momentum = wp.vec3(0.0)
+        out.free_angular = wp.vec3(0.0)
+        if out.is_rigid:
+            out.angular = wp.vec3(0.0)
+    elif sum.is_touched and rigid > most:
+        kept = wp.sqrt(most / rigid)
+        out.free_momentum *= kept
+        out.free_angular *= kept
+        if out.is_rigid:
+            out.angular *= kept
+    return out

@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What a body adds to the energy balance of its island, its contacts and joints included."""
+
+import warp as wp
+
+from ..algebra.so3 import world_inertia
+from ..data import Balance, BodyModel, Solver, Step
+from ..effects import Effects
+from ..rows import contact as contact_rows
+from .anchors import is_linked
+from .balance import counts_here, place_from, squared_overlap, touch_fixed
+from .drag import resistance
+from .joint_energy import make_add_joint
+
+
+@wp.func
+def kinetic_energy(
+    body: int, pose: wp.transform, velocity: wp.spatial_vector, model: wp.ref[BodyModel]
+) -> float:
+    """(m v^2 + w I w)/2 of a body [J]."""
+    v = wp.spatial_top(velocity)
+    w = wp.spatial_bottom(velocity)
+    inertia = world_inertia(wp.transform_get_rotation(pose), model.inertia[body])
+    return 0.5 * (model.mass[body] * wp.dot(v, v) + wp.dot(w, inertia * w))
+
+
+def make_add_body(effects: Effects) -> wp.Function:
+    """Device function: adds a body to the balance of its island."""
+    add_joint = make_add_joint(effects)
+
+    @wp.func
+    def add_body(
+        root: int,
+        body: int,
+        h: float,
+        reach: float,
+        static_slot: int,
+        sum: Balance,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> Balance:
+        """Adds a body: its energy, and the work of what acts on it."""
+        out = sum
+        increment = s.work.increment[body]
+        velocity = s.islands.start_qd[body]
+        mass = s.model.mass[body]
+        inertia = world_inertia(
+            wp.transform_get_rotation(s.islands.start_q[body]), s.model.inertia[body]
+        )
+        w = wp.spatial_bottom(velocity)
+        out.before += kinetic_energy(body, s.islands.start_q[body], velocity, s.model)
+        out.after += kinetic_energy(body, step.body_q_out[body], step.body_qd_out[body], s.model)
+        # what acts on the body from outside, by where it would go and how fast it would turn
+        force = wp.vec3(0.0)
+        torque = wp.vec3(0.0)
+        if wp.static(effects.second_order):
+            wrench = s.work.wrench[body]
+            if wp.static(effects.servos):
+                drag = s.work.drag[body]
+                wrench += drag.push - resistance(drag, step.body_qd_out[body])
+            force = wp.spatial_top(wrench) + mass * s.model.gravity[s.model.world[body]]
+            torque = wp.spatial_bottom(wrench)
+        else:
+            free = s.work.target[body] - h * velocity
+            force = (mass / (h * h)) * wp.spatial_top(free)
+            if wp.static(effects.gyroscopic):
+                torque = (s.work.momentum[body] - inertia * w) / h
+            else:
+                torque = inertia * wp.spatial_bottom(free) / (h * h)
+        out.start += kinetic_energy(body, s.islands.start_q[body], velocity, s.model)
+        out.start += h * (wp.dot(force, wp.spatial_top(velocity)) + wp.dot(torque, w))
+        if wp.static(not effects.drives and not effects.pushed_axes):
+            # drives may make a body faster than anything was; without contacts the reach of a world
+            # with weight is not measured
+            if reach > 0.0 and h * wp.length(wp.spatial_top(step.body_qd_out[body])) > reach:
+                out.is_wild = True
+        out.before += wp.dot(force, wp.spatial_top(increment))
+        out.before += wp.dot(torque, wp.spatial_bottom(increment))
+        out.mass += mass
+        place = s.work.com[body] - s.work.com[root]
+        momentum = mass * wp.spatial_top(velocity) + h * force
+        out.start_com += mass * place
+        out.free_momentum += momentum
+        out.free_angular += wp.cross(place, momentum) + inertia * w + h * torque
+        # places count from the root, which keeps their digits
+        out.com += mass * place_from(root, body, s.work)
+        if wp.static(effects.contact):
+            for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+                row = s.rows.rows[i]
+                if wp.length_sq(row.force) > 0.0:
+                    out = touch_fixed(row.b, False, s.work, out)
+                    if wp.static(effects.moving_surfaces):
+                        carried = s.rows.drift[i]
+                        if wp.static(effects.restitution):
+                            if s.rows.impacts[i].total > 0.0:
+                                carried = s.rows.impacts[i].drift
+                        if wp.length_sq(carried) > 0.0:
+                            out.is_pushed = True
+                if wp.static(effects.compliance):
+                    span = s.work.com[body] - s.work.com[row.b]
+                    u = contact_rows.slip(row, increment, s.work.increment[row.b], span)
+                    stiffness = row.k_n / wp.max(1.0 - s.rows.share[i], 1.0e-6)
+                    less = squared_overlap(row.gap)
+                    less -= squared_overlap(row.gap + wp.dot(row.normal, u))
+                    out.before += 0.5 * stiffness * less
+        if wp.static(effects.joints):
+            if is_linked(body, s):
+                out = add_joint(
+                    s.tree.joint[body],
+                    s.tree.axis_start[body],
+                    s.tree.coordinate,
+                    s.tree.start_coordinate,
+                    h,
+                    static_slot,
+                    out,
+                    step,
+                    s,
+                )
+        if wp.static(effects.loops):
+            for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+                joint = s.loops.joints[s.loops.items[k] / 2]
+                if counts_here(body, s.loops.items[k], joint, s):
+                    out = add_joint(
+                        joint,
+                        s.joints.dof_start[joint],
+                        s.loops.coordinate,
+                        s.loops.start_coordinate,
+                        h,
+                        static_slot,
+                        out,
+                        step,
+                        s,
+                    )
+        return out
+
+    return add_body

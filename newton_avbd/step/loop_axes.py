@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Free axes of a joint outside of trees: their coordinates, and what acts along them."""
+
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..data import Solver, Step
+from ..effects import Effects
+from ..rows import axis as axis_rows
+from ..rows.contact import PENALTY
+from ..rows.dahl import dahl_response, keep_dahl
+from ..rows.joint import BALL, ROD, make_joint
+from .anchors import parent_slot
+from .axes import make_axis
+from .rotations import ball_turn, full_turns
+from .slopes import make_inputs
+
+
+@wp.func
+def turn_of(i: int, s: wp.ref[Solver]) -> wp.vec3:
+    """As :func:`.rotations.full_turns` [rad]."""
+    joint = s.loops.joints[i]
+    parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
+    return full_turns(s.joints.child[joint], parent, s.work)
+
+
+@dataclass(frozen=True)
+class LoopAxisFunctions:
+    """Device functions of free axes, compiled for the joints of a scene."""
+
+    coordinate_of: wp.Function
+    axis_force: wp.Function
+    count_turns: wp.Function
+
+
+def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
+    """Generates the functions for a scene's effects."""
+    ahead_along, keep_input = make_inputs(effects)[2:]
+    joint_functions = make_joint(effects.kinds)
+    linear_count = joint_functions.linear_count
+    advance, angles = joint_functions.advance, joint_functions.angles
+    coordinate, known_angles = joint_functions.coordinate, joint_functions.known_angles
+    axes = make_axis(effects)
+    linear_force, limited_drive, stops = axes.linear_force, axes.limited_drive, axes.stops
+
+    @wp.func(inline=effects.inline)
+    def coordinate_of(
+        i: int,
+        dof: int,
+        q_p: wp.quat,
+        q_c: wp.quat,
+        offset: wp.vec3,
+        known: wp.float64,
+        s: wp.ref[Solver],
+    ) -> wp.float64:
+        """Coordinate of a degree of freedom after the increments; a ball's turn in the step."""
+        joint = s.loops.joints[i]
+        if wp.static(effects.kinds.balls and effects.coordinates):
+            if s.joints.type[joint] == BALL:
+                parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
+                turn = ball_turn(s.joints.child[joint], parent, q_p, s)
+                return wp.float64(turn[dof])
+        about = wp.float64(known)
+        started = known_angles(s.joints, joint, s.loops.start_coordinate, s.joints.dof_start[joint])
+        if dof >= linear_count(s.joints, joint):
+            turn = turn_of(i, s)
+            if wp.length_sq(turn) > 0.0:
+                about += advance(s.joints, joint, dof, q_p, q_c, started, turn)
+        turns = angles(s.joints, joint, q_p, q_c, started, False)
+        return coordinate(s.joints, joint, dof, q_p, turns, offset, about)
+
+    @wp.func
+    def axis_force(
+        i: int,
+        dof: int,
+        q: wp.float64,
+        turn_away: wp.vec3,
+        rest_away: wp.vec3,
+        h: float,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ):
+        """Generalized force along a free axis, its curvature, and what friction and stops have in
+        it, which are held by multipliers."""
+        joint = s.loops.joints[i]
+        index = s.joints.dof_start[joint] + dof
+        moved = wp.float32(q - s.loops.start_coordinate[index])
+        force = float(step.control.joint_f[index])
+        stiffness = float(0.0)
+        friction = float(0.0)
+        stop = float(0.0)
+        if wp.static(effects.rods):
+            if s.joints.type[joint] == ROD:
+                pull, k_rod = axis_rows.rod_response(s.joints, index, wp.float32(q), moved, h)
+                if wp.static(effects.dahl):
+                    if dof > 2:
+                        # its block stays the same all step long: the steepest slope
+                        held, _slope, steepest = dahl_response(
+                            joint, dof - 3, wp.float32(q), moved, s.joints, s.history
+                        )
+                        pull += held
+                        k_rod += steepest
+                return pull, k_rod, friction, stop
+        if wp.static(effects.coordinates):
+            start_velocity = float(0.0)
+            if wp.static(effects.axis_rates):
+                start_velocity = s.tree.start_velocity[index]
+            pull, k = linear_force(
+                s.joints,
+                step.control,
+                joint,
+                dof,
+                q,
+                moved,
+                start_velocity,
+                turn_away,
+                rest_away,
+                h,
+            )
+            force += pull
+            stiffness += k
+        force += ahead_along(index, s.history)
+        inertia = wp.where(dof < linear_count(s.joints, joint), s.loops.k_l[i], s.loops.k_a[i])
+        inertia /= wp.static(PENALTY)
+        bound_force = float(0.0)
+        if wp.static(effects.effort_limits):
+            pull, k, least, most = limited_drive(
+                s.joints, step.control, joint, dof, q, moved, turn_away, h
+            )
+            bound_force = pull
+            force += wp.clamp(pull, least, most)
+            if pull > least and pull < most:
+                stiffness += k
+        share = inertia / (inertia + stiffness)
+        keep_input(index, inertia, share, bound_force, 1.0 / (h * h), s.history)
+        if wp.static(effects.joint_friction or effects.stops):
+            is_linear = dof < linear_count(s.joints, joint)
+            penalty = wp.where(is_linear, s.loops.k_l[i], s.loops.k_a[i])
+            if wp.static(effects.joint_friction):
+                most = axis_rows.most_friction(s.joints, joint, index)
+                held = s.history.friction_force[index]
+                friction = wp.clamp(held - penalty * moved, -most, most)
+                force += friction
+                # what slides faster than friction stops in a step is not held back
+                if wp.abs(held) < most or penalty * wp.abs(moved) < wp.static(2.0 * PENALTY) * most:
+                    stiffness += penalty
+            if wp.static(effects.stops):
+                lower, upper = stops(s.joints, index, q, moved, 0.0, h)
+                held = s.history.limit_force[index]
+                stop = wp.max(held + penalty * lower, 0.0)
+                if stop == 0.0:
+                    stop = wp.min(held + penalty * upper, 0.0)
+                force += stop
+                reach = wp.where(is_linear, s.loops.reach[i], s.loops.turn_reach[i])
+                if held != 0.0 or -reach < lower or reach > upper:
+                    stiffness += penalty
+        return force, stiffness, friction, stop
+
+    @wp.func
+    def count_turns(i: int, s: wp.ref[Solver]):
+        """Remembers turns of a joint in the step that orientations do not tell, and hysteresis."""
+        if wp.static(effects.dahl):
+            joint = s.loops.joints[i]
+            if s.joints.type[joint] == ROD:
+                first = s.joints.dof_start[joint] + 3
+                keep_dahl(
+                    joint, first, s.loops.coordinate, s.loops.start_coordinate, s.joints, s.history
+                )
+        if wp.length_sq(turn_of(i, s)) > 0.0:
+            for dof in range(
+                s.joints.dof_start[s.loops.joints[i]], s.joints.dof_start[s.loops.joints[i] + 1]
+            ):
+                s.history.joint_angle[dof] = s.loops.coordinate[dof]
+
+    return LoopAxisFunctions(coordinate_of, axis_force, count_turns)
