@@ -27,8 +27,8 @@ from ..blocks.tree import carried, geometric_stiffness, handed_down
 from ..data import BodyWork, CableGuide, CableWork, Solver, WorldScale
 from ..effects import Effects
 from ..rows import cable as law
-from ..rows import joint as joint_rows
 from ..rows.cable import ANCHOR, FREELY, NO_RATIO, ROLLER, STICKS, TO_LEFT, TO_RIGHT, GuidePose
+from ..rows.joint import make_counts
 from .anchors import is_linked
 
 LEAST_LENGTH = wp.constant(1.0e-6)
@@ -284,9 +284,8 @@ def may_jerk(cluster: int, s: wp.ref[Solver]) -> bool:
 
 def make_cables(effects: Effects) -> CableFunctions:
     """Device functions: cables at the start of the sweeps, and their tensions after each."""
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    angular_count = joint_functions.angular_count
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
 
     @wp.func
     def begin_cluster(cluster: int, s: wp.ref[Solver]) -> bool:

@@ -11,9 +11,9 @@ import warp as wp
 
 from ..data import BodyWork, Closure, JointModel, Solver, TreeWork, WorldScale
 from ..effects import Effects
-from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
-from ..rows.joint import is_point, is_string
+from ..rows.joint import is_point, is_string, make_counts
+from ..rows.lock import make_locks
 from .anchors import ROUNDING, anchor_shift, is_linked, is_put, parent_slot
 from .kernels import ABSENT
 from .loops import bound_of, distance_force, loop_geometry, string_direction
@@ -156,14 +156,12 @@ class ClosureFunctions:
 
 def make_closures(effects: Effects) -> ClosureFunctions:
     """Device functions: how mimics stand at the start of the step, and the solve of all rows."""
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    linear_misfit = joint_functions.linear_misfit
-    linear_lock = joint_functions.linear_lock
-    angular_misfit = joint_functions.angular_misfit
-    locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
-    angular_lock = joint_functions.angular_lock
-    angular_count = joint_functions.angular_count
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    locks = make_locks(effects.kinds)
+    linear_misfit, linear_lock = locks.linear_misfit, locks.linear_lock
+    angular_misfit, locked_shift = locks.angular_misfit, locks.locked_shift
+    locked_turn, angular_lock = locks.locked_turn, locks.angular_lock
     tendons = make_tendons(effects) if effects.tendons else ABSENT
     begin_tendon, tendon_row = tendons.begin_tendon, tendons.tendon_row
     settle_tendon, tendon_wrench = tendons.settle_tendon, tendons.tendon_wrench

@@ -23,8 +23,10 @@ from ..data import Balance, BodyModel, BodyWork, IslandWork, Solver, Step, World
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows import contact as contact_rows
-from ..rows import joint as joint_rows
-from ..rows.joint import BALL, ROD, make_joint
+from ..rows.coordinate import make_joint_coordinates
+from ..rows.euler import make_euler
+from ..rows.free_axes import make_free_axes
+from ..rows.joint import BALL, ROD, ball_away, linear_axis, make_counts
 from .anchors import anchor_arm, anchor_rotation, is_linked, parent_slot
 from .cables import end_segment, first_segment, make_join, slot_at
 from .drag import resistance
@@ -281,12 +283,13 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         effects: Effects of the scene.
         join: Makes one island of two bodies.
     """
-    joint_functions = make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    angular_count = joint_functions.angular_count
-    linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
-    is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
-    known_angles, angles = joint_functions.known_angles, joint_functions.angles
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    is_gimbal = counts.is_gimbal
+    euler = make_euler(effects.kinds)
+    is_led, known_angles = euler.is_led, euler.known_angles
+    angular_axis = make_free_axes(effects.kinds).angular_axis
+    angles = make_joint_coordinates(effects.kinds).angles
     join_cluster = make_join(join)
     join_tendons = make_join_tendons(join) if effects.tendons else absent
 
@@ -409,10 +412,10 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         rest_away = wp.vec3(0.0)
         if wp.static(effects.kinds.balls and effects.drives):
             if s.joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
+                turn_away = ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
         if wp.static(effects.kinds.balls and effects.springs):
             if s.joints.type[joint] == BALL:
-                rest_away = joint_rows.ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
+                rest_away = ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
         linear = linear_count(s.joints, joint)
         bent = wp.vec3(0.0)
         if wp.static(effects.rods):

@@ -9,7 +9,9 @@ import warp as wp
 from ..blocks.tree import handed_down
 from ..data import BodyWork, History, JointModel, RowWork, Solver, Step
 from ..effects import Effects
-from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
+from ..rows.angle import counted, reduced
+from ..rows.euler import nearest_angles
+from ..rows.joint import has_axes, is_skew
 from .anchors import is_linked
 from .closures import make_closures
 from .drag import resistance

@@ -31,7 +31,8 @@ from ..blocks.body import target_translation
 from ..data import BodyModel, BodyWork, ContactRow, History, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
-from ..rows.joint import BALL, DISTANCE, make_joint
+from ..rows.euler import make_euler
+from ..rows.joint import BALL, DISTANCE, make_counts
 from .anchors import is_linked
 from .beginning import is_in_tree
 from .bodies import body_at, mean_spin, takes_midpoint, target_turn
@@ -398,10 +399,10 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
     a, b = constants(0.0 if effects.cables else RHO)
     a_0, b_0 = constants(0.0)
     may_be_taut = effects.loops or effects.closures or effects.cables or effects.tendons
-    joint_functions = make_joint(effects.kinds)
-    is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
-    linear_count = joint_functions.linear_count
-    known_angles = joint_functions.known_angles
+    counts = make_counts(effects.kinds)
+    is_gimbal, linear_count = counts.is_gimbal, counts.linear_count
+    euler = make_euler(effects.kinds)
+    is_led, known_angles = euler.is_led, euler.known_angles
     feel_drag = make_feel_drag(effects)
     written_side = make_written_side(effects)
     point_moves = make_point_moves(effects)

@@ -23,7 +23,9 @@ from ..algebra.so3 import turned_from
 from ..data import BodyModel, BodyWork, Closure, Solver, TendonSpan, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import axis as axis_rows
-from ..rows import joint as joint_rows
+from ..rows.euler import make_euler
+from ..rows.free_axes import make_free_axes
+from ..rows.joint import linear_axis, make_counts
 from ..rows.path import CYLINDER, JOINT, PULLEY, SPHERE, double, find_path
 from ..rows.tendon import linear_pull, range_of, tendon_law
 from .anchors import (
@@ -132,10 +134,10 @@ def meets_range(first: int, h: float, tree: wp.ref[TreeWork]) -> bool:
 
 def make_tendons(effects: Effects) -> TendonFunctions:
     """Device functions: how a tendon stands, its row, and what the row has found."""
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
-    linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
-    known_angles = joint_functions.known_angles
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    known_angles = make_euler(effects.kinds).known_angles
+    angular_axis = make_free_axes(effects.kinds).angular_axis
     next_piece = axis_rows.make_next_piece(friction=True, stops=True, limits=True)
     compliance = effects.compliance
 
