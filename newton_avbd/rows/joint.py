@@ -21,7 +21,7 @@ in :mod:`.rows.lock`, where its axes point in :mod:`.rows.free_axes` and what it
 :mod:`.rows.coordinate`. Three types are told from the others elsewhere, too: where coordinates act,
 since a BALL has none but a turn (``rows.axis``, ``step.coordinates``, ``step.free_ball``,
 ``step.loops``) and those of a ROD are springs (``rows.rod``, ``step.axis_forces``, ``step.loops``),
-and where loops are held, as a DISTANCE (``step.loops``, ``step.closures``).
+and where loops are held, as a DISTANCE (``step.loops``, ``step.strings``).
 """
 
 import functools
