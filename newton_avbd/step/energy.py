@@ -28,7 +28,8 @@ from ..rows.euler import make_euler
 from ..rows.free_axes import make_free_axes
 from ..rows.joint import BALL, ROD, ball_away, linear_axis, make_counts
 from .anchors import anchor_arm, anchor_rotation, is_linked, parent_slot
-from .cables import end_segment, first_segment, make_join, slot_at
+from .cable_segments import end_segment, first_segment, slot_at
+from .cables import make_join
 from .drag import resistance
 from .islands import begin_island, island_of, join_islands, point_inertia
 from .kernels import absent
