@@ -140,13 +140,13 @@ CAUSES: dict[str, Cause] = {
     "mimics": Cause(
         "joint",
         "with another one to mimic",
-        "step/closures.py",
+        "step/mimics.py",
         "Set joint_mimic_joint to -1 before the solver is made.",
     ),
     "equalities": Cause(
         "joint",
         "that an equality constraint of MuJoCo's ties beyond a mimic (equality_constraint_*)",
-        "step/closures.py",
+        "step/mimics.py",
         "Set mujoco:equality_constraint_enabled to False before the solver is made.",
     ),
     "drives": Cause("joint", "with a drive that has a gain (target_ke, target_kd)", "rows/axis.py"),

@@ -13,7 +13,7 @@ import warp as wp
 from ..data import Solver
 from ..effects import Effects
 from ..rows import axis as axis_rows
-from ..rows.joint import make_joint
+from ..rows.joint import make_counts
 from .anchors import is_linked
 from .bodies import body_at, nonnegative
 
@@ -34,8 +34,8 @@ class ActiveSetFunctions:
 
 def make_active_set(effects: Effects) -> ActiveSetFunctions:
     """Device functions: a search along an update, and the next pieces after it."""
-    joint_functions = make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
 
     @wp.func
     def least_energy(

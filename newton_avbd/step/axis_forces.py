@@ -10,9 +10,9 @@ import warp as wp
 from ..data import Solver, Step, TreeAxis
 from ..effects import Effects
 from ..rows import axis as axis_rows
-from ..rows import joint as joint_rows
 from ..rows.dahl import dahl_response
-from ..rows.joint import BALL, ROD
+from ..rows.joint import BALL, ROD, ball_away
+from ..rows.rod import rod_stiffness, rod_torque
 from .axes import make_axis
 from .joint_frame import JointFrame
 
@@ -177,20 +177,18 @@ def make_ball_and_rod(effects: Effects) -> wp.Function:
         joint = frame.joint
         if wp.static(effects.kinds.balls and effects.drives):
             if s.joints.type[joint] == BALL:
-                frame.drive_away = joint_rows.ball_away(
+                frame.drive_away = ball_away(
                     step.control.target_q, s.joints, joint, frame.q_p, frame.q_c
                 )
         if wp.static(effects.kinds.balls and effects.springs):
             if s.joints.type[joint] == BALL:
-                frame.spring_away = joint_rows.ball_away(
+                frame.spring_away = ball_away(
                     s.joints.rest_q, s.joints, joint, frame.q_p, frame.q_c
                 )
         if wp.static(effects.rods):
             if s.joints.type[joint] == ROD:
                 response, stiff = rod_responses(body, joint, h, s)
-                frame.rod_torque = frame.sign * joint_rows.rod_torque(
-                    frame.q_p, frame.q_c, response
-                )
-                frame.rod_stiffness = joint_rows.rod_stiffness(frame.q_p, frame.q_c, stiff)
+                frame.rod_torque = frame.sign * rod_torque(frame.q_p, frame.q_c, response)
+                frame.rod_stiffness = rod_stiffness(frame.q_p, frame.q_c, stiff)
 
     return measure_ball_and_rod

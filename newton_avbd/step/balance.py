@@ -11,7 +11,7 @@ import warp as wp
 from ..algebra.so3 import exp_quat, world_inertia
 from ..blocks.body import target_spin
 from ..data import Balance, BodyWork, Solver, Step
-from .cables import end_segment, first_segment, slot_at
+from .cable_segments import end_segment, first_segment, slot_at
 from .islands import island_of, point_inertia, rigid_spin
 from .tendons import tendon_work
 

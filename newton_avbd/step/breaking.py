@@ -9,7 +9,7 @@ import warp as wp
 from ..blocks.tree import handed_down
 from ..data import Solver, Step
 from ..effects import Effects
-from ..rows import joint as joint_rows
+from ..rows.lock import make_locks
 from .anchors import anchor_arm, anchor_rotation, is_linked
 from .eliminate import held_by_loops
 from .kernels import KERNEL
@@ -55,9 +55,8 @@ def make_break_joints(
         gather: Device function that sums what pulls a body beside its joints and tendons.
         load_tendons: Device function that adds what tendons pull bodies with to their loads.
     """
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_misfit = joint_functions.linear_misfit
-    angular_lock = joint_functions.angular_lock
+    locks = make_locks(effects.kinds)
+    linear_misfit, angular_lock = locks.linear_misfit, locks.angular_lock
 
     @wp.func
     def carried_load(body: int, load: wp.spatial_vector, static_slot: int, s: wp.ref[Solver]):

@@ -9,7 +9,10 @@ import warp as wp
 
 from ..data import Solver
 from ..effects import Effects
-from ..rows.joint import BALL, counted, make_joint
+from ..rows.angle import counted
+from ..rows.coordinate import make_joint_coordinates
+from ..rows.euler import make_euler
+from ..rows.joint import BALL, linear_axis, make_counts
 from .anchors import Anchors, anchor_arm, anchor_offset, is_put, make_anchors_of
 from .bodies import nonnegative
 from .rotations import ball_turn, full_turns, relative_turn
@@ -33,11 +36,13 @@ class CoordinateFunctions:
 @functools.cache
 def make_coordinates(effects: Effects) -> CoordinateFunctions:
     """Device functions that measure the coordinates of joints."""
-    joint_functions = make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
-    linear_axis, advance = joint_functions.linear_axis, joint_functions.advance
-    angles, known_angles = joint_functions.angles, joint_functions.known_angles
-    is_gimbal, gimbal_tilt = joint_functions.is_gimbal, joint_functions.gimbal_tilt
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    is_gimbal = counts.is_gimbal
+    euler = make_euler(effects.kinds)
+    known_angles, gimbal_tilt = euler.known_angles, euler.gimbal_tilt
+    joint_coordinates = make_joint_coordinates(effects.kinds)
+    advance, angles = joint_coordinates.advance, joint_coordinates.angles
     anchors_of = make_anchors_of(effects.flipped)
 
     @wp.func

@@ -9,7 +9,9 @@ from ..blocks.closure import meet_axes
 from ..blocks.tree import Block
 from ..data import Solver, Step, TreeAxis
 from ..effects import Effects
-from ..rows.joint import BALL, NEAR_POLE, ROD, make_joint
+from ..rows.euler import NEAR_POLE
+from ..rows.free_axes import make_free_axes
+from ..rows.joint import BALL, ROD, linear_axis
 from .axis_forces import FreeAxis, make_add_forces, make_ball_and_rod
 from .bodies import nonnegative
 from .free_ball import free_ball
@@ -25,8 +27,7 @@ body's own. It only brakes, as if they were always at rest at the start of a ste
 def make_measure_axis(effects: Effects) -> wp.Function:
     """Device function: an axis of a joint in the block of its child."""
     ahead_along = make_inputs(effects)[2]
-    joint_functions = make_joint(effects.kinds)
-    linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
+    angular_axis = make_free_axes(effects.kinds).angular_axis
 
     @wp.func
     def axis_in_block(

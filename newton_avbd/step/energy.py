@@ -22,7 +22,8 @@ import warp as wp
 
 from ..data import Balance, IslandWork, Solver, Step, WorldScale, WorldWork
 from ..effects import Effects
-from ..rows.joint import make_joint
+from ..rows.euler import make_euler
+from ..rows.joint import make_counts
 from .anchors import is_linked, parent_slot
 from .balance import add_cables, add_momentum, add_tendons
 from .bodies import moved_by
@@ -62,9 +63,9 @@ class GainFunctions:
 
 def make_gains(effects: Effects) -> GainFunctions:
     """Generates the functions for a scene's effects."""
-    joint_functions = make_joint(effects.kinds)
-    is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
-    known_angles = joint_functions.known_angles
+    is_gimbal = make_counts(effects.kinds).is_gimbal
+    euler = make_euler(effects.kinds)
+    is_led, known_angles = euler.is_led, euler.known_angles
 
     @wp.func
     def is_body_led(body: int, s: wp.ref[Solver]) -> bool:

@@ -10,7 +10,10 @@ from ..algebra.so3 import exp_quat, rotation_vector
 from ..data import Solver
 from ..effects import Effects
 from ..rows import axis as axis_rows
-from ..rows import joint as joint_rows
+from ..rows.euler import make_euler
+from ..rows.free_axes import make_free_axes
+from ..rows.joint import has_axes, linear_axis, make_counts
+from ..rows.lock import make_locks
 from .anchors import anchor_arm, anchor_offset, is_linked, joint_shift, make_anchors_of
 from .bodies import body_at, nonnegative
 from .coordinates import make_coordinates
@@ -26,11 +29,12 @@ class ForwardFunctions:
 
 def make_forward_kinematics(effects: Effects) -> ForwardFunctions:
     """Device functions that close joints, and have their limits hold."""
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
-    linear_misfit, angular_misfit = joint_functions.linear_misfit, joint_functions.angular_misfit
-    linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
-    known_angles = joint_functions.known_angles
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    known_angles = make_euler(effects.kinds).known_angles
+    locks = make_locks(effects.kinds)
+    linear_misfit, angular_misfit = locks.linear_misfit, locks.angular_misfit
+    angular_axis = make_free_axes(effects.kinds).angular_axis
     anchors_of = make_anchors_of(effects.flipped)
     measure_coordinates = make_coordinates(effects).measure_coordinates
 
@@ -72,7 +76,7 @@ def make_forward_kinematics(effects: Effects) -> ForwardFunctions:
             known = known_angles(s.joints, joint, s.tree.coordinate, s.tree.axis_start[body])
             linear = linear_count(s.joints, joint)
             dofs = linear + angular_count(s.joints, joint)
-            if not joint_rows.has_axes(s.joints, joint):
+            if not has_axes(s.joints, joint):
                 dofs = 0
             for dof in range(dofs):
                 k = nonnegative(s.tree.axis_start[body] + dof)

@@ -7,8 +7,9 @@ import warp as wp
 from ..data import Balance, Solver, Step
 from ..effects import Effects
 from ..rows import axis as axis_rows
-from ..rows import joint as joint_rows
-from ..rows.joint import BALL, ROD, make_joint
+from ..rows.coordinate import make_joint_coordinates
+from ..rows.free_axes import make_free_axes
+from ..rows.joint import BALL, ROD, ball_away, linear_axis, make_counts
 from .anchors import anchor_arm, anchor_rotation, parent_slot
 from .balance import squared_overlap, touch_fixed
 
@@ -87,11 +88,11 @@ def make_axis_work(effects: Effects) -> wp.Function:
 
 def make_add_joint(effects: Effects) -> wp.Function:
     """Device function: adds a joint to the balance of its island."""
-    joint_functions = make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    angular_count = joint_functions.angular_count
-    linear_axis, angular_axis = joint_functions.linear_axis, joint_functions.angular_axis
-    is_gimbal, angles = joint_functions.is_gimbal, joint_functions.angles
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    is_gimbal = counts.is_gimbal
+    angular_axis = make_free_axes(effects.kinds).angular_axis
+    angles = make_joint_coordinates(effects.kinds).angles
     axis_work = make_axis_work(effects)
 
     @wp.func
@@ -126,10 +127,10 @@ def make_add_joint(effects: Effects) -> wp.Function:
         rest_away = wp.vec3(0.0)
         if wp.static(effects.kinds.balls and effects.drives):
             if s.joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
+                turn_away = ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
         if wp.static(effects.kinds.balls and effects.springs):
             if s.joints.type[joint] == BALL:
-                rest_away = joint_rows.ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
+                rest_away = ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
         linear = linear_count(s.joints, joint)
         bent = wp.vec3(0.0)
         if wp.static(effects.rods):

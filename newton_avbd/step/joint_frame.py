@@ -8,7 +8,9 @@ import warp as wp
 
 from ..data import Solver
 from ..effects import Effects
-from ..rows.joint import make_joint
+from ..rows.euler import make_euler
+from ..rows.joint import make_counts
+from ..rows.lock import make_locks
 from .anchors import (
     anchor_arm,
     anchor_offset,
@@ -81,12 +83,15 @@ class JointFrame:
 @functools.cache
 def make_joint_frame(effects: Effects) -> wp.Function:
     """Device function: the joint of a body as it stands in an iteration."""
-    joint_functions = make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
-    linear_misfit, angular_misfit = joint_functions.linear_misfit, joint_functions.angular_misfit
-    locked_shift, locked_turn = joint_functions.locked_shift, joint_functions.locked_turn
-    is_gimbal, gimbal_tilt = joint_functions.is_gimbal, joint_functions.gimbal_tilt
-    is_led, known_angles = joint_functions.is_led, joint_functions.known_angles
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    is_gimbal = counts.is_gimbal
+    euler = make_euler(effects.kinds)
+    gimbal_tilt, is_led = euler.gimbal_tilt, euler.is_led
+    known_angles = euler.known_angles
+    locks = make_locks(effects.kinds)
+    linear_misfit, angular_misfit = locks.linear_misfit, locks.angular_misfit
+    locked_shift, locked_turn = locks.locked_shift, locks.locked_turn
     anchors_of = make_anchors_of(effects.flipped)
 
     @wp.func

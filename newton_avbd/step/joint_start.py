@@ -9,8 +9,10 @@ import warp as wp
 from ..blocks import tree as algebra
 from ..data import Solver, WorldScale
 from ..effects import Effects
-from ..rows import joint as joint_rows
-from ..rows.joint import BALL
+from ..rows.coordinate import make_joint_coordinates
+from ..rows.euler import beyond_limits, make_euler, other_solution
+from ..rows.joint import BALL, is_skew, make_counts
+from ..rows.lock import make_locks
 from .anchors import (
     ROUNDING,
     Anchors,
@@ -36,11 +38,14 @@ class JointStartFunctions:
 
 def make_joint_start(effects: Effects) -> JointStartFunctions:
     """Device functions that measure joints at the start of a step."""
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
-    linear_misfit, angular_misfit = joint_functions.linear_misfit, joint_functions.angular_misfit
-    angular_lock, is_gimbal = joint_functions.angular_lock, joint_functions.is_gimbal
-    known_angles, velocity = joint_functions.known_angles, joint_functions.velocity
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    is_gimbal = counts.is_gimbal
+    known_angles = make_euler(effects.kinds).known_angles
+    locks = make_locks(effects.kinds)
+    linear_misfit, angular_misfit = locks.linear_misfit, locks.angular_misfit
+    angular_lock = locks.angular_lock
+    velocity = make_joint_coordinates(effects.kinds).velocity
     anchors_of = make_anchors_of(effects.flipped)
     coordinates = make_coordinates(effects)
     read_coordinates, tilt_beyond = coordinates.read_coordinates, coordinates.tilt_beyond
@@ -79,14 +84,14 @@ def make_joint_start(effects: Effects) -> JointStartFunctions:
         """Of the two solutions for the angles of a gimbal whose pose was written since the last
         step, takes the one within the limits; they stand from ``first`` on."""
         if wp.static(effects.kinds.skew):
-            if joint_rows.is_skew(s.joints, first):
+            if is_skew(s.joints, first):
                 return
         angles = wp.vec3()
         for i in range(3):
             angles[i] = wp.float32(s.history.joint_angle[first + i])
-        other = joint_rows.other_solution(angles)
-        least = joint_rows.beyond_limits(s.joints, first, other)
-        if least < joint_rows.beyond_limits(s.joints, first, angles):
+        other = other_solution(angles)
+        least = beyond_limits(s.joints, first, other)
+        if least < beyond_limits(s.joints, first, angles):
             for i in range(3):
                 s.history.joint_angle[first + i] = wp.float64(other[i])
 

@@ -6,7 +6,8 @@ import newton
 import warp as wp
 
 from ..data import History, JointModel
-from ..rows.joint import has_axes, turn_about
+from ..rows.angle import turn_about
+from ..rows.joint import has_axes
 from .actuation import base_rotation
 from .kernels import KERNEL
 from .resetting import is_selected

@@ -10,8 +10,10 @@ from ..data import Solver, Step
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows.contact import PENALTY
+from ..rows.coordinate import make_joint_coordinates
 from ..rows.dahl import dahl_response, keep_dahl
-from ..rows.joint import BALL, ROD, make_joint
+from ..rows.euler import make_euler
+from ..rows.joint import BALL, ROD, make_counts
 from .anchors import parent_slot
 from .axes import make_axis
 from .rotations import ball_turn, full_turns
@@ -38,10 +40,11 @@ class LoopAxisFunctions:
 def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
     """Generates the functions for a scene's effects."""
     ahead_along, keep_input = make_inputs(effects)[2:]
-    joint_functions = make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    advance, angles = joint_functions.advance, joint_functions.angles
-    coordinate, known_angles = joint_functions.coordinate, joint_functions.known_angles
+    linear_count = make_counts(effects.kinds).linear_count
+    known_angles = make_euler(effects.kinds).known_angles
+    coordinates = make_joint_coordinates(effects.kinds)
+    advance, angles = coordinates.advance, coordinates.angles
+    coordinate = coordinates.coordinate
     axes = make_axis(effects)
     linear_force, limited_drive, stops = axes.linear_force, axes.limited_drive, axes.stops
 

@@ -7,7 +7,10 @@ import warp as wp
 from ..data import Solver, WorldScale
 from ..effects import Effects
 from ..rows.contact import PENALTY
-from ..rows.joint import BALL, DISTANCE, make_joint
+from ..rows.coordinate import make_joint_coordinates
+from ..rows.euler import make_euler
+from ..rows.joint import BALL, DISTANCE, make_counts
+from ..rows.lock import make_locks
 from .anchors import ROUNDING, carried_misfit, loop_geometry, parent_slot, start_span
 from .distances import beyond_bounds
 from .slopes import begin_axis
@@ -64,14 +67,14 @@ def share_recovered(
 
 def make_begin_loop(effects: Effects) -> wp.Function:
     """Device function: measures a joint, and chooses its penalties for the step."""
-    joint_functions = make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    angular_count = joint_functions.angular_count
-    angles, coordinate = joint_functions.angles, joint_functions.coordinate
-    known_angles = joint_functions.known_angles
-    linear_misfit = joint_functions.linear_misfit
-    angular_misfit = joint_functions.angular_misfit
-    angular_lock = joint_functions.angular_lock
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    known_angles = make_euler(effects.kinds).known_angles
+    locks = make_locks(effects.kinds)
+    linear_misfit, angular_misfit = locks.linear_misfit, locks.angular_misfit
+    angular_lock = locks.angular_lock
+    coordinates = make_joint_coordinates(effects.kinds)
+    angles, coordinate = coordinates.angles, coordinates.coordinate
 
     @wp.func(inline=effects.inline)
     def begin_loop(i: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:

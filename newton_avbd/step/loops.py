@@ -23,9 +23,13 @@ import warp as wp
 from ..blocks.tree import geometric_stiffness
 from ..data import LoopWork, Solver, Step
 from ..effects import Effects
-from ..rows import joint as joint_rows
 from ..rows.contact import PENALTY
-from ..rows.joint import BALL, DISTANCE, ROD, is_string
+from ..rows.coordinate import make_joint_coordinates
+from ..rows.euler import make_euler
+from ..rows.free_axes import make_free_axes
+from ..rows.joint import BALL, DISTANCE, ROD, ball_away, is_string, make_counts
+from ..rows.lock import make_locks
+from ..rows.rod import rod_stiffness, rod_torque
 from .anchors import left_open, loop_geometry
 from .distances import beyond_bounds, distance_force, string_direction
 from .loop_axes import make_loop_axes
@@ -68,15 +72,14 @@ class LoopFunctions:
 
 def make_loops(effects: Effects) -> LoopFunctions:
     """Device functions: how a joint stands, its wrench on its child, its share of a block."""
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    angular_count = joint_functions.angular_count
-    axis_of, angles = joint_functions.axis_of, joint_functions.angles
-    known_angles = joint_functions.known_angles
-    linear_misfit = joint_functions.linear_misfit
-    linear_lock = joint_functions.linear_lock
-    angular_misfit = joint_functions.angular_misfit
-    angular_lock = joint_functions.angular_lock
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    known_angles = make_euler(effects.kinds).known_angles
+    locks = make_locks(effects.kinds)
+    linear_misfit, linear_lock = locks.linear_misfit, locks.linear_lock
+    angular_misfit, angular_lock = locks.angular_misfit, locks.angular_lock
+    axis_of = make_free_axes(effects.kinds).axis_of
+    angles = make_joint_coordinates(effects.kinds).angles
     loop_axes = make_loop_axes(effects)
     coordinate_of, axis_force = loop_axes.coordinate_of, loop_axes.axis_force
     begin_loop = make_begin_loop(effects)
@@ -130,10 +133,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
         rest_away = wp.vec3(0.0)
         if wp.static(effects.kinds.balls and effects.drives):
             if s.joints.type[joint] == BALL:
-                turn_away = joint_rows.ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
+                turn_away = ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
         if wp.static(effects.kinds.balls and effects.springs):
             if s.joints.type[joint] == BALL:
-                rest_away = joint_rows.ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
+                rest_away = ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
         if s.joints.type[joint] == DISTANCE:
             return force, torque, arm_c, arm_p
         linear = linear_count(s.joints, joint)
@@ -159,7 +162,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 torque += push * axis
         if wp.static(effects.rods):
             if s.joints.type[joint] == ROD:
-                torque += joint_rows.rod_torque(q_p, q_c, response)
+                torque += rod_torque(q_p, q_c, response)
         return force, torque, arm_c, arm_p
 
     @wp.func(inline=effects.inline)
@@ -226,7 +229,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
                     angular_k += stiffness * wp.outer(axis, axis)
             if wp.static(effects.rods):
                 if s.joints.type[joint] == ROD:
-                    bound = joint_rows.rod_stiffness(q_p, q_c, stiff)
+                    bound = rod_stiffness(q_p, q_c, stiff)
                     for dof in range(3):
                         axis = axis_of(s.joints, joint, linear + dof, q_p, q_c, turned)
                         angular_k += bound[dof] * wp.outer(axis, axis)

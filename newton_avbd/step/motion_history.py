@@ -10,7 +10,7 @@ from ..algebra.so3 import exp_quat, turned_by, turned_inertia
 from ..data import History, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows.contact import is_pushing
-from ..rows.joint import make_joint
+from ..rows.joint import make_counts
 from .anchors import is_linked
 from .bodies import body_at, spin_momentum
 from .carrying import is_carried
@@ -75,7 +75,7 @@ class MotionHistoryFunctions:
 def make_motion_history(effects: Effects) -> MotionHistoryFunctions:
     """Generates the functions for a scene's effects."""
     may_be_taut = effects.loops or effects.closures or effects.cables or effects.tendons
-    linear_count = make_joint(effects.kinds).linear_count
+    linear_count = make_counts(effects.kinds).linear_count
 
     @wp.func
     def slips_otherwise(body: int, s: wp.ref[Solver]) -> bool:

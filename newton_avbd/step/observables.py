@@ -9,12 +9,14 @@ import warp as wp
 from ..blocks.tree import handed_down
 from ..data import BodyWork, History, JointModel, RowWork, Solver, Step
 from ..effects import Effects
-from ..rows.joint import counted, has_axes, is_skew, nearest_angles, reduced
+from ..rows.angle import counted, reduced
+from ..rows.euler import nearest_angles
+from ..rows.joint import has_axes, is_skew
 from .anchors import is_linked
-from .closures import make_closures
 from .drag import resistance
-from .kernels import KERNEL, absent, uncollected
+from .kernels import KERNEL, uncollected
 from .loops import make_loops
+from .tendons import load_tendons
 
 
 @wp.kernel(**KERNEL)
@@ -72,7 +74,6 @@ def export_contact_force(
 def make_export_parent_force(effects: Effects) -> wp.Kernel:
     """Kernel, one thread a world: the wrench that each body gets through its inbound joints."""
     loop_wrench = make_loops(effects).loop_wrench
-    load_tendons = make_closures(effects).load_tendons if effects.spatial_tendons else absent
 
     @wp.kernel(**KERNEL)
     def export_parent_force(

@@ -6,7 +6,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, rotation_vector
 from ..data import BodyWork, Solver, TreeWork
-from ..rows.joint import wrapped
+from ..rows.angle import wrapped
 
 COUNTED = wp.constant(1.0)
 """Turn of a joint in a step from which orientations may not tell it [rad]."""

@@ -11,7 +11,7 @@ import warp as wp
 from ..data import CableWork
 from ..rows import cable as law
 from ..rows.cable import STICKS
-from .cables import NONE, beyond_rest, end_segment, first_segment, is_joined
+from .cable_segments import NONE, beyond_rest, end_segment, first_segment, is_joined
 from .kernels import KERNEL
 from .resetting import is_selected
 

@@ -12,7 +12,7 @@ from ..data import BodyModel, Solver, Step
 from ..effects import Effects
 from .anchors import is_linked
 from .balance import counts_here, place_from, settle
-from .cables import end_segment, first_segment, slot_at
+from .cable_segments import end_segment, first_segment, slot_at
 from .islands import island_of
 from .slopes import JUMPED
 

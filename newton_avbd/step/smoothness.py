@@ -14,7 +14,8 @@ from ..data import History, Solver, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.contact import is_pushing
-from ..rows.joint import BALL, DISTANCE, make_joint
+from ..rows.euler import make_euler
+from ..rows.joint import BALL, DISTANCE, make_counts
 from .anchors import is_linked
 from .bodies import body_at, moved_by
 from .cables import may_jerk
@@ -252,9 +253,9 @@ class SmoothnessFunctions:
 
 def make_smoothness(effects: Effects) -> SmoothnessFunctions:
     """Generates the functions for a scene's effects."""
-    joint_functions = make_joint(effects.kinds)
-    is_gimbal, is_led = joint_functions.is_gimbal, joint_functions.is_led
-    known_angles = joint_functions.known_angles
+    is_gimbal = make_counts(effects.kinds).is_gimbal
+    euler = make_euler(effects.kinds)
+    is_led, known_angles = euler.is_led, euler.known_angles
 
     @wp.func
     def body_jumps(world: int, i: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:

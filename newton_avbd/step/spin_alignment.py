@@ -7,7 +7,7 @@ import warp as wp
 from ..algebra.so3 import world_inertia
 from ..data import BodyWork, Solver, Step
 from ..effects import Effects
-from ..rows.joint import make_joint
+from ..rows.lock import make_locks
 from .anchors import anchor_rotation, is_linked, parent_slot
 from .bodies import body_at
 from .rotations import COUNTED
@@ -39,7 +39,7 @@ def turning_mobility(body: int, s: wp.ref[Solver]) -> wp.mat33:
 
 def make_align_spins(effects: Effects) -> wp.Function:
     """Device function: takes what joints lock from the spins of a range of bodies."""
-    angular_lock = make_joint(effects.kinds).angular_lock
+    angular_lock = make_locks(effects.kinds).angular_lock
 
     @wp.func
     def align_ends(joint: int, step: wp.ref[Step], s: wp.ref[Solver]):

@@ -10,7 +10,7 @@ from ..blocks.closure import find_multipliers, rows_push
 from ..data import Solver, TreeAxis
 from ..effects import Effects
 from ..rows import axis as axis_rows
-from ..rows.joint import make_joint
+from ..rows.joint import make_counts
 from .anchors import is_linked
 from .axes import make_axis
 from .bodies import nonnegative
@@ -135,8 +135,8 @@ def make_step_of_axis(effects: Effects) -> wp.Function:
 
 def make_substitute(effects: Effects) -> wp.Function:
     """Device function: finds the update of one body of a tree."""
-    joint_functions = make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
     step_of_axis = make_step_of_axis(effects)
 
     @wp.func(inline=effects.inline)

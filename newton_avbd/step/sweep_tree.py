@@ -10,7 +10,7 @@ from ..blocks import tree as algebra
 from ..blocks.closure import MISSED, softness_of, solve_ground
 from ..data import LoopWork, Solver, Step
 from ..effects import Effects
-from ..rows.joint import make_joint
+from ..rows.joint import make_counts
 from .active_set import PATIENCE, make_active_set
 from .anchors import is_linked
 from .bodies import body_at, has_rows
@@ -51,9 +51,9 @@ class MoveFunctions:
 
 def make_move(effects: Effects) -> MoveFunctions:
     """Device functions: how far an update turns the joint of a body, and its motion by it."""
-    joint_functions = make_joint(effects.kinds)
-    linear_count, angular_count = joint_functions.linear_count, joint_functions.angular_count
-    is_gimbal = joint_functions.is_gimbal
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    is_gimbal = counts.is_gimbal
     coordinates = make_coordinates(effects)
     measure_coordinates = coordinates.measure_coordinates
     measure_moved = coordinates.measure_moved

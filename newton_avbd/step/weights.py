@@ -17,7 +17,8 @@ from ..blocks import tree as algebra
 from ..data import ContactRow, Solver, TreeAxis
 from ..effects import Effects
 from ..model.callers import LIGHT_LINK
-from ..rows import joint as joint_rows
+from ..rows.free_axes import make_free_axes
+from ..rows.joint import linear_axis, make_counts
 from .anchors import anchor_arm, anchor_rotation, is_linked
 from .beginning import is_tree
 from .bodies import body_at, has_rows
@@ -59,11 +60,9 @@ PARALLEL = wp.constant(1.0e-4)
 
 def make_weigh(effects: Effects) -> wp.Function:
     """Device function that weighs the trees of blocks that something touches."""
-    joint_functions = joint_rows.make_joint(effects.kinds)
-    linear_count = joint_functions.linear_count
-    angular_count = joint_functions.angular_count
-    linear_axis = joint_functions.linear_axis
-    angular_axis = joint_functions.angular_axis
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+    angular_axis = make_free_axes(effects.kinds).angular_axis
 
     @wp.func(inline=effects.inline)
     def beyond_joint(
