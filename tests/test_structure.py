@@ -111,3 +111,25 @@ def test_device_functions_take_few_arguments() -> None:
                     counts[node.name] = max(counts.get(node.name, 0), len(node.args.args))
     assert len(counts) > 500
     assert {name: count for name, count in counts.items() if count > 8} == LONG
+
+
+FACTORY_LINES = 250
+"""Most lines of a function with others in it."""
+FUNCTION_LINES = 120
+"""Most lines of a function, its docstring aside."""
+
+
+def test_functions_are_short() -> None:
+    """Device functions are made in factories, which are read as a whole."""
+    too_long = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.FunctionDef):
+                continue
+            lines = node.end_lineno - node.lineno + 1
+            inner = [f for f in ast.walk(node) if isinstance(f, ast.FunctionDef) and f is not node]
+            if not inner:
+                lines -= len((ast.get_docstring(node, clean=False) or "").splitlines())
+            if lines > (FACTORY_LINES if inner else FUNCTION_LINES):
+                too_long.append(f"{path.relative_to(PACKAGE)}: {node.name}, {lines} lines")
+    assert not too_long
