@@ -106,12 +106,16 @@ def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
         """
         body_start = s.worlds.body_start[world]
         body_end = s.worlds.body_start[world + 1]
+        group = s.worlds.of_body[body_at(body_start, s.worlds)]
+        held = s.worlds.held[group]
         for i in range(body_start, body_end):
             body = body_at(i, s.worlds)
             pose = s.work.pose[body]
             if s.work.inv_mass[body] > 0.0:
                 pose = end_pose(i, scale.h, s)
             step.body_q_out[body] = pose
+        # one step, however many of its bodies
+        s.worlds.held[group] = wp.min(s.worlds.held[group], held + 1)
         if wp.static(effects.turning_islands):
             if has_islands:
                 is_led = bool(False)

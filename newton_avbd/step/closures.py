@@ -119,8 +119,14 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         mimic_rows(closure, recovery, s)
 
     @wp.func
-    def keep_forces(first: int, is_kept: bool, h: float, s: wp.ref[Solver]) -> float:
+    def keep_forces(
+        first: int, is_first: bool, recovery: float, h: float, s: wp.ref[Solver]
+    ) -> float:
         """After substitution: what the joints of a block that close loops push with.
+
+        Not in the recovery, but for strings. What moves joints back is no force, and has no
+        geometric stiffness: two stops that ask a loop for what does not go together would push each
+        other harder from sweep to sweep, as bodies yield the less the harder they are pushed.
 
         Returns how far off their geometric stiffness was, as a share of the block.
         """
@@ -136,9 +142,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             i = closure.loop
             if i >= 0:
                 linear = 3 - linear_count(s.joints, s.loops.joints[i])
+                is_force = bool(recovery == 0.0)
                 if wp.static(effects.kinds.distances):
                     if is_string(s.joints, s.loops.joints[i]):
                         linear = 3
+                        is_force = bool(True)
                         off = string_misses(closure, static_slot, s)
                         mismatch = wp.max(mismatch, off)
                         if s.loops.side[i] == 0 or off == wp.inf:
@@ -154,9 +162,10 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     else:
                         torque += along
                 change = wp.length(force + s.history.loop_force[i])
-                s.history.loop_force[i] = -force
-                s.history.loop_torque[i] = -torque
-                if is_kept:
+                if is_force:
+                    s.history.loop_force[i] = -force
+                    s.history.loop_torque[i] = -torque
+                if is_first and recovery == 0.0:
                     s.loops.kept_force[i] = -force
                     s.loops.kept_torque[i] = -torque
                 joint = s.loops.joints[i]

@@ -5,7 +5,7 @@
 import newton
 import warp as wp
 
-from ..data import AxisMotion, Flight, Solver
+from ..data import AxisInput, AxisMotion, Flight, Solver
 from ..rows.dahl import forget_dahl
 from ..rows.joint import ROD
 from .bodies import forget_pose
@@ -22,12 +22,17 @@ def is_selected(world: int, mask: wp.array[wp.bool]) -> bool:
 
 @wp.func
 def let_go(joint: int, s: wp.ref[Solver]):
-    """Lets go what limits and friction of a joint hold."""
+    """Lets go what limits and friction of a joint hold, and forgets how its axes moved."""
     if joint >= 0:
         for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
             s.history.piece[dof] = wp.vec3i(0, 0, 0)
             s.history.limit_force[dof] = 0.0
             s.history.friction_force[dof] = 0.0
+            if s.history.coordinate.shape[0] > 0:
+                s.history.coordinate[dof] = AxisMotion()
+                s.history.rate[dof] = AxisMotion()
+            if s.history.input.shape[0] > 0:
+                s.history.input[dof] = AxisInput()
 
 
 @wp.func
@@ -55,8 +60,6 @@ def forget_axes(joint: int, rest_angle: wp.array[wp.float64], s: wp.ref[Solver])
                 forget_dahl(joint, s.history)
         for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
             s.history.held_at[dof] = wp.float64(0.0)
-            if s.history.coordinate.shape[0] > 0:
-                s.history.coordinate[dof] = AxisMotion()
             s.history.joint_angle[dof] = rest_angle[dof]
 
 

@@ -313,7 +313,7 @@ def make_sweep_tree(
         largest = wp.max(4.0 * mismatch * mismatch, turned_most)
         largest, is_newton = move_tree(first, end, share, h, largest, s)
         if wp.static(effects.closures and effects.loops):
-            off = keep_forces(first, not has_dual and recovery == 0.0, h, s)
+            off = keep_forces(first, not has_dual, recovery, h, s)
             largest = wp.max(largest, 4.0 * off * off)
         farthest = off_by(first, end, found.wrong, largest, has_dual, recovery, h, s)
         if wp.static(effects.closures):
