@@ -4,8 +4,10 @@
 """Reading MJCF files by Newton's importer, and what it leaves to be found."""
 
 import importlib.util
+from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 from xml.etree import ElementTree
 
@@ -22,18 +24,106 @@ UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[str, ...]:
     """``builder.add_mjcf`` for a file, also one that chooses MuJoCo's PGS solver.
 
-    Muscles get the length ranges that MuJoCo's compiler finds, where the file says none.
+    Geoms whose meshes are not there are left out. Muscles get the length ranges that MuJoCo's
+    compiler finds, where the file says none.
 
     Returns:
         What the user should know of it, a sentence each.
     """
     known = len(_values(builder, "label"))
-    source = _without_pgs(path)
-    if source is None:
+    root, absent = read_mjcf(path)
+    source = _without_pgs(root if absent else ElementTree.parse(path).getroot())
+    if not absent and source is None:
         builder.add_mjcf(str(path), **options)
     else:
+        source = source or ElementTree.tostring(root, encoding="unicode")
         builder.add_mjcf(source, path_resolver=partial(_beside, path.parent), **options)
-    return (*_unread_actuators(path), *_find_length_ranges(builder, path, known))
+    return (
+        *(_left_out(path, root, absent, builder) if absent else ()),
+        *_unread_actuators(path),
+        *_find_length_ranges(builder, path, known),
+    )
+
+
+def _left_out(
+    path: Path, root: ElementTree.Element, absent: dict[str, str], builder: newton.ModelBuilder
+) -> Iterator[str]:
+    """Says which meshes are not there, and what is weighed without them."""
+    files = ", ".join(dict.fromkeys(absent.values()))
+    yield f"{path.name} goes on without the geoms of meshes that are not there: {files}"
+    weighs_geoms = any(
+        item.get("inertiafromgeom", "").lower() == "true" for item in root.iter("compiler")
+    )
+    bare = {
+        body.get("name")
+        for body in root.iter("body")
+        if (weighs_geoms or body.find("inertial") is None)
+        and any(geom.get("mesh") in absent for geom in body.findall("geom"))
+    }
+    named = zip(builder.body_label, builder.body_mass, strict=True)
+    masses = [(label.rpartition("/")[2], mass) for label, mass in named]
+    weights = [f"{name!r} {mass:.3g} kg" for name, mass in masses if name in bare]
+    if weights:
+        yield (
+            f"{path.name}: bodies of these geoms have no <inertial>, and weigh what the others of "
+            f"their geoms do: {', '.join(weights)}"
+        )
+
+
+def read_mjcf(
+    path: Path,
+    main: Path | None = None,
+    folders: Mapping[str, str] = MappingProxyType({}),
+    absent: dict[str, str] | None = None,
+) -> tuple[ElementTree.Element, dict[str, str]]:
+    """Read a file with what it includes, and with absolute paths of its meshes and textures.
+
+    Files are looked for as Newton's importer does: beside the main file, then beside the file that
+    names them, each in the folder that ``<compiler>`` names.
+
+    Args:
+        path: The file.
+        main: Folder of the file that includes it; by default its own.
+        folders: Folders of assets that the including file names, by tag.
+        absent: Where to note what is not there.
+
+    Returns:
+        The file's root element, without the meshes that were not found; and the names of these
+        meshes, with their files as the file writes them.
+    """
+    main, absent = main or path.parent, {} if absent is None else absent
+    root = ElementTree.parse(path).getroot()
+    compiler = root.find("compiler")
+    own = {} if compiler is None else compiler.attrib
+    meshes = own.pop("meshdir", own.get("assetdir", folders.get("mesh", "")))
+    textures = own.pop("texturedir", own.pop("assetdir", folders.get("texture", "")))
+    folders = {"mesh": meshes, "hfield": meshes, "texture": textures}
+    is_stripped = own.get("strippath", "").lower() == "true"
+    for group in [*root.iter("asset")]:
+        for asset in [*group]:
+            name = asset.get("file")
+            if name is None or asset.tag not in folders:
+                continue
+            name = name.replace("\\", "/").rpartition("/")[2] if is_stripped else name
+            inner = Path(folders[asset.tag]) / name
+            places = (main / inner, path.parent / name, path.parent / inner)
+            found = next((place for place in places if place.is_file()), None)
+            if found is None and asset.tag == "mesh":
+                absent[asset.get("name") or Path(name).stem] = asset.attrib["file"]
+                group.remove(asset)
+            else:
+                asset.set("file", str((found or places[0]).absolute()))
+    for parent in [*root.iter()]:
+        for place, item in reversed([*enumerate(parent)]):
+            if item.tag == "include":
+                file = path.parent / item.get("file", "")
+                file = file if file.is_file() else main / item.get("file", "")
+                if not file.is_file():
+                    continue  # the importer names it
+                parent.remove(item)
+                for child in reversed(read_mjcf(file, main, folders, absent)[0]):
+                    parent.insert(place, child)
+    return root, absent
 
 
 def _unread_actuators(path: Path) -> tuple[str, ...]:
@@ -103,12 +193,11 @@ def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) ->
     )
 
 
-def _without_pgs(path: Path) -> str | None:
+def _without_pgs(root: ElementTree.Element) -> str | None:
     """Text of an MJCF file without its choice of MuJoCo's PGS solver; None for no such choice.
 
     Newton's importer refuses the name, which says nothing about the scene.
     """
-    root = ElementTree.parse(path).getroot()
     options = [item for item in root.iter("option") if item.get("solver", "").lower() == "pgs"]
     for option in options:
         del option.attrib["solver"]
