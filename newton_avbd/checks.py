@@ -12,6 +12,7 @@ import numpy as np
 import warp as wp
 
 from .attributes import authored_fluid, break_limits, dahl_friction
+from .effects import CAUSES
 from .model.actuators import Actuators, passed_limits
 from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities
@@ -35,11 +36,22 @@ _OF_MUJOCO = (
 """Attributes of the ``mujoco`` namespace that act, finite."""
 _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 """The same of tendons, none below zero."""
-_FLAGS = (
-    *("actuation", "clampctrl", "constraint", "contact", "damper", "equality", "frictionloss"),
-    *("limit", "spring"),
-)
-"""Flags of MuJoCo's by which a scene turns physics off."""
+_FLAGS = {
+    "actuation": ("actuators", "body_actuators"),
+    "clampctrl": ("mujoco.actuator_ctrllimited",),
+    "constraint": (
+        *("contact", "limits", "joint_friction", "mujoco.tendon_limited"),
+        *("mujoco.tendon_frictionloss", "mujoco.equality_constraint_enabled"),
+    ),
+    "contact": ("contact",),
+    "damper": ("joint_damping", "mujoco.tendon_damping"),
+    "equality": ("mujoco.equality_constraint_enabled",),
+    "frictionloss": ("joint_friction", "mujoco.tendon_frictionloss"),
+    "limit": ("limits", "mujoco.tendon_limited"),
+    "spring": ("joint_stiffness", "mujoco.tendon_stiffness"),
+}
+"""Flags of MuJoCo's by which a scene turns physics off, and what does so here: effects that are
+left out, and arrays of the model that are set to zero."""
 _COEFFICIENTS = (
     "joint_target_ke",
     "joint_target_kd",
@@ -163,8 +175,8 @@ def report_ignored(
     messages += _of_pairs(model)
     if off := _flags_off(model):
         messages.append(
-            f"SolverAVBD ignores MuJoCo's flags, of which {', '.join(off)} would be off. Leave out "
-            "the effects instead, as effects={'contact': False}."
+            f"SolverAVBD ignores MuJoCo's flags, of which {', '.join(off)} would be off."
+            f"{_instead_of_flags(model, off)}"
         )
     if angular_friction is None and (turning := _shapes(model, _has_own_angular_friction(model))):
         messages.append(
@@ -309,6 +321,30 @@ def _flags_off(model: newton.Model) -> list[str]:
     mujoco: Any = getattr(model, "mujoco", None)
     flags = {name: getattr(mujoco, f"flag_{name}", None) for name in _FLAGS}
     return [name for name, flag in flags.items() if flag is not None and not flag.numpy()[0]]
+
+
+def _instead_of_flags(model: newton.Model, off: list[str]) -> str:
+    """A sentence on what turns off what flags do; empty if the model holds nothing of that."""
+    found = dict.fromkeys(name for flag in off for name in _FLAGS[flag])
+    effects = [name for name in found if name in CAUSES]
+    zeroed = [name for name in found if name not in CAUSES and _is_set(model, name)]
+    ways = []
+    if effects:
+        ways.append(f"pass effects={{{', '.join(f'{name!r}: False' for name in effects)}}}")
+    if zeroed:
+        calls = ", ".join(f"model.{name}.zero_()" for name in zeroed)
+        ways.append(f"call {calls} before the solver is made")
+    if "mujoco.equality_constraint_enabled" in zeroed:
+        # they would be joints and mimics
+        ways.insert(0, "import with convert_mjc_equality_constraints=False")
+    return f" To have the same here, {' and '.join(ways)}." if ways else ""
+
+
+def _is_set(model: newton.Model, name: str) -> bool:
+    """Whether an array of the model holds anything but zeros."""
+    space, _, inner = name.rpartition(".")
+    array = getattr(getattr(model, space) if space else model, inner, None)
+    return array is not None and bool(np.any(array.numpy()))
 
 
 def _of_pairs(model: newton.Model) -> list[str]:

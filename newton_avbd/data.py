@@ -1204,6 +1204,8 @@ class TendonModel:
     limit_mobility: wp.array[float]
     rest: wp.array[float]
     """Length in the reference pose [m or rad]."""
+    spring_rest: wp.array[float]
+    """Length in the pose in which the springs of joints are at rest [m or rad]."""
     force_range: wp.array[wp.vec2]
     """What bounds the sum of its actuators [N or N m]."""
     row_start: wp.array[wp.int32]

@@ -5,6 +5,7 @@
 import importlib.util
 from pathlib import Path
 
+import mujoco
 import newton
 import newton.examples
 import numpy as np
@@ -14,6 +15,7 @@ from newton.solvers import SolverMuJoCo, SolverVBD, SolverXPBD
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io import Request, StepTimer, UserError, open_scene, require
+from newton_avbd.io.assets import read_asset, read_driven
 from newton_avbd.io.swap import swapped
 from newton_avbd.measure.state import Probe, deepest_penetration
 
@@ -264,6 +266,38 @@ def test_asset_without_bodies_or_file_or_format_is_refused(tmp_path):
     (tmp_path / "mesh.obj").touch()
     with pytest.raises(UserError, match=r"mesh\.obj: not one of \.usd"):
         open_scene(str(tmp_path / "mesh.obj"), Request("xpbd"))
+
+
+def test_muscles_get_the_length_ranges_that_mujoco_finds(tmp_path):
+    """A file without them is read with them, and the solver's own remedy finds the same."""
+    path = tmp_path / "muscle.xml"
+    path.write_text(
+        """<mujoco><worldbody><site name="end"/><body pos="0.5 0 0">
+        <joint name="slide" type="slide" axis="1 0 0" limited="true" range="-0.2 0.3"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="0.1 0.1 0.1"/><site name="tip"/></body>
+        </worldbody><tendon><spatial name="cord"><site site="end"/><site site="tip"/></spatial>
+        </tendon><actuator><motor joint="slide"/><muscle name="biceps" tendon="cord"/></actuator>
+        </mujoco>"""
+    )
+    for builder, notes in (read_asset(path, "avbd", floating=True), read_driven(path)):
+        assert notes == (
+            "muscle.xml goes on with the length ranges that MuJoCo's compiler finds for 1 muscle: "
+            "the file says none.",
+        )
+        found = builder.finalize()
+        assert SolverAVBD(found).effects["tendons"].on
+    ranges = found.mujoco.actuator_lengthrange.numpy()[1]
+    # soft limits of a joint give way a little
+    np.testing.assert_allclose(ranges, (0.3, 0.8), atol=0.01)
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(str(path), ctrl_direct=True)
+    model = builder.finalize()
+    with pytest.raises(ValueError, match="biceps") as error:
+        SolverAVBD(model)
+    remedy = str(error.value).rpartition("solver is made: ")[2]
+    exec(remedy, {"model": model, "mujoco": mujoco, "FILE": str(path)})
+    np.testing.assert_allclose(model.mujoco.actuator_lengthrange.numpy()[1], ranges)
 
 
 def test_unknown_scene_names_close_matches_or_lists_what_there_is():

@@ -279,10 +279,26 @@ def test_a_condim_that_does_not_exist_is_an_error_that_names_it() -> None:
         SolverAVBD(model)
 
 
-def test_flags_that_turn_physics_off_are_said() -> None:
-    """They are MuJoCo's; effects are left out by the solver's own argument."""
-    text = mjcf("", "", "box").replace(
-        "<worldbody>", '<option><flag contact="disable"/></option><worldbody>'
-    )
-    with pytest.warns(UserWarning, match="MuJoCo's flags, of which contact would be off"):
+@pytest.mark.parametrize(
+    ("flag", "remedy"),
+    [
+        ("contact", r"pass effects=\{'contact': False\}\.$"),
+        ("spring", r"call model\.joint_stiffness\.zero_\(\) before"),
+        (
+            "constraint",
+            r"import with convert_mjc_equality_constraints=False and pass effects=\{'contact': "
+            r"False, 'limits': False, 'joint_friction': False\} and call "
+            r"model\.mujoco\.equality_constraint_enabled\.zero_\(\) before",
+        ),
+        ("damper", r"would be off\.$"),
+    ],
+)
+def test_flags_that_turn_physics_off_are_said(flag: str, remedy: str) -> None:
+    """They are MuJoCo's. The remedy is that of the flag, and of what the model holds."""
+    text = f"""<mujoco><option><flag {flag}="disable"/></option><worldbody><body>
+    <joint name="a" axis="0 1 0" stiffness="1" limited="true" range="-9 9"/>
+    <joint name="b" axis="1 0 0"/><geom size="0.1"/></body></worldbody>
+    <equality><joint joint1="a" joint2="b"/></equality></mujoco>"""
+    found = f"MuJoCo's flags, of which {flag} .*{remedy}"
+    with pytest.warns(UserWarning, match=found):
         SolverAVBD(build(text).finalize(device="cpu"))

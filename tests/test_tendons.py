@@ -267,12 +267,65 @@ def test_friction_loss_holds_a_tendon_and_then_slips() -> None:
     assert slips[-1, LEFT] == pytest.approx(3.0 / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
+SPRUNG = (
+    SCENE.replace('name="left" type="slide"', 'name="left" type="slide" springref="-0.2"')
+    .replace('name="right" type="slide"', 'name="right" type="slide" ref="0.3" springref="0.1"')
+    .replace('name="hinge"', 'name="hinge" springref="0.7"')
+)
+"""The scene with springs of joints, none of which pulls, at rest away from the reference."""
+
+
+def test_a_tendon_of_no_given_length_rests_where_the_springs_of_joints_do() -> None:
+    """Lengths are those that MuJoCo's compiler finds, and an equality counts from the reference.
+
+    Bounds: float32 of a meter.
+    """
+    kinds = BOTH.format(has="") + OVER_DRUM.format(has="") + ROPE.format(has="")
+    text = SPRUNG.format(tendon=kinds, actuator="", equality="")
+    native = mujoco.MjModel.from_xml_string(text)
+    cords = SolverAVBD(model_of(text))._actuation._cords
+    rest = native.tendon_lengthspring[:, 0]
+    np.testing.assert_allclose(cords.arrays.spring_rest.numpy(), rest, atol=1.0e-6)
+    np.testing.assert_allclose(cords.arrays.rest.numpy(), native.tendon_length0, atol=1.0e-6)
+    assert np.sum(np.abs(rest - native.tendon_length0) > 0.05) == 3
+
+
+@pytest.mark.parametrize("kind", ["spatial", "fixed"])
+def test_a_stiff_spring_of_a_tendon_brings_a_weight_to_where_its_joint_rests(kind: str) -> None:
+    """A step of backward Euler leaves (1 + h^2 k/m)^-1/2 = 17 % of the swing. Bound: what sweeps
+    leave of 0.2 m."""
+    tendon = {
+        "spatial": """<spatial stiffness="1e8"><site site="left"/><site site="pulley_left"/>
+        </spatial>""",
+        "fixed": """<fixed stiffness="1e8"><joint joint="left" coef="-1"/></fixed>
+        <spatial><site site="behind"/><site site="above"/></spatial>""",
+    }[kind]
+    model = model_of(SPRUNG.format(tendon=tendon, actuator="", equality=""))
+    q, _ = run(model, 50, scheme="euler")
+    assert q[-1, LEFT] == pytest.approx(-0.2, abs=1.0e-5)
+
+
 def test_armature_adds_to_the_inertia_along_a_tendon() -> None:
     """a = f/(m + armature), where the moment is 1."""
     tendon = """<spatial name="cord" armature="2"><site site="left"/><site site="pulley_left"/>
     </spatial>"""
     q, _ = run(model_of(file(tendon, '<motor tendon="cord"/>')), 100, -5.0, scheme="euler")
     assert q[-1, LEFT] == pytest.approx(5.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
+
+
+def test_armature_of_a_tendon_couples_the_articulations_that_it_spans() -> None:
+    """A pull f on a rope of the moments J: a = (M + J^T armature J)^-1 J^T f.
+
+    MuJoCo drops the terms between branches of the tree, and has 1 and 5/3 m/s^2 here.
+    """
+    model = model_of(file(ROPE.format(has='armature="2"'), '<motor tendon="rope"/>'))
+    assert model.articulation_count == 3
+    q, _ = run(model, 100, -5.0, scheme="euler")
+    way = 0.1 * (0.1 + DT) / 2.0
+    moments = np.array([-1.0, -1.0])
+    inertia = np.diag([3.0, 1.0]) + 2.0 * np.outer(moments, moments)
+    expected = np.linalg.solve(inertia, -5.0 * moments) * way
+    np.testing.assert_allclose(q[-1, [LEFT, RIGHT]], expected, rtol=1.0e-3)
 
 
 def test_armature_of_an_actuator_adds_to_that_of_its_tendon() -> None:

@@ -5,9 +5,7 @@
 
 import re
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import newton
@@ -21,6 +19,7 @@ from . import solvers
 from .controls import Controls
 from .errors import UserError, missing, require
 from .meshes import REMEDY, find_asset, read_urdf
+from .mjcf import add_mjcf
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
 from .urdf import free_crossed, massless_root
@@ -38,9 +37,6 @@ _MESH = re.compile(r"Mesh file '(.+?)' ([^;]+)")
 
 _ABSENT = re.compile(r"string is not a file: `(.+)`")
 """What the reader of meshes says of a file that is missing."""
-
-UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
-"""Kinds of MuJoCo's actuators that Newton's importer leaves out without a word."""
 
 GROUND_CLEARANCE = 0.01
 """Gap left between an asset that reaches below z = 0 and the ground put under it [m]."""
@@ -102,45 +98,31 @@ def _open_driven(path: Path, request: Request) -> ModelSimulation:
     if path.suffix.lower() != ".xml":
         raise UserError(f"--ctrl drives the actuators of MJCF files (.xml), not {path}")
     try:
-        builder = read_driven(path, request.solver)
+        builder, notes = read_driven(path, request.solver)
     except Exception as error:
         # The importer fails in as many ways as files can be wrong.
         raise UserError(f"cannot read {path}: {_reason(error)}") from error
-    simulation = simulate(path.name, path, builder, request, unread_actuators(path))
+    simulation = simulate(path.name, path, builder, request, notes)
     assert request.ctrl is not None
     simulation.controls = Controls(request.ctrl, simulation.model, path)
     return simulation
 
 
-def read_driven(path: Path, solver: str = "avbd") -> newton.ModelBuilder:
+def read_driven(path: Path, solver: str = "avbd") -> tuple[newton.ModelBuilder, tuple[str, ...]]:
     """Read an MJCF file with its actuators, which ``control.mujoco.ctrl`` controls.
+
+    Returns:
+        A builder, and what the user should know of it, a sentence each.
 
     Raises:
         Exception: Whatever Newton's importer raises.
     """
     builder = _prepared(solver)
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    add_mjcf(builder, path, ctrl_direct=True)
+    notes = add_mjcf(builder, path, ctrl_direct=True)
     _collide_by_hulls(builder)
     filter_neighbors(builder)
-    return builder
-
-
-def unread_actuators(path: Path) -> tuple[str, ...]:
-    """A sentence on the actuators of an MJCF file that are of :data:`UNREAD` kinds, if any."""
-    found = [
-        f"'{element.get('name', '')}' (<{element.tag}>)"
-        for group in ElementTree.parse(path).getroot().iter("actuator")
-        for element in group
-        if element.tag in UNREAD
-    ]
-    if not found:
-        return ()
-    names = ", ".join(found)
-    return (
-        f"{path.name} goes on without the actuator{'s' * (len(found) > 1)} {names}: Newton's "
-        "importer does not read such. Write a <general> one of the same law.",
-    )
+    return builder, notes
 
 
 def simulate(
@@ -202,10 +184,10 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         return _read_urdf(path, solver, floating)
     builder = _prepared(solver)
     if suffix == ".xml":
-        add_mjcf(builder, path)
+        notes = add_mjcf(builder, path)
         _collide_by_hulls(builder)
         filter_neighbors(builder)
-        return builder, unread_actuators(path)
+        return builder, notes
     builder.add_usd(str(path))
     orphans = find_orphans(builder)
     if orphans:
@@ -213,32 +195,6 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         builder = _prepared(solver)
         builder.add_usd(stage)
     return builder, ()
-
-
-def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> None:
-    """``builder.add_mjcf`` for a file, also one that chooses MuJoCo's PGS solver."""
-    source = _without_pgs(path)
-    if source is None:
-        builder.add_mjcf(str(path), **options)
-    else:
-        builder.add_mjcf(source, path_resolver=partial(_beside, path.parent), **options)
-
-
-def _without_pgs(path: Path) -> str | None:
-    """Text of an MJCF file without its choice of MuJoCo's PGS solver; None for no such choice.
-
-    Newton's importer refuses the name, which says nothing about the scene.
-    """
-    root = ElementTree.parse(path).getroot()
-    options = [item for item in root.iter("option") if item.get("solver", "").lower() == "pgs"]
-    for option in options:
-        del option.attrib["solver"]
-    return ElementTree.tostring(root, encoding="unicode") if options else None
-
-
-def _beside(folder: Path, base: str | None, name: str) -> str:
-    """Path of a file that an MJCF text names, relative to the folder of its file."""
-    return str((Path(base) if base else folder) / name)
 
 
 def _prepared(solver: str) -> newton.ModelBuilder:

@@ -14,12 +14,26 @@ from .actuators import Actuators, reflected_armature
 
 def reference_state(model: newton.Model) -> newton.State:
     """A state in the reference pose: all coordinates along axes are zero."""
+    kinds = [kind for kind, known in KINDS.items() if known.has_axes]
+    return _posed_state(model, kinds, np.zeros(model.joint_coord_count))
+
+
+def spring_state(model: newton.Model) -> newton.State:
+    """A state in which the springs of all joints are at rest, MuJoCo's ``qpos_spring``."""
+    kinds = [kind for kind, known in KINDS.items() if known.in_tree]
+    return _posed_state(model, kinds, model.joint_rest_q.numpy())
+
+
+def _posed_state(
+    model: newton.Model, kinds: list[newton.JointType], coordinates: np.ndarray
+) -> newton.State:
+    """A state in which joints of some kinds have given coordinates, and others the model's."""
     state = model.state()
     joint_q = model.joint_q.numpy().copy()  # on a CPU it is the array itself
-    starts, kinds = model.joint_q_start.numpy(), model.joint_type.numpy().tolist()
-    for joint, kind in enumerate(kinds):
-        if KINDS[newton.JointType(kind)].has_axes:
-            joint_q[starts[joint] : starts[joint + 1]] = 0.0
+    starts = model.joint_q_start.numpy()
+    for joint in np.flatnonzero(np.isin(model.joint_type.numpy(), kinds)).tolist():
+        at = slice(starts[joint], starts[joint + 1])
+        joint_q[at] = coordinates[at]
     state.joint_q.assign(joint_q)
     newton.eval_fk(model, state.joint_q, model.joint_qd, state)
     return state

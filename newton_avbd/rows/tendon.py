@@ -22,12 +22,12 @@ from .axis import LEAN, LEAN_RATE, LEANING, left_beyond, returning_force
 def stretch_of(i: int, length: float, tendons: wp.ref[TendonModel]) -> float:
     """How far a tendon is beyond the band in which its spring is slack [m or rad].
 
-    As in SolverMuJoCo -1 stands for the length in the reference pose, and a second length below the
-    first for that.
+    As in MuJoCo -1 stands for the length at which the springs of joints are at rest, and as in
+    SolverMuJoCo a second length below the first for that.
     """
     band = tendons.springlength[tendons.row[i]]
     if band[0] == -1.0:
-        band = wp.vec2(tendons.rest[i], tendons.rest[i])
+        band = wp.vec2(tendons.spring_rest[i], tendons.spring_rest[i])
     elif band[1] < band[0]:
         band = wp.vec2(band[0], band[0])
     return wp.min(length - band[0], 0.0) + wp.max(length - band[1], 0.0)

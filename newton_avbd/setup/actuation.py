@@ -351,9 +351,9 @@ class Actuation:
                 what = "body" if row in found.bodies else what
                 raise ValueError(
                     f"The muscle actuator {row} ('{found.labels[row]}') pulls a {what} and has no "
-                    "length range. Set mujoco:actuator_lengthrange (lengthrange in MJCF), as "
-                    "MuJoCo's compiler finds it: mujoco.MjModel.from_xml_path(FILE)"
-                    ".actuator_lengthrange."
+                    "length range (lengthrange in MJCF). MuJoCo's compiler finds it; before the "
+                    "solver is made: model.mujoco.actuator_lengthrange.assign("
+                    "mujoco.MjModel.from_xml_path(FILE).actuator_lengthrange)"
                 )
             gear = mujoco.actuator_gear.numpy()[row][0]
             ends = [gear * (limit[dof] + mujoco.dof_ref.numpy()[dof]) for limit in limits]

@@ -10,7 +10,7 @@ import warp as wp
 
 from .. import data
 from ..model.actuators import reflected_armature
-from ..model.inertia import mobility_along, reference_moments, reference_state
+from ..model.inertia import mobility_along, reference_moments, reference_state, spring_state
 from ..model.limits import impedance_rates
 from ..model.tendons import force_ranges, is_limited, tendon_count
 from ..model.topology import Topology, solved_joints
@@ -160,26 +160,23 @@ class TendonArrays:
         work.span_end = wp.zeros(len(self._cords), dtype=wp.int32)
 
     def _measure_reference(self) -> None:
-        """Lengths in the reference pose."""
-        ref = self._model.mujoco.dof_ref.numpy()
-        dof, value, starts = (
-            getattr(self.arrays, name).numpy() for name in ("dof", "value", "start")
-        )
-        self._measure(reference_state(self._model))
-        rest = self.arrays.length.numpy().astype(np.float32)
-        for i, cord in enumerate(self._cords):
-            if cord.is_fixed:
-                path = slice(starts[i], starts[i + 1])
-                rest[i] = np.dot(value[path], ref[dof[path]])
-        self.arrays.rest = wp.array(rest, dtype=float)
+        """Lengths in the reference pose, and where the springs of joints are at rest."""
+        for name, state in (
+            ("spring_rest", spring_state(self._model)),
+            ("rest", reference_state(self._model)),
+        ):
+            self._measure(state, state.joint_q, state.joint_qd)
+            lengths = self.arrays.length.numpy().astype(np.float32)
+            setattr(self.arrays, name, wp.array(lengths, dtype=float))
         self.arrays.velocity.zero_()
 
-    def _measure(self, state: newton.State) -> None:
-        none = wp.empty(0, dtype=float)
+    def _measure(self, state: newton.State, *coordinates: wp.array) -> None:
+        """Measures lengths in a state, those of fixed tendons if joint_q and joint_qd are given."""
+        known = coordinates or (wp.empty(0, dtype=float),) * 2
         wp.launch(
             kernels.measure_tendons,
             dim=len(self._cords),
-            inputs=[self._model.body_com, state.body_q, state.body_qd, none, none, self.arrays],
+            inputs=[self._model.body_com, state.body_q, state.body_qd, *known, self.arrays],
         )
 
     def _make_limits(self, rows: list[int]) -> None:

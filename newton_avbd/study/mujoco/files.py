@@ -35,11 +35,10 @@ import numpy as np
 from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
-from newton_avbd.io.assets import add_mjcf
 from newton_avbd.io.controls import Controls
+from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.robots import robots
 from newton_avbd.measure.state import Array
-from newton_avbd.rows.actuator import MUSCLE_GAIN
 
 DT = 1.0 / 2000.0
 FINE = 1.0 / 40000.0
@@ -215,28 +214,7 @@ def read(path: Path) -> newton.Model:
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
     add_mjcf(builder, path, ctrl_direct=True)
-    model = builder.finalize(device="cpu")
-    _find_length_ranges(model, path)
-    return model
-
-
-def _find_length_ranges(model: newton.Model, path: Path) -> None:
-    """Gives muscles the length ranges that MuJoCo's compiler finds where the file says none."""
-    if not model.custom_frequency_counts.get("mujoco:actuator", 0):
-        return
-    import mujoco
-
-    attributes: Any = model.mujoco
-    ranges = attributes.actuator_lengthrange.numpy()
-    is_muscle = attributes.actuator_gaintype.numpy() == int(MUSCLE_GAIN)
-    missing = is_muscle & (ranges[:, 0] >= ranges[:, 1])
-    if not np.any(missing):
-        return
-    native = mujoco.MjModel.from_xml_path(str(path))
-    for row in np.flatnonzero(missing):
-        actuator = native.actuator(attributes.actuator_label[row].rpartition("/")[2])
-        ranges[row] = native.actuator_lengthrange[actuator.id]
-    attributes.actuator_lengthrange.assign(ranges)
+    return builder.finalize(device="cpu")
 
 
 def compare(case: Case, scheme: str) -> list[tuple[float, list[float]]]:

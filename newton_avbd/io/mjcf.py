@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Reading MJCF files by Newton's importer, and what it leaves to be found."""
+
+import importlib.util
+from collections.abc import Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+from xml.etree import ElementTree
+
+import newton
+import numpy as np
+import warp as wp
+
+from newton_avbd.rows.actuator import MUSCLE_BIAS, MUSCLE_GAIN
+
+UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
+"""Kinds of MuJoCo's actuators that Newton's importer leaves out without a word."""
+
+
+def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[str, ...]:
+    """``builder.add_mjcf`` for a file, also one that chooses MuJoCo's PGS solver.
+
+    Geoms whose meshes are not there are left out. Muscles get the length ranges that MuJoCo's
+    compiler finds, where the file says none.
+
+    Returns:
+        What the user should know of it, a sentence each.
+    """
+    known = len(_values(builder, "label"))
+    root, absent = read_mjcf(path)
+    source = _without_pgs(root if absent else ElementTree.parse(path).getroot())
+    if not absent and source is None:
+        builder.add_mjcf(str(path), **options)
+    else:
+        source = source or ElementTree.tostring(root, encoding="unicode")
+        builder.add_mjcf(source, path_resolver=partial(_beside, path.parent), **options)
+    return (
+        *(_left_out(path, root, absent, builder) if absent else ()),
+        *_unread_actuators(path),
+        *_find_length_ranges(builder, path, known),
+    )
+
+
+def _left_out(
+    path: Path, root: ElementTree.Element, absent: dict[str, str], builder: newton.ModelBuilder
+) -> Iterator[str]:
+    """Says which meshes are not there, and what is weighed without them."""
+    files = ", ".join(dict.fromkeys(absent.values()))
+    yield f"{path.name} goes on without the geoms of meshes that are not there: {files}"
+    weighs_geoms = any(
+        item.get("inertiafromgeom", "").lower() == "true" for item in root.iter("compiler")
+    )
+    bare = {
+        body.get("name")
+        for body in root.iter("body")
+        if (weighs_geoms or body.find("inertial") is None)
+        and any(geom.get("mesh") in absent for geom in body.findall("geom"))
+    }
+    named = zip(builder.body_label, builder.body_mass, strict=True)
+    masses = [(label.rpartition("/")[2], mass) for label, mass in named]
+    weights = [f"{name!r} {mass:.3g} kg" for name, mass in masses if name in bare]
+    if weights:
+        yield (
+            f"{path.name}: bodies of these geoms have no <inertial>, and weigh what the others of "
+            f"their geoms do: {', '.join(weights)}"
+        )
+
+
+def read_mjcf(
+    path: Path,
+    main: Path | None = None,
+    folders: Mapping[str, str] = MappingProxyType({}),
+    absent: dict[str, str] | None = None,
+) -> tuple[ElementTree.Element, dict[str, str]]:
+    """Read a file with what it includes, and with absolute paths of its meshes and textures.
+
+    Files are looked for as Newton's importer does: beside the main file, then beside the file that
+    names them, each in the folder that ``<compiler>`` names.
+
+    Args:
+        path: The file.
+        main: Folder of the file that includes it; by default its own.
+        folders: Folders of assets that the including file names, by tag.
+        absent: Where to note what is not there.
+
+    Returns:
+        The file's root element, without the meshes that were not found; and the names of these
+        meshes, with their files as the file writes them.
+    """
+    main, absent = main or path.parent, {} if absent is None else absent
+    root = ElementTree.parse(path).getroot()
+    compiler = root.find("compiler")
+    own = {} if compiler is None else compiler.attrib
+    meshes = own.pop("meshdir", own.get("assetdir", folders.get("mesh", "")))
+    textures = own.pop("texturedir", own.pop("assetdir", folders.get("texture", "")))
+    folders = {"mesh": meshes, "hfield": meshes, "texture": textures}
+    is_stripped = own.get("strippath", "").lower() == "true"
+    for group in [*root.iter("asset")]:
+        for asset in [*group]:
+            name = asset.get("file")
+            if name is None or asset.tag not in folders:
+                continue
+            name = name.replace("\\", "/").rpartition("/")[2] if is_stripped else name
+            inner = Path(folders[asset.tag]) / name
+            places = (main / inner, path.parent / name, path.parent / inner)
+            found = next((place for place in places if place.is_file()), None)
+            if found is None and asset.tag == "mesh":
+                absent[asset.get("name") or Path(name).stem] = asset.attrib["file"]
+                group.remove(asset)
+            else:
+                asset.set("file", str((found or places[0]).absolute()))
+    for parent in [*root.iter()]:
+        for place, item in reversed([*enumerate(parent)]):
+            if item.tag == "include":
+                file = path.parent / item.get("file", "")
+                file = file if file.is_file() else main / item.get("file", "")
+                if not file.is_file():
+                    continue  # the importer names it
+                parent.remove(item)
+                for child in reversed(read_mjcf(file, main, folders, absent)[0]):
+                    parent.insert(place, child)
+    return root, absent
+
+
+def _unread_actuators(path: Path) -> tuple[str, ...]:
+    """A sentence on the actuators of a file that are of :data:`UNREAD` kinds, if any."""
+    found = [
+        f"'{element.get('name', '')}' (<{element.tag}>)"
+        for group in ElementTree.parse(path).getroot().iter("actuator")
+        for element in group
+        if element.tag in UNREAD
+    ]
+    if not found:
+        return ()
+    names = ", ".join(found)
+    return (
+        f"{path.name} goes on without the actuator{'s' * (len(found) > 1)} {names}: Newton's "
+        "importer does not read such. Write a <general> one of the same law.",
+    )
+
+
+def _values(builder: newton.ModelBuilder, name: str) -> Any:
+    """What a builder holds of an attribute of MuJoCo's actuators, by row."""
+    attribute = builder.custom_attributes.get(f"mujoco:actuator_{name}")
+    return [] if attribute is None else attribute.values or []
+
+
+def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) -> tuple[str, ...]:
+    """Gives muscles the length ranges that MuJoCo's compiler finds where the file says none.
+
+    Args:
+        builder: Has read the file.
+        path: The file.
+        first: Row of the file's first actuator.
+
+    Returns:
+        A sentence on it, if there are such muscles and MuJoCo can read the file.
+    """
+    ranges, labels = _values(builder, "lengthrange"), _values(builder, "label")
+    kinds = (
+        (_values(builder, "gaintype"), int(MUSCLE_GAIN)),
+        (
+            _values(builder, "biastype"),
+            int(MUSCLE_BIAS),
+        ),
+    )
+    missing = [
+        row
+        for row in range(first, len(labels))
+        if any(values[row] == muscle for values, muscle in kinds)
+        and ranges[row][0] >= ranges[row][1]
+    ]
+    if not missing or importlib.util.find_spec("mujoco") is None:
+        return ()
+    import mujoco
+
+    try:
+        native = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError:  # it may lack what Newton does without
+        return ()
+    rows = {native.actuator(row).name: row for row in range(native.nu)}
+    for row in missing:
+        # those without a name come in the order of the file
+        known = rows.get(labels[row].rpartition("/")[2], row - first)
+        ranges[row] = wp.vec2(*native.actuator_lengthrange[known].astype(np.float32))
+    return (
+        f"{path.name} goes on with the length ranges that MuJoCo's compiler finds for "
+        f"{len(missing)} muscle{'s' * (len(missing) > 1)}: the file says none.",
+    )
+
+
+def _without_pgs(root: ElementTree.Element) -> str | None:
+    """Text of an MJCF file without its choice of MuJoCo's PGS solver; None for no such choice.
+
+    Newton's importer refuses the name, which says nothing about the scene.
+    """
+    options = [item for item in root.iter("option") if item.get("solver", "").lower() == "pgs"]
+    for option in options:
+        del option.attrib["solver"]
+    return ElementTree.tostring(root, encoding="unicode") if options else None
+
+
+def _beside(folder: Path, base: str | None, name: str) -> str:
+    """Path of a file that an MJCF text names, relative to the folder of its file."""
+    return str((Path(base) if base else folder) / name)
