@@ -14,8 +14,6 @@ from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
 
-pytestmark = pytest.mark.usefixtures("shared_kernels")
-
 SCHEMES = ("euler", "generalized_alpha")
 EDGES = np.array([0.2, 0.4, 0.6])
 """Edges of the box that falls and spins [m]."""
