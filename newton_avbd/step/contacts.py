@@ -55,13 +55,18 @@ def point_on(shapes: wp.ref[ShapeModel], shape: int, point: wp.vec3) -> wp.vec3:
 
 @wp.func
 def owner_of(slot0: int, slot1: int, s: wp.ref[Solver]) -> int:
-    """Slot of the body of a contact that is visited first; -1 when the solver moves neither."""
+    """Slot of the body of a contact that is visited first; -1 when the solver moves neither.
+
+    It does the dual update, so the other one has to feel the force after that.
+    """
     moves0 = s.work.inv_mass[slot0] > 0.0
     moves1 = s.work.inv_mass[slot1] > 0.0
     if slot0 == slot1:
         return -1
     if moves0 and moves1:
-        return wp.where(s.worlds.rank[slot0] < s.worlds.rank[slot1], slot0, slot1)
+        is_first = s.worlds.rank[slot0] < s.worlds.rank[slot1]
+        # the bodies of a tree are visited from the last to the first
+        return wp.where(is_first != is_same_block(s.worlds, slot0, slot1), slot0, slot1)
     if moves0:
         return slot0
     return wp.where(moves1, slot1, -1)
