@@ -27,7 +27,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at
-from .gathering import is_same_block
+from .gathering import is_same_block, is_visited_first
 from .kernels import KERNEL, uncollected
 from .piles import mass_to_hold
 from .rolling import make_point_moves, moves_levers, rolled_point, share_of_point
@@ -64,9 +64,7 @@ def owner_of(slot0: int, slot1: int, s: wp.ref[Solver]) -> int:
     if slot0 == slot1:
         return -1
     if moves0 and moves1:
-        is_first = s.worlds.rank[slot0] < s.worlds.rank[slot1]
-        # the bodies of a tree are visited from the last to the first
-        return wp.where(is_first != is_same_block(s.worlds, slot0, slot1), slot0, slot1)
+        return wp.where(is_visited_first(s.worlds, slot0, slot1), slot0, slot1)
     if moves0:
         return slot0
     return wp.where(moves1, slot1, -1)

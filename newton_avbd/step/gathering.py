@@ -19,6 +19,18 @@ def is_same_block(worlds: wp.ref[WorldWork], a: int, b: int) -> bool:
     return worlds.block_end[worlds.rank[a]] == worlds.block_end[worlds.rank[b]]
 
 
+@wp.func
+def is_visited_first(worlds: wp.ref[WorldWork], a: int, b: int) -> bool:
+    """Whether a sweep sums what pulls body ``a`` before it does so for ``b``.
+
+    A tree is eliminated from its last body to its first. Without blocks ranks are those of visits.
+    """
+    is_before = worlds.rank[a] < worlds.rank[b]
+    if worlds.block_end.shape[0] > 0:
+        return is_before != is_same_block(worlds, a, b)
+    return is_before
+
+
 def make_gather(
     effects: Effects,
     contact_force: wp.Function,
