@@ -44,6 +44,23 @@ def make_gather(
     beyond ``slop`` that is to go.
     """
 
+    recovers_by_duals = effects.joints and not (effects.compliance or effects.ramp)
+
+    @wp.func
+    def still_to_close(
+        i: int, row: ContactRow, u: wp.vec3, gap: float, has_dual: bool, s: wp.ref[Solver]
+    ) -> float:
+        """Gap that a sweep of the recovery closes at a row [m], with what those before have left.
+
+        That is their dual update, as a shift of the gap: the multiplier stays that of the motion.
+        """
+        left = float(0.0)
+        if has_dual and row.k_n > 0.0:
+            push = contact_force(row, u, gap + s.rows.left[i])
+            left = wp.dot(row.normal, row.force - push) / row.k_n
+        s.rows.left[i] = left
+        return gap + left
+
     @wp.func(inline=effects.inline)
     def gather(
         body: int,
@@ -84,8 +101,11 @@ def make_gather(
                 if wp.static(effects.drift):
                     u += s.rows.drift[i]
                 gap = gap_of(row.gap, recovery, slop)
+                if wp.static(recovers_by_duals):
+                    if recovery > 0.0:
+                        gap = still_to_close(i, row, u, gap, has_dual, s)
                 push = contact_force(row, u, gap)
-                if has_dual:
+                if has_dual and recovery == 0.0:
                     if wp.static(effects.compliance):
                         push = contact_rows.keep_share(row, push, s.rows.share[i])
                     row.force = push
@@ -100,7 +120,7 @@ def make_gather(
                         rolled -= wp.spatial_bottom(s.work.lead[partner] - s.work.lead[body])
                     if wp.static(effects.put_bodies):
                         rolled += wp.spatial_bottom(s.work.put[partner])
-                    if has_dual:
+                    if has_dual and recovery == 0.0:
                         held = wp.dot(row.normal, row.force)
                         spin.torque = spin_rows.torque(spin, row.normal, rolled, held)
                         s.rows.spin[i].torque = spin.torque
@@ -120,7 +140,11 @@ def make_gather(
                 u = shift + wp.cross(turn, row.arm)
                 if wp.static(effects.drift):
                     u += s.rows.drift[other]
-                push = contact_force(row, u, gap_of(row.gap, recovery, slop))
+                gap = gap_of(row.gap, recovery, slop)
+                if wp.static(recovers_by_duals):
+                    if recovery > 0.0:
+                        gap += s.rows.left[other]
+                push = contact_force(row, u, gap)
                 f += push
                 tau += wp.cross(row.arm + span, push)
                 if wp.static(effects.angular_friction):
