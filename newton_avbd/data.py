@@ -939,6 +939,8 @@ class AxisLaw:
     """Step to where friction holds [m or rad]."""
     friction: float
     """Most that friction pushes with [N or N m]."""
+    held: float
+    """What friction that holds pushes with, as the last sweep found it [N or N m]."""
     drive: float
     """Generalized force of the drive before its limit [N or N m]."""
     drive_stiffness: float
@@ -1415,6 +1417,8 @@ class RowWork:
     drift: wp.array[wp.vec3]
     """How far moving surfaces carry b against a in the step, and how far a bounce is to take b away
     from a, with the opposite sign [m]."""
+    left: wp.array[float]
+    """Scenes with joints: what the sweeps of the recovery before have left of the gap [m]."""
     spin: wp.array[SpinRow]
     """Torsional and rolling friction."""
     impacts: wp.array[Impact]

@@ -96,7 +96,7 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
                 scale = s.colors.scale[world]
                 far = sweep_block(
                     s.worlds.rank[body],
-                    sweep > s.colors.begin[world] and recovery == 0.0,
+                    sweep > wp.where(recovery > 0.0, 0, s.colors.begin[world]),
                     recovery,
                     scale.slop,
                     scale.step,

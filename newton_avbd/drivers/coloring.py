@@ -16,6 +16,7 @@ import warp as wp
 
 from ..data import ColorWork, Solver, Step, WorldWork
 from ..step.contacts import body_slot, is_across, report_dropped
+from ..step.gathering import is_visited_first
 from ..step.resetting import is_selected
 
 COLORS = 12
@@ -222,8 +223,10 @@ def list_colors(turns: wp.array[wp.int32], s: wp.array[Solver]):
             place = color * lanes + lane
             s[0].colors.order[s[0].colors.start[place] + s[0].colors.table[place]] = body
             s[0].colors.table[place] = s[0].colors.table[place] + 1
-            for k in range(i, s[0].worlds.block_end[i]):
-                turns[s[0].worlds.bodies[k]] = color * s[0].worlds.bodies.shape[0] + k
+            # a tree is eliminated from its last body to its first
+            end = s[0].worlds.block_end[i]
+            for k in range(i, end):
+                turns[s[0].worlds.bodies[k]] = color * s[0].worlds.bodies.shape[0] + i + end - 1 - k
 
 
 @wp.kernel(enable_backward=False)
@@ -243,4 +246,4 @@ def count_owned(s: wp.array[Solver]):
 @wp.func
 def is_owner(body: int, partner: int, worlds: wp.ref[WorldWork]) -> bool:
     """Whether a body moves before the other one of its contact."""
-    return partner < 0 or worlds.rank[body] < worlds.rank[partner]
+    return partner < 0 or is_visited_first(worlds, body, partner)

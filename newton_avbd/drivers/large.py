@@ -145,6 +145,7 @@ class LargeWorlds:
             colors.is_excessive = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
             self._turns.rank = wp.zeros(slots, dtype=wp.int32)
+            self._turns.block_end = wp.zeros(0, dtype=wp.int32)
             if self._loop_count:
                 starts = _share(loops.world_start.numpy(), world_lane)
                 self._loops_by_lane.world_start = wp.array(starts, dtype=wp.int32)

@@ -49,9 +49,7 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         update = float(0.0)
         sweep = int(0)
         while sweep < most:
-            update = sweep_world(
-                world, sweep > 0 and recovery == 0.0, recovery, scale.slop, scale.step, step, s
-            )
+            update = sweep_world(world, sweep > 0, recovery, scale.slop, scale.step, step, s)
             sweep += 1
             if wp.static(not effects.ramp):
                 if update <= enough * enough:

@@ -40,6 +40,9 @@ LEAST_IMPEDANCE = wp.constant(1.0e-4)
 """MuJoCo's ``mjMINIMP``, and as far from 1 is its ``mjMAXIMP``."""
 LEANING = wp.constant(2)
 """Side of a stop that has let go of a coordinate, which has not moved away from it since."""
+YIELDING = wp.constant(2)
+"""Piece of friction that holds, in the recovery: it goes on pushing with what it held with, and
+lets the coordinate move. As a holding force it would take all of a recovery that asks for less."""
 LEAN = wp.constant(3.0e-7)
 """How far beyond a stop that has let go a coordinate may step before the stop holds it again, as
 rounding of orientations has it step [rad, or m of a meter]. Mimic joints at their stops hold each
@@ -338,7 +341,10 @@ def held_step(law: AxisLaw) -> float:
 @wp.func
 def law_force(law: AxisLaw):
     """Generalized force of drive and friction on their pieces, and its curvature."""
-    force = float(law.piece[2]) * law.friction + drive_force(law, law.piece[1], 0.0)
+    force = law.held
+    if law.piece[2] != YIELDING:
+        force = float(law.piece[2]) * law.friction
+    force += drive_force(law, law.piece[1], 0.0)
     return force, wp.where(law.piece[1] == 0, law.drive_stiffness, 0.0)
 
 
@@ -432,7 +438,9 @@ def make_next_piece(
             if wp.static(closures):
                 # one axis holds all that it is tied to: those move by rounding, either way
                 lean = law.slack
-            if not is_stopped(law) and slip == 0:
+            if slip == YIELDING:
+                slip = int(YIELDING)  # until the next step
+            elif not is_stopped(law) and slip == 0:
                 if wp.abs(held) >= law.friction:
                     slip = wp.where(held < 0.0, -1, 1)
             elif law.friction > 0.0 and float(slip) * moved > lean:

@@ -669,6 +669,7 @@ class SolverArrays:
         effects, rows, history = self._flags, self._rows, self._history
         by_contact: tuple[tuple[Any, str, Any, bool], ...] = (
             (rows, "drift", wp.vec3, self._moving_surfaces or effects.drift),
+            (rows, "left", float, effects.joints and not (effects.compliance or effects.ramp)),
             (rows, "impacts", data.Impact, effects.restitution),
             (rows, "spin", data.SpinRow, effects.angular_friction),
             (history, "torque", wp.vec3, effects.angular_friction),

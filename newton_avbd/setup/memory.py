@@ -55,6 +55,7 @@ _OWNERS: dict[str, str] = {
     "rows.other_rows": "contact",
     "rows.sums": "contact",
     "rows.drift": "moving_surfaces",
+    "rows.left": "contact",
     "rows.impacts": "restitution",
     "rows.struck_qd": "restitution",
     "rows.struck_at": "restitution",

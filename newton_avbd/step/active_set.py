@@ -105,6 +105,9 @@ def make_active_set(effects: Effects) -> ActiveSetFunctions:
                     if left > 0 and not (law.next == piece):
                         piece = law.next
                         left -= 1
+                    if wp.static(effects.joint_friction):
+                        if piece[2] == axis_rows.YIELDING:
+                            piece[2] = 0
                     s.history.piece[index] = piece
         return is_stopping
 

@@ -12,6 +12,7 @@ from ..rows.axis import (
     LEAN,
     LEAN_RATE,
     LEANING,
+    YIELDING,
     away_from,
     drive,
     held_step,
@@ -215,6 +216,9 @@ def make_axis(effects: Effects) -> AxisFunctions:
             law.friction = most_friction(joints, joint, index)
             if law.friction > 0.0:
                 slip = known[2]
+                if recovery > 0.0 and slip == 0 and wp.abs(side) != 1:
+                    # old errors go whatever friction holds
+                    slip = int(YIELDING)
         if wp.static(effects.effort_limits):
             pull, stiffness, least, most = limited_drive(
                 joints, control, joint, dof, q, moved, turn_away, h

@@ -111,6 +111,8 @@ def make_add_forces(effects: Effects) -> wp.Function:
             recovery,
             h,
         )
+        if wp.static(effects.joint_friction):
+            law.held = s.tree.laws[free.entry].held
         pull, stiffness = axis_rows.law_force(law)
         axis.push += pull
         free.pivot += stiffness

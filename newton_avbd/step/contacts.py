@@ -27,7 +27,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at
-from .gathering import is_same_block
+from .gathering import is_same_block, is_visited_first
 from .kernels import KERNEL, uncollected
 from .piles import mass_to_hold
 from .rolling import make_point_moves, moves_levers, rolled_point, share_of_point
@@ -55,13 +55,16 @@ def point_on(shapes: wp.ref[ShapeModel], shape: int, point: wp.vec3) -> wp.vec3:
 
 @wp.func
 def owner_of(slot0: int, slot1: int, s: wp.ref[Solver]) -> int:
-    """Slot of the body of a contact that is visited first; -1 when the solver moves neither."""
+    """Slot of the body of a contact that is visited first; -1 when the solver moves neither.
+
+    It does the dual update, so the other one has to feel the force after that.
+    """
     moves0 = s.work.inv_mass[slot0] > 0.0
     moves1 = s.work.inv_mass[slot1] > 0.0
     if slot0 == slot1:
         return -1
     if moves0 and moves1:
-        return wp.where(s.worlds.rank[slot0] < s.worlds.rank[slot1], slot0, slot1)
+        return wp.where(is_visited_first(s.worlds, slot0, slot1), slot0, slot1)
     if moves0:
         return slot0
     return wp.where(moves1, slot1, -1)

@@ -19,6 +19,18 @@ def is_same_block(worlds: wp.ref[WorldWork], a: int, b: int) -> bool:
     return worlds.block_end[worlds.rank[a]] == worlds.block_end[worlds.rank[b]]
 
 
+@wp.func
+def is_visited_first(worlds: wp.ref[WorldWork], a: int, b: int) -> bool:
+    """Whether a sweep sums what pulls body ``a`` before it does so for ``b``.
+
+    A tree is eliminated from its last body to its first. Without blocks ranks are those of visits.
+    """
+    is_before = worlds.rank[a] < worlds.rank[b]
+    if worlds.block_end.shape[0] > 0:
+        return is_before != is_same_block(worlds, a, b)
+    return is_before
+
+
 def make_gather(
     effects: Effects,
     contact_force: wp.Function,
@@ -31,6 +43,23 @@ def make_gather(
     the sweep before: nothing has moved at them since. ``recovery`` is the share of the penetration
     beyond ``slop`` that is to go.
     """
+
+    recovers_by_duals = effects.joints and not (effects.compliance or effects.ramp)
+
+    @wp.func
+    def still_to_close(
+        i: int, row: ContactRow, u: wp.vec3, gap: float, has_dual: bool, s: wp.ref[Solver]
+    ) -> float:
+        """Gap that a sweep of the recovery closes at a row [m], with what those before have left.
+
+        That is their dual update, as a shift of the gap: the multiplier stays that of the motion.
+        """
+        left = float(0.0)
+        if has_dual and row.k_n > 0.0:
+            push = contact_force(row, u, gap + s.rows.left[i])
+            left = wp.dot(row.normal, row.force - push) / row.k_n
+        s.rows.left[i] = left
+        return gap + left
 
     @wp.func(inline=effects.inline)
     def gather(
@@ -72,8 +101,11 @@ def make_gather(
                 if wp.static(effects.drift):
                     u += s.rows.drift[i]
                 gap = gap_of(row.gap, recovery, slop)
+                if wp.static(recovers_by_duals):
+                    if recovery > 0.0:
+                        gap = still_to_close(i, row, u, gap, has_dual, s)
                 push = contact_force(row, u, gap)
-                if has_dual:
+                if has_dual and recovery == 0.0:
                     if wp.static(effects.compliance):
                         push = contact_rows.keep_share(row, push, s.rows.share[i])
                     row.force = push
@@ -88,7 +120,7 @@ def make_gather(
                         rolled -= wp.spatial_bottom(s.work.lead[partner] - s.work.lead[body])
                     if wp.static(effects.put_bodies):
                         rolled += wp.spatial_bottom(s.work.put[partner])
-                    if has_dual:
+                    if has_dual and recovery == 0.0:
                         held = wp.dot(row.normal, row.force)
                         spin.torque = spin_rows.torque(spin, row.normal, rolled, held)
                         s.rows.spin[i].torque = spin.torque
@@ -108,7 +140,11 @@ def make_gather(
                 u = shift + wp.cross(turn, row.arm)
                 if wp.static(effects.drift):
                     u += s.rows.drift[other]
-                push = contact_force(row, u, gap_of(row.gap, recovery, slop))
+                gap = gap_of(row.gap, recovery, slop)
+                if wp.static(recovers_by_duals):
+                    if recovery > 0.0:
+                        gap += s.rows.left[other]
+                push = contact_force(row, u, gap)
                 f += push
                 tau += wp.cross(row.arm + span, push)
                 if wp.static(effects.angular_friction):

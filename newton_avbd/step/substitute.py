@@ -69,6 +69,9 @@ def make_step_of_axis(effects: Effects) -> wp.Function:
                     q = axis_rows.free_step(law, q, axis.inv_pivot)
         law.next = next_piece(law, q, held)
         s.tree.laws[k].next = law.next
+        if wp.static(effects.joint_friction):
+            if law.piece[2] == 0 and not axis_rows.is_stopped(law):
+                s.tree.laws[k].held = wp.clamp(held, -law.friction, law.friction)
         if not (law.next == law.piece):
             found.wrong += 1
         if wp.static(effects.stops):

@@ -297,7 +297,8 @@ def make_sweep_tree(
         mismatch = eliminate_tree(first, end, has_dual, recovery, slop, h, step, s)
         is_searched = bool(False)
         if wp.static(effects.bounded_axes):
-            is_searched = has_dual and s.tree.patience[body_at(first, s.worlds)] < PATIENCE
+            is_searched = has_dual and recovery == 0.0
+            is_searched = is_searched and s.tree.patience[body_at(first, s.worlds)] < PATIENCE
         found = Misplaced()
         turned_most = substitute_tree(first, end, is_searched, h, found, s)
         share = float(1.0)
