@@ -161,8 +161,9 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         force += along
                     else:
                         torque += along
-                change = wp.length(force + s.history.loop_force[i])
+                change = float(0.0)
                 if is_force:
+                    change = wp.length(force + s.history.loop_force[i])
                     s.history.loop_force[i] = -force
                     s.history.loop_torque[i] = -torque
                 if is_first and recovery == 0.0:
