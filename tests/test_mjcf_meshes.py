@@ -45,6 +45,18 @@ def test_a_missing_mesh_is_named_and_the_rest_is_read(scene: Path) -> None:
     np.testing.assert_allclose(builder.body_mass, (3.0, 2.0), rtol=1.0e-6)
 
 
+def test_a_body_of_missing_meshes_alone_is_said_to_weigh_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "bot.xml"
+    path.write_text(
+        '<mujoco><asset><mesh name="m" file="gone.stl"/></asset><worldbody><body name="b">'
+        '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
+    )
+    builder, notes = read_asset(path, "avbd", floating=True)
+    assert notes[0].endswith("gone.stl")
+    assert notes[1].endswith("'b' 0 kg")
+    assert builder.body_mass == [0.0]
+
+
 def test_a_file_names_its_meshes_by_where_they_are(scene: Path) -> None:
     (scene.parent / "assets" / "lost.stl").write_text("solid")
     root, absent = read_mjcf(scene)

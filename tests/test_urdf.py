@@ -108,16 +108,6 @@ def test_crossed_limits_are_none(tmp_path):
     assert run(path, 30).state.body_q.numpy()[1, 2] == pytest.approx(9.0 - fallen, rel=1e-3)
 
 
-def test_a_mesh_of_mjcf_that_is_missing_is_named(tmp_path):
-    path = tmp_path / "bot.xml"
-    path.write_text(
-        '<mujoco><asset><mesh name="m" file="gone.stl"/></asset><worldbody><body>'
-        '<freejoint/><geom type="mesh" mesh="m"/></body></worldbody></mujoco>'
-    )
-    with pytest.raises(UserError, match=r"it names .*gone\.stl, which is not there"):
-        read_asset(path, "avbd", floating=True)
-
-
 def test_blank_lines_before_the_declaration_and_zeros_after_the_end_are_read_over(tmp_path):
     path = write(tmp_path, link("a"))
     path.write_text(f'\n\n<?xml version="1.0"?>\n{path.read_text()}\r\n\0')
