@@ -35,9 +35,6 @@ FRAMES = 240
 
 _MESH = re.compile(r"Mesh file '(.+?)' ([^;]+)")
 
-_ABSENT = re.compile(r"string is not a file: `(.+)`")
-"""What the reader of meshes says of a file that is missing."""
-
 GROUND_CLEARANCE = 0.01
 """Gap left between an asset that reaches below z = 0 and the ground put under it [m]."""
 
@@ -284,9 +281,6 @@ def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
 def _reason(error: Exception) -> str:
     """First line of an importer's message, without the place in its source that USD puts first."""
     lines = str(error).strip().splitlines()
-    absent = _ABSENT.search(lines[0]) if lines else None
-    if absent:
-        return f"it names {absent[1]}, which is not there: put it there, or take it out of the file"
     return lines[0].rpartition(" : ")[2].strip("'") if lines else type(error).__name__
 
 

@@ -31,16 +31,18 @@ def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[
         What the user should know of it, a sentence each.
     """
     known = len(_values(builder, "label"))
+    alone = ElementTree.parse(path).getroot()
+    unread = _unread_actuators(path, alone)
     root, absent = read_mjcf(path)
-    source = _without_pgs(root if absent else ElementTree.parse(path).getroot())
-    if not absent and source is None:
-        builder.add_mjcf(str(path), **options)
+    source = root if absent else alone
+    if _drop_pgs(source) or absent:
+        text = ElementTree.tostring(source, encoding="unicode")
+        builder.add_mjcf(text, path_resolver=partial(_beside, path.parent), **options)
     else:
-        source = source or ElementTree.tostring(root, encoding="unicode")
-        builder.add_mjcf(source, path_resolver=partial(_beside, path.parent), **options)
+        builder.add_mjcf(str(path), **options)
     return (
         *(_left_out(path, root, absent, builder) if absent else ()),
-        *_unread_actuators(path),
+        *unread,
         *_find_length_ranges(builder, path, known),
     )
 
@@ -126,11 +128,11 @@ def read_mjcf(
     return root, absent
 
 
-def _unread_actuators(path: Path) -> tuple[str, ...]:
+def _unread_actuators(path: Path, root: ElementTree.Element) -> tuple[str, ...]:
     """A sentence on the actuators of a file that are of :data:`UNREAD` kinds, if any."""
     found = [
         f"'{element.get('name', '')}' (<{element.tag}>)"
-        for group in ElementTree.parse(path).getroot().iter("actuator")
+        for group in root.iter("actuator")
         for element in group
         if element.tag in UNREAD
     ]
@@ -161,17 +163,11 @@ def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) ->
         A sentence on it, if there are such muscles and MuJoCo can read the file.
     """
     ranges, labels = _values(builder, "lengthrange"), _values(builder, "label")
-    kinds = (
-        (_values(builder, "gaintype"), int(MUSCLE_GAIN)),
-        (
-            _values(builder, "biastype"),
-            int(MUSCLE_BIAS),
-        ),
-    )
+    gains, biases = _values(builder, "gaintype"), _values(builder, "biastype")
     missing = [
         row
         for row in range(first, len(labels))
-        if any(values[row] == muscle for values, muscle in kinds)
+        if (gains[row] == int(MUSCLE_GAIN) or biases[row] == int(MUSCLE_BIAS))
         and ranges[row][0] >= ranges[row][1]
     ]
     if not missing or importlib.util.find_spec("mujoco") is None:
@@ -193,15 +189,15 @@ def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) ->
     )
 
 
-def _without_pgs(root: ElementTree.Element) -> str | None:
-    """Text of an MJCF file without its choice of MuJoCo's PGS solver; None for no such choice.
+def _drop_pgs(root: ElementTree.Element) -> bool:
+    """Takes the choice of MuJoCo's PGS solver out of a file; whether it was there.
 
     Newton's importer refuses the name, which says nothing about the scene.
     """
     options = [item for item in root.iter("option") if item.get("solver", "").lower() == "pgs"]
     for option in options:
         del option.attrib["solver"]
-    return ElementTree.tostring(root, encoding="unicode") if options else None
+    return bool(options)
 
 
 def _beside(folder: Path, base: str | None, name: str) -> str:
