@@ -8,6 +8,7 @@ import warp as wp
 
 from ..data import Solver, Step
 from ..effects import Effects
+from ..step.cables import begin_cluster
 from ..step.distances import reach_farther
 from ..step.kernels import KernelDecorator
 from .stages import Stages
@@ -38,7 +39,7 @@ def make_colored_joints(effects: Effects, stages: Stages, kernel: KernelDecorato
     """The kernels, made by the decorator ``kernel``."""
     block_start = stages.block_start
     measure_blocks, measure_loop = block_start.measure_blocks, block_start.measure_loop
-    place_blocks, begin_cluster = block_start.place_blocks, stages.cables.begin_cluster
+    place_blocks = block_start.place_blocks
 
     @kernel(effects.joints)
     def measure_joints(step: Step, s: wp.array[Solver]):

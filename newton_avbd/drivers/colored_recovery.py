@@ -10,6 +10,7 @@ from ..data import Solver, Step
 from ..effects import Effects
 from ..step.anchors import is_linked
 from ..step.bodies import report_held
+from ..step.cables import give_back
 from ..step.kernels import KernelDecorator
 from ..step.resetting import forget_joints
 from ..step.scale import (
@@ -45,7 +46,7 @@ def make_colored_recovery(
     count_passes, is_flat = make_count_passes(effects), stages.energy.is_flat
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
-    count_loop_turns, give_back = stages.loops.count_turns, stages.cables.give_back
+    count_loop_turns = stages.loops.count_turns
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
 
     @kernel()

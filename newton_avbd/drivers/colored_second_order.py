@@ -8,12 +8,13 @@ import warp as wp
 
 from ..data import Solver, Step
 from ..effects import Effects
-from ..step.cables import may_jerk
+from ..step.cables import has_jerked, may_jerk
 from ..step.flight import is_flying
 from ..step.kernels import KernelDecorator
 from ..step.motion_history import is_remembered, remember_led, remember_loop
 from ..step.slopes import QUIET_WORLD, is_going_on
 from ..step.smoothness import last_of
+from ..step.tendons import end_tendons
 from .colored_joints import loop_world
 from .stages import Stages
 
@@ -39,12 +40,12 @@ def make_colored_second_order(
     effects: Effects, stages: Stages, kernel: KernelDecorator
 ) -> SecondOrderKernels:
     """The kernels, made by the decorator ``kernel``."""
-    orders, has_jerked = stages.second_order, stages.cables.has_jerked
+    orders = stages.second_order
     begin_order, body_jumps, loop_jumps = orders.begin_body, orders.body_jumps, orders.loop_jumps
     goes_on_smoothly, order_world = orders.goes_on, orders.order_world
     start_body, lead_rows = orders.start_body, orders.lead_rows
     remember_motion = orders.remember_motion
-    remember_state, end_tendons = orders.remember_state, stages.closures.end_tendons
+    remember_state = orders.remember_state
 
     @kernel()
     def find_flying(step: Step, s: wp.array[Solver]):

@@ -61,7 +61,7 @@ def count_sweeps(world: int, moved: wp.array2d[float]) -> int:
 def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorator) -> SweepKernels:
     """The kernels, made by the decorator ``kernel``."""
     begin_body, sweep_block = stages.begin_body, stages.sweep_block
-    loop_wrench, solve_cluster = stages.loops.loop_wrench, stages.cables.solve_cluster
+    loop_wrench, solve_cluster = stages.loops.loop_wrench, stages.solve_cluster
 
     @kernel()
     def assemble(begin: int, step: Step, s: wp.array[Solver]):

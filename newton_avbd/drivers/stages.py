@@ -11,7 +11,7 @@ from ..rows import contact as contact_rows
 from ..step.beginning import make_begin_body, make_coasting
 from ..step.block_start import BlockStartFunctions, make_block_start
 from ..step.breaking import BreakFunctions, make_break_joints
-from ..step.cables import CableFunctions, make_cables, make_join
+from ..step.cables import make_join, make_solve_cluster
 from ..step.closures import ClosureFunctions, make_closures
 from ..step.ending import EndFunctions, make_end, make_remember
 from ..step.energy import EnergyFunctions, make_energy
@@ -36,7 +36,8 @@ class Stages:
     closures: ClosureFunctions
     trees: TreeFunctions
     piles: PileFunctions
-    cables: CableFunctions
+    solve_cluster: wp.Function
+    """Finds the tensions of a cluster of cables."""
     block_start: BlockStartFunctions
     begin_body: wp.Function
     """Sums the block of a body, or puts the body to its target."""
@@ -73,7 +74,6 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
             gather,
             closures.begin_rows,
             closures.keep_forces,
-            closures.missed_by_lines,
             closures.settle_tendons,
         )
     block_start = make_block_start(
@@ -81,7 +81,7 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
     )
     breaking = ABSENT
     if effects.breaking:
-        breaking = make_break_joints(effects, gather, closures.load_tendons)
+        breaking = make_break_joints(effects, gather)
     return Stages(
         second_order=make_second_order(effects) if effects.second_order else ABSENT,
         impacts=make_impacts(effects) if effects.restitution else ABSENT,
@@ -89,7 +89,7 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
         closures=closures,
         trees=trees,
         piles=make_piles(effects, gather, make_coasting(effects)) if effects.piles else ABSENT,
-        cables=make_cables(effects) if effects.cables else ABSENT,
+        solve_cluster=make_solve_cluster(effects) if effects.cables else absent,
         block_start=block_start,
         begin_body=make_begin_body(effects, make_assemble(effects, loops.loop_curvature)),
         sweep_block=make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree),

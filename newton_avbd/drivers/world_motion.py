@@ -10,12 +10,14 @@ from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..step.anchors import parent_slot
 from ..step.bodies import body_at
+from ..step.cables import has_jerked
 from ..step.impacts import leave_impacts
 from ..step.islands import join_islands, keep_momentum
 from ..step.loops import ties
 from ..step.motion_history import remember_loop
 from ..step.scale import last_update, length_of, settled_update
 from ..step.sides import make_written_side
+from ..step.tendons import end_tendons
 from .stages import Stages
 
 
@@ -33,11 +35,11 @@ def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
     written_side = make_written_side(effects)
     remember_motions = stages.second_order.remember_motions
     spend_impacts = stages.piles.spend_impacts
-    remember_rows, has_jerked = stages.remember_rows, stages.cables.has_jerked
+    remember_rows = stages.remember_rows
     join_cluster, join_tendons = stages.join_cluster, stages.join_tendons
     break_blocks, break_loop = stages.breaking.break_blocks, stages.breaking.break_loop
     end_velocity, end_armature = stages.end.end_velocity, stages.end.end_armature
-    end_tendons, align_spins = stages.closures.end_tendons, stages.trees.align_spins
+    align_spins = stages.trees.align_spins
     release_impacts = stages.impacts.release_impacts
 
     @wp.func

@@ -10,6 +10,7 @@ from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..step.anchors import is_linked
 from ..step.bodies import body_at
+from ..step.cables import give_back
 from ..step.islands import keep_spin
 from ..step.scale import make_count_passes, open_update
 from ..step.second_order import lead_spin
@@ -30,7 +31,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
     count_passes = make_count_passes(effects)
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
-    count_loop_turns, give_back = stages.loops.count_turns, stages.cables.give_back
+    count_loop_turns = stages.loops.count_turns
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
     bound_world = stages.energy.bound_world
     remember_states = stages.second_order.remember_states

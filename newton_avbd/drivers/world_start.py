@@ -10,6 +10,7 @@ from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..step.anchors import is_linked
 from ..step.bodies import body_at
+from ..step.cables import begin_cluster
 from ..step.contacts import make_rows
 from ..step.distances import reach_farther
 from ..step.islands import join_islands
@@ -41,7 +42,6 @@ def make_world_start(effects: Effects, stages: Stages) -> WorldStart:
     block_start = stages.block_start
     measure_blocks, measure_loop = block_start.measure_blocks, block_start.measure_loop
     place_blocks, begin_body = block_start.place_blocks, stages.begin_body
-    begin_cluster = stages.cables.begin_cluster
 
     @wp.func
     def begin_world(world: int, h: float, tolerance: float, s: wp.ref[Solver]) -> WorldScale:

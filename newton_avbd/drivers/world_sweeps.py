@@ -27,7 +27,7 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         stages.sweep_block,
         stages.piles.sweep_piles,
         stages.loops.loop_wrench,
-        stages.cables.solve_cluster,
+        stages.solve_cluster,
     )
 
     @wp.func

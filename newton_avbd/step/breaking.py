@@ -13,6 +13,7 @@ from ..rows.lock import make_locks
 from .anchors import anchor_arm, anchor_rotation, is_linked
 from .eliminate import held_by_loops
 from .kernels import KERNEL
+from .tendons import load_tendons
 
 
 @wp.kernel(**KERNEL)
@@ -45,15 +46,12 @@ class BreakFunctions(NamedTuple):
     break_loop: wp.Function
 
 
-def make_break_joints(
-    effects: Effects, gather: wp.Function, load_tendons: wp.Function
-) -> BreakFunctions:
+def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
     """Device functions for the joints of trees, and for one outside of them.
 
     Args:
         effects: What the kernel is compiled with.
         gather: Device function that sums what pulls a body beside its joints and tendons.
-        load_tendons: Device function that adds what tendons pull bodies with to their loads.
     """
     locks = make_locks(effects.kinds)
     linear_misfit, angular_lock = locks.linear_misfit, locks.angular_lock

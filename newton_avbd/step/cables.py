@@ -19,7 +19,7 @@ segments are slack and where cables slip in :mod:`.step.tensions`, what cables p
 :mod:`.step.cable_pull`.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import warp as wp
 
@@ -148,17 +148,8 @@ def give_back(cluster: int, s: wp.ref[Solver]):
     pull_cluster(cluster, s.work, cables)
 
 
-class CableFunctions(NamedTuple):
-    """Device functions in the order of the step, compiled for the joints of a scene."""
-
-    begin_cluster: wp.Function
-    solve_cluster: wp.Function
-    has_jerked: wp.Function
-    give_back: wp.Function
-
-
-def make_cables(effects: Effects) -> CableFunctions:
-    """Device functions: cables at the start of the sweeps, and their tensions after each."""
+def make_solve_cluster(effects: Effects) -> wp.Function:
+    """Device function: the tensions of cables after a sweep."""
     measure_row = make_measure_row(effects)
 
     @wp.func
@@ -225,7 +216,7 @@ def make_cables(effects: Effects) -> CableFunctions:
             return wp.float32(largest * largest)
         return 0.0
 
-    return CableFunctions(begin_cluster, solve_cluster, has_jerked, give_back)
+    return solve_cluster
 
 
 def make_join(join: Any) -> wp.Function:

@@ -16,9 +16,9 @@ from ..rows.joint import is_string, make_counts
 from .anchors import parent_slot
 from .kernels import ABSENT, absent
 from .loop_rows import make_loop_rows
-from .mimics import make_mimics, missed_by_lines
+from .mimics import make_mimics
 from .strings import make_string_rows, string_misses
-from .tendons import end_tendons, load_tendons, make_tendons
+from .tendons import make_tendons
 
 
 @wp.func
@@ -47,11 +47,8 @@ class ClosureFunctions:
     begin_closures: wp.Function
     begin_rows: wp.Function
     keep_forces: wp.Function
-    missed_by_lines: wp.Function
     begin_tendons: wp.Function
     settle_tendons: wp.Function
-    load_tendons: wp.Function
-    end_tendons: wp.Function
 
 
 def make_closures(effects: Effects) -> ClosureFunctions:
@@ -184,9 +181,6 @@ def make_closures(effects: Effects) -> ClosureFunctions:
         mimics.begin_closures,
         begin_rows,
         keep_forces,
-        missed_by_lines,
         tendons.begin_tendons,
         tendons.settle_tendons,
-        load_tendons,
-        end_tendons,
     )

@@ -17,6 +17,7 @@ from .bodies import body_at, has_rows
 from .carrying import is_short
 from .coordinates import make_coordinates
 from .eliminate import make_eliminate
+from .mimics import missed_by_lines
 from .rotations import turn_by
 from .scale import STOPPING
 from .substitute import Misplaced, make_substitute
@@ -116,7 +117,6 @@ def make_sweep_tree(
     gather: wp.Function,
     begin_rows: wp.Function,
     keep_forces: wp.Function,
-    missed_by_lines: wp.Function,
     settle_tendons: wp.Function,
 ) -> wp.Function:
     """Device function: one Newton iteration on a tree.
@@ -126,7 +126,6 @@ def make_sweep_tree(
         gather: Device function that sums the inertial and contact wrench of a body.
         begin_rows: Device function that starts the closures of a block.
         keep_forces: Device function that keeps what they push with.
-        missed_by_lines: Device function that measures what equality constraints are off by.
         settle_tendons: Device function that measures what tendons are off by.
     """
     eliminate = make_eliminate(effects, gather)

@@ -38,7 +38,6 @@ def make_trees(
     gather: wp.Function,
     begin_rows: wp.Function,
     keep_forces: wp.Function,
-    missed_by_lines: wp.Function,
     settle_tendons: wp.Function,
 ) -> TreeFunctions:
     """Device functions: how joints stand, and one Newton iteration on a tree.
@@ -48,15 +47,12 @@ def make_trees(
         gather: Device function that sums the inertial and contact wrench of a body.
         begin_rows: Device function that starts the closures of a block.
         keep_forces: Device function that keeps what they push with.
-        missed_by_lines: Device function that measures what equality constraints are off by.
         settle_tendons: Device function that measures what tendons are off by.
     """
     coordinates = make_coordinates(effects)
     start = make_joint_start(effects)
     forward = make_forward_kinematics(effects)
-    sweep_tree = make_sweep_tree(
-        effects, gather, begin_rows, keep_forces, missed_by_lines, settle_tendons
-    )
+    sweep_tree = make_sweep_tree(effects, gather, begin_rows, keep_forces, settle_tendons)
     return TreeFunctions(
         start.measure_start,
         start.measure_velocity,
