@@ -1248,6 +1248,45 @@ LONE = wp.constant(-2)
 
 
 @wp.struct
+class RungeKuttaWork:
+    """Steps of fourth order; see :mod:`.step.runge_kutta`."""
+
+    is_known: wp.array[wp.int32]
+    """By world: 1 where the last step was one, so that coordinates and rates are as it left
+    them."""
+    waits: wp.array[wp.int32]
+    """By world: steps before it tries again."""
+    guess: wp.array[wp.spatial_vector]
+    """By body slot: increment from which other steps start."""
+    left_q: wp.array[wp.transform]
+    """Pose at the end of the last one."""
+    left_qd: wp.array[wp.spatial_vector]
+    """Velocity at the end of it [m/s, rad/s]."""
+    start_velocity: wp.array[wp.spatial_vector]
+    velocity: wp.array[wp.spatial_vector]
+    """In the stage [m/s, rad/s]."""
+    acceleration: wp.array[wp.spatial_vector]
+    """In the stage before the last but one [m/s^2, rad/s^2]."""
+    moved: wp.array[wp.spatial_vector]
+    """Roots: what the stages so far add to the pose [m, rad]."""
+    gain: wp.array[wp.spatial_vector]
+    """And to the velocity [m/s, rad/s]."""
+    place: wp.array[wp.vec3]
+    """COM at the end [m]."""
+    ball_start: wp.array[wp.quat]
+    """Ball joints: anchor on the child against that on the parent at the start."""
+    rate: wp.array[wp.float64]
+    """By entry of ``tree.axes``: rate of the coordinate in the stage [m/s or rad/s]."""
+    start_rate: wp.array[wp.float64]
+    gained: wp.array[float]
+    """How fast it changes in the stage [m/s^2 or rad/s^2]."""
+    axis_moved: wp.array[wp.float64]
+    """What the stages so far add to the coordinate [m or rad]."""
+    axis_gain: wp.array[wp.float64]
+    """And to its rate [m/s or rad/s]."""
+
+
+@wp.struct
 class TreeWork:
     """Per body slot: the tree that joints make of the bodies of an articulation.
 
@@ -1319,6 +1358,7 @@ class TreeWork:
     closures: ClosureWork
     cables: CableWork
     tendons: TendonModel
+    runge_kutta: RungeKuttaWork
 
 
 @wp.struct

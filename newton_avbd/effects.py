@@ -83,6 +83,12 @@ CAUSES: dict[str, Cause] = {
     "second_order": Cause(
         "", "scheme='generalized_alpha', the default", "step/second_order.py", "Pass scheme."
     ),
+    "fourth_order": Cause(
+        "joint",
+        "that scheme='runge_kutta' moves along its axes",
+        "step/runge_kutta.py",
+        "Pass scheme.",
+    ),
     "carried_rounding": Cause(
         "body",
         "stepped by scheme='generalized_alpha', the default, without contacts, cables, drag and "
@@ -297,6 +303,8 @@ class Effects:
     """Free bodies in contact are solved at once, and a world has two of them."""
     second_order: bool = False
     """Second order in time where the motion is smooth."""
+    fourth_order: bool = False
+    """Fourth order where nothing but joints holds bodies."""
     carried_rounding: bool = False
     """What rounding takes from poses and velocities goes on to the next step."""
     adaptive: bool = False
@@ -346,6 +354,7 @@ class Effects:
         friction_mix: str,
         angular_friction: bool | None,
         second_order: bool,
+        fourth_order: bool,
         sleeping: bool,
         adaptive: bool = False,
         without: frozenset[str] = frozenset(),
@@ -362,6 +371,7 @@ class Effects:
             angular_friction: Whether torsional and rolling friction is asked for; None where only
                 MuJoCo's condim asks for it.
             second_order: Whether the scheme is of second order in time.
+            fourth_order: Whether it is of fourth order where nothing but joints holds bodies.
             sleeping: Whether islands at rest are to sleep.
             adaptive: Whether an accuracy was asked for.
             without: Effects that are to be left out.
@@ -377,6 +387,7 @@ class Effects:
             ramp=ramp,
             angular_friction=angular_friction,
             second_order=second_order,
+            fourth_order=fourth_order,
             adaptive=adaptive,
             has_condims="condim" not in without,
         )
@@ -447,6 +458,11 @@ class Effects:
     def rods(self) -> bool:
         """Whether there are ROD joints, elastic along all six axes."""
         return self.kinds.rods
+
+    @property
+    def distances(self) -> bool:
+        """Whether there are DISTANCE joints."""
+        return self.kinds.distances
 
     @property
     def coordinates(self) -> bool:

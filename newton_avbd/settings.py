@@ -71,7 +71,7 @@ MOST_ITERATIONS = 40
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
     "formulation": ("augmented", "ramp"),
-    "scheme": ("euler", "generalized_alpha"),
+    "scheme": ("euler", "generalized_alpha", "runge_kutta"),
     "blocks": ("articulation", "body"),
 }
 
@@ -127,6 +127,11 @@ class Settings:
         """Whether the scheme is of second order in time."""
         return self.scheme != "euler"
 
+    @property
+    def fourth_order(self) -> bool:
+        """Whether it is of fourth order where nothing but joints holds bodies."""
+        return self.scheme == "runge_kutta"
+
     @classmethod
     def resolve(cls, model: newton.Model, **arguments: Any) -> "Settings":
         """Settings from explicit arguments, None where not given, and the scene.
@@ -169,11 +174,11 @@ class Settings:
             )
         if values["formulation"] == "ramp" and values["angular_friction"]:
             raise ValueError("formulation='ramp' has no angular_friction; leave it out.")
-        if values["formulation"] == "ramp" and values["scheme"] == "generalized_alpha":
+        if values["formulation"] == "ramp" and values["scheme"] not in (None, "euler"):
             raise ValueError(
-                "formulation='ramp' is backward Euler; leave scheme='generalized_alpha' out."
+                f"formulation='ramp' is backward Euler; leave scheme={values['scheme']!r} out."
             )
-        if accuracy is not None and "euler" == values["scheme"]:
+        if accuracy is not None and values["scheme"] not in (None, "generalized_alpha"):
             raise ValueError("accuracy is for scheme='generalized_alpha'; leave scheme out.")
         if values["scheme"] is None:
             values["scheme"] = "euler" if values["formulation"] == "ramp" else "generalized_alpha"

@@ -126,7 +126,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         | None = None,
         angular_friction: bool | None = None,
         formulation: Literal["augmented", "ramp"] | None = None,
-        scheme: Literal["euler", "generalized_alpha"] | None = None,
+        scheme: Literal["euler", "generalized_alpha", "runge_kutta"] | None = None,
         blocks: Literal["articulation", "body"] | None = None,
         parallel: Literal["worlds", "bodies"] | None = None,
         sleeping: bool | None = None,
@@ -178,8 +178,11 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 document's growing penalty up to the shapes' ``ke``, for comparison.
             scheme: ``"generalized_alpha"``, the default, of second order in time where the motion
                 is smooth; steps in which a velocity of a world jumps are backward Euler. Or
-                ``"euler"``, backward Euler in all steps, to compare with ``SolverVBD`` or the seed
-                document. ``formulation="ramp"`` is backward Euler, too.
+                ``"runge_kutta"``, of fourth order in steps in which nothing but trees of joints
+                holds the bodies of a world (no contact, no stop, nothing too stiff), for motion
+                that is to be exact; other steps are those of the default. Or ``"euler"``, backward
+                Euler in all steps, to compare with ``SolverVBD`` or the seed document.
+                ``formulation="ramp"`` is backward Euler, too.
             blocks: What is solved at once: ``"articulation"``, the default, the tree that joints
                 make of bodies, or ``"body"``, each body by itself, for comparison.
             parallel: What the threads of a device share: ``"worlds"``, one thread a world, or
@@ -701,6 +704,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         h, order = self._history.step.numpy(), np.ones_like(sweeps)
         if self.settings.second_order:
             order += self._worlds.step.numpy() < h
+        if self._flags.fourth_order:
+            order[self._tree.runge_kutta.is_known.numpy() != 0] = 4
         allowed = np.maximum(self.tolerance, self._worlds.settled.numpy())
         worst = self._worst_contacts(np.flatnonzero(update > allowed))
         return Report(sweeps.copy(), update.copy(), allowed, order, worst, self._inner_report())
@@ -847,6 +852,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             # where joints to kinematic bodies were before those are put elsewhere
             if joints.coordinate is not None:
                 yield f"{name}.coordinate", joints.coordinate
+        if self._flags.fourth_order:
+            yield from members("tree.runge_kutta", self._tree.runge_kutta)
         if self._flags.welds:
             yield "links.body_q_out", self._solved.links.body_q_out
             yield "links.body_qd_out", self._solved.links.body_qd_out
@@ -896,6 +903,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 self._solved.reread()
         self._refresh_solved()
         self._bind_model()
+        if self._flags.fourth_order:
+            self._tree.runge_kutta.is_known.zero_()
         if self._flags.sleeping:
             for array, value in ((self._sleep.still, 0.0), (self._sleep.woken, 1)):
                 array.fill_(value)

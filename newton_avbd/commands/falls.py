@@ -75,7 +75,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
     )
-    parser.add_argument("--scheme", choices=("euler", "generalized_alpha"), help="of SolverAVBD")
+    parser.add_argument(
+        "--scheme", choices=("euler", "generalized_alpha", "runge_kutta"), help="of SolverAVBD"
+    )
     parser.add_argument("--parallel", choices=("worlds", "bodies"), help="of SolverAVBD")
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="write a file for each fall that fails there"

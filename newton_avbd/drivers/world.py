@@ -16,7 +16,7 @@ from ..step.denormals import flush_denormals, restore_denormals
 from ..step.energy import keep_start
 from ..step.finite import hold_world, is_solution_finite, make_is_world_finite
 from ..step.islands import join_islands
-from ..step.kernels import KERNEL, uncollected
+from ..step.kernels import KERNEL, absent, uncollected
 from ..step.links import gather_body, gather_joint, place_fixed_links, scatter_body
 from ..step.scale import (
     COLD_STEPS,
@@ -32,6 +32,7 @@ from ..step.sides import make_written_side
 from .stages import make_stages
 from .world_motion import make_world_motion
 from .world_recovery import make_world_recovery
+from .world_smooth import make_world_smooth
 from .world_start import make_world_start
 from .world_sweeps import make_sweep_to_rest, stiffen_impacts
 
@@ -54,6 +55,9 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
     after = make_world_recovery(effects, stages)
     begin_recovery, end_recovery = after.begin_recovery, after.end_recovery
     end_poses = after.end_poses
+    step_smoothly = absent
+    if effects.fourth_order:
+        step_smoothly = make_world_smooth(effects, end_poses)
 
     @wp.func
     def solve_world(
@@ -75,6 +79,10 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         has_impacts = bool(False)
         if wp.static(effects.contact):
             deepest, has_impacts = build_rows(world, scale, body_qd, step, s)
+        if wp.static(effects.fourth_order):
+            # where nothing but joints holds the bodies that is all
+            if step_smoothly(world, scale, body_qd, step, s):
+                return
         if wp.static(effects.second_order):
             scale = begin_second_order(world, has_impacts, scale, body_qd, s)
         is_open = bool(False)

@@ -39,7 +39,7 @@ class AVBDSolverCfg(NewtonSolverCfg):
     angular_friction: bool | None = None
     """Whether contacts resist twisting and rolling."""
 
-    scheme: Literal["euler", "generalized_alpha"] | None = None
+    scheme: Literal["euler", "generalized_alpha", "runge_kutta"] | None = None
     """Time integration."""
 
     parallel: Literal["worlds", "bodies"] | None = None

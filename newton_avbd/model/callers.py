@@ -33,6 +33,7 @@ def find_callers(
     ramp: bool,
     angular_friction: bool | None,
     second_order: bool,
+    fourth_order: bool,
     adaptive: bool,
     has_condims: bool,
 ) -> dict[str, np.ndarray]:
@@ -47,6 +48,7 @@ def find_callers(
         angular_friction: Whether torsional and rolling friction is asked for; None where only
             MuJoCo's condim asks for it.
         second_order: Whether the scheme is of second order in time.
+        fourth_order: Whether it is of fourth order where nothing but joints holds bodies.
         adaptive: Whether an accuracy was asked for.
         has_condims: Whether MuJoCo's condim counts.
     """
@@ -73,6 +75,9 @@ def find_callers(
         without |= {"limit_impedance"}
     if not piles:
         without |= {"piles"}
+    callers["fourth_order"] = callers["joints"]
+    if not fourth_order:
+        without |= {"fourth_order"}
     # contacts are off by more than rounding, and settle by what it leaves; a cable is as taut
     # as rounding of the poses that it ties; drag and inner steps need states of their own
     others = ("contact", "cables", "servos", "fluid")

@@ -3,6 +3,7 @@
 """What a solver's kernels see of the model, and the arrays they work on: when which are made."""
 
 import dataclasses
+import warnings
 from collections.abc import Callable, Iterator
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -14,6 +15,7 @@ import warp as wp
 from .. import data
 from ..attributes import BREAK_LIMITS, authored_fluid, break_limits
 from ..checks import check_array
+from ..drivers import world_smooth
 from ..drivers.large import FEW, LARGE, LargeWorlds, obstacles
 from ..drivers.launch import Launcher
 from ..drivers.scan import scratch_size
@@ -297,6 +299,7 @@ class SolverArrays:
             friction_mix=self.settings.friction_mix_mode or "geometric_average",
             angular_friction=self.settings.angular_friction,
             second_order=self.settings.second_order,
+            fourth_order=self.settings.fourth_order,
             sleeping=self.settings.sleeping,
             adaptive=self.settings.accuracy is not None,
             without=self._without,
@@ -309,8 +312,18 @@ class SolverArrays:
                 f"SolverAVBD does not simulate the model's {self.model.tendon_count} tendons with "
                 f"{what}. Leave that out, or the tendons with effects={{'cables': False}}."
             )
-        if self._takes_bodies(groups, flags):
+        takes_bodies = self._takes_bodies(groups, flags)
+        if takes_bodies:
             flags = flags.leaving_out(frozenset({"piles"}))
+        if flags.fourth_order:
+            found = world_smooth.obstacles(flags) + takes_bodies * ["parallel='bodies'"]
+            if found:
+                flags = flags.leaving_out(frozenset({"fourth_order"}))
+                warnings.warn(
+                    "SolverAVBD: scheme='runge_kutta' takes steps of second order, as "
+                    f"'generalized_alpha' does, with {' and '.join(found)}.",
+                    stacklevel=2,
+                )
         return groups, topology, flags, callers
 
     def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:
@@ -329,6 +342,8 @@ class SolverArrays:
                 )
             return False
         if self._parallel is None:
+            if flags.fourth_order and not world_smooth.obstacles(flags):
+                return False
             sizes = np.bincount(groups)
             if not self.device.is_cuda or sizes.max(initial=0) < LARGE or sizes.size > FEW:
                 return False
@@ -454,6 +469,11 @@ class SolverArrays:
         if self._flags.joints:
             with wp.ScopedDevice(self.device):
                 self._tree = buffers.tree_work(self._solved, topology)
+                if self._flags.fourth_order:
+                    slots, axes = self._solved.body_count + 1, self._tree.axes.size
+                    self._tree.runge_kutta = buffers.runge_kutta_work(
+                        slots, axes, self._world_count
+                    )
                 if self._history.joint_force is None:
                     buffers.add_joint_history(self._history, self._solved, self._rest_angle)
 

@@ -229,6 +229,23 @@ def tree_work(model: newton.Model, topology: Topology) -> Any:
     return tree
 
 
+def runge_kutta_work(slots: int, axes: int, worlds: int) -> Any:
+    """Stages of steps of fourth order, by body slot, entry of the tree's axes and world."""
+    work = data.RungeKuttaWork()
+    of_bodies = ("guess", "left_qd", "start_velocity", "velocity", "acceleration", "moved", "gain")
+    for name in of_bodies:
+        setattr(work, name, wp.zeros(slots, dtype=wp.spatial_vector))
+    work.left_q = wp.zeros(slots, dtype=wp.transform)
+    work.place = wp.zeros(slots, dtype=wp.vec3)
+    work.ball_start = wp.zeros(slots, dtype=wp.quat)
+    for name in ("rate", "start_rate", "axis_moved", "axis_gain"):
+        setattr(work, name, wp.zeros(axes, dtype=wp.float64))
+    work.gained = wp.zeros(axes, dtype=float)
+    work.is_known = wp.zeros(worlds, dtype=wp.int32)
+    work.waits = wp.zeros(worlds, dtype=wp.int32)
+    return work
+
+
 def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -> None:
     """What is remembered of joints, by body slot and by degree of freedom."""
     slots, dofs = model.body_count + 1, model.joint_dof_count

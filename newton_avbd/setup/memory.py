@@ -15,6 +15,7 @@ _OWNERS: dict[str, str] = {
     "tree.closures": "closures",
     "tree.cables": "cables",
     "tree.tendons": "tendons",
+    "tree.runge_kutta": "fourth_order",
     "loops": "loops",
     "work.put": "put_bodies",
     "work.put_from": "put_bodies",

@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How joints of trees stand at the start of a step: misfit, coordinates, velocities of these."""
 
+import functools
 from dataclasses import dataclass
 
 import warp as wp
@@ -32,10 +33,13 @@ from .slopes import begin_axis
 class JointStartFunctions:
     """Device functions of joints at the start of a step."""
 
+    measure_misfit: wp.Function
+    read_start: wp.Function
     measure_start: wp.Function
     measure_velocity: wp.Function
 
 
+@functools.cache
 def make_joint_start(effects: Effects) -> JointStartFunctions:
     """Device functions that measure joints at the start of a step."""
     counts = make_counts(effects.kinds)
@@ -96,20 +100,9 @@ def make_joint_start(effects: Effects) -> JointStartFunctions:
                 s.history.joint_angle[first + i] = wp.float64(other[i])
 
     @wp.func(inline=effects.inline)
-    def begin_coordinates(
-        body: int, anchors: Anchors, scale: WorldScale, s: wp.ref[Solver]
-    ) -> bool:
-        """Coordinates of the body's joint at the start of the step, by its anchors.
-
-        Returns whether one is beyond its limits by more than rounding.
-        """
+    def read_start(body: int, anchors: Anchors, static_slot: int, s: wp.ref[Solver]):
+        """Reads the coordinates of the body's joint at the start of the step, by its anchors."""
         joint = nonnegative(s.tree.joint[body])
-        parent = nonnegative(s.tree.parent[body])
-        static_slot = scale.static_slot
-        is_open = bool(False)
-        is_carried = (
-            parent != static_slot and s.work.inv_mass[parent] == 0.0 and s.tree.is_left[body]
-        )
         start = s.joints.dof_start[joint]
         read_coordinates(
             body,
@@ -130,6 +123,23 @@ def make_joint_start(effects: Effects) -> JointStartFunctions:
                 tilt = tilt_beyond(body, start, s)
                 none = wp.vec3(0.0)
                 s.tree.misfit[body] = s.tree.misfit[body] + wp.spatial_vector(none, tilt)
+
+    @wp.func(inline=effects.inline)
+    def begin_coordinates(
+        body: int, anchors: Anchors, scale: WorldScale, s: wp.ref[Solver]
+    ) -> bool:
+        """Coordinates of the body's joint at the start of the step, by its anchors.
+
+        Returns whether one is beyond its limits by more than rounding.
+        """
+        joint = nonnegative(s.tree.joint[body])
+        parent = nonnegative(s.tree.parent[body])
+        is_open = bool(False)
+        is_carried = (
+            parent != scale.static_slot and s.work.inv_mass[parent] == 0.0 and s.tree.is_left[body]
+        )
+        start = s.joints.dof_start[joint]
+        read_start(body, anchors, scale.static_slot, s)
         for dof in range(linear_count(s.joints, joint) + angular_count(s.joints, joint)):
             index = start + dof
             q = s.history.joint_angle[index]
@@ -199,4 +209,4 @@ def make_joint_start(effects: Effects) -> JointStartFunctions:
                 s.joints, joint, dof, q_p, q_c, known, relative
             )
 
-    return JointStartFunctions(measure_start, measure_velocity)
+    return JointStartFunctions(measure_misfit, read_start, measure_start, measure_velocity)

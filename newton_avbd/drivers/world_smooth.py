@@ -1,0 +1,276 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""A step of fourth order of a world, where nothing but joints holds its bodies."""
+
+import warp as wp
+
+from ..data import Solver, Step, WorldScale
+from ..effects import Effects
+from ..step.anchors import is_linked
+from ..step.bodies import body_at
+from ..step.finite import is_solution_finite
+from ..step.runge_kutta import RESOLVED, WAITING, make_runge_kutta
+from ..step.scale import COLD_STEPS
+from ..step.sides import make_written_side
+from ..step.slopes import JUMPED
+from ..step.stage_end import make_stage_end
+from ..step.stage_forces import make_stage_forces
+
+_UNSUPPORTED: dict[str, str] = {
+    "loops": "joints outside of trees",
+    "closures": "joints that close loops, mimics or tendons",
+    "cables": "cables",
+    "rods": "ROD joints",
+    "distances": "DISTANCE joints",
+    "drag": "a fluid, or servos against the world",
+    "adhesion": "adhesion",
+    "breaking": "joints that may break",
+    "reaction": "joint_f of FREE joints that reacts on a parent",
+    "sleeping": "sleeping=True",
+}
+"""Effects without which steps of fourth order do, and what to call them."""
+
+
+def obstacles(effects: Effects) -> list[str]:
+    """What of a scene has all of its steps of second order; empty where nothing has."""
+    found = [reason for name, reason in _UNSUPPORTED.items() if getattr(effects, name)]
+    return list(dict.fromkeys(found))
+
+
+def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
+    """Device function: the step of a world by a Runge-Kutta method, where that can be.
+
+    Args:
+        effects: What the kernel is compiled with.
+        end_poses: Device function that leaves the poses of a world by its increments.
+    """
+    rk = make_runge_kutta(effects)
+    begin_body, measure_body = rk.begin_body, rk.measure_body
+    start_from, begin_axes, give_up = rk.start_from, rk.begin_axes, rk.give_up
+    place_body, advance_body = rk.place_body, rk.advance_body
+    differs_by = rk.differs_by
+    ending = make_stage_end(effects)
+    allows_axes, allows_rows, end_body = ending.allows_axes, ending.allows_rows, ending.end_body
+    leave_body, leave_joint = ending.leave_body, ending.leave_joint
+    forces = make_stage_forces(effects)
+    eliminate_stage, substitute_stage = forces.eliminate_stage, forces.substitute_stage
+    written_side = make_written_side(effects)
+
+    @wp.func
+    def may_be_smooth(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]) -> bool:
+        """Whether no contact is closed at the start, and nothing is moved by the user."""
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] == 0.0 and wp.length_sq(body_qd[body]) > 0.0:
+                return False
+            if wp.static(effects.contact):
+                for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+                    if s.rows.rows[k].gap <= 0.0:
+                        return False
+        return True
+
+    @wp.func(inline=effects.inline)
+    def place_world(world: int, static_slot: int, s: wp.ref[Solver]):
+        """Places the bodies of a world by their coordinates."""
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                place_body(body, static_slot, s)
+
+    @wp.func(inline=effects.inline)
+    def substitute_world(world: int, s: wp.ref[Solver]):
+        """Accelerations of linked bodies by those of roots, or velocities."""
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                substitute_stage(body, s)
+
+    @wp.func
+    def measure_world(
+        world: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> bool:
+        """Coordinates and rates by poses and velocities.
+
+        Velocities that joints do not allow, as steps of lower order leave them, give way. Returns
+        whether joints are closed, and within their limits.
+        """
+        first = s.worlds.body_start[world]
+        end = s.worlds.body_start[world + 1]
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            s.tree.rotation[body] = wp.transform_get_rotation(s.work.pose[body])
+            s.tree.swing[body] = wp.quat_identity()
+            s.tree.turn[body] = wp.vec3(0.0)
+            s.tree.runge_kutta.velocity[body] = wp.spatial_vector()
+        is_open = bool(False)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                if measure_body(body, scale, body_qd, s):
+                    is_open = True
+        if is_open:
+            return False
+        place_world(world, scale.static_slot, s)
+        if not eliminate_stage(world, True, scale.static_slot, scale.h, step, s):
+            return False
+        substitute_world(world, s)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                start_from(body, s)
+        return True
+
+    @wp.func
+    def begin_smooth(
+        world: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> bool:
+        """Where coordinates and rates are: as the last step left them, or measured.
+
+        Returns whether joints are closed, and nothing holds their axes, nor would if they went on.
+        """
+        first = s.worlds.body_start[world]
+        end = s.worlds.body_start[world + 1]
+        is_known = s.tree.runge_kutta.is_known[world] != 0 and s.history.age[world] > 0
+        for i in range(first, end):
+            if not begin_body(body_at(i, s.worlds), body_qd, s):
+                is_known = False
+        if not is_known:
+            if not measure_world(world, scale, body_qd, step, s):
+                return False
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                begin_axes(body, s)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                if not allows_axes(body, 0.0, s) or not allows_axes(body, scale.h, s):
+                    return False
+        return True
+
+    @wp.func
+    def is_resolved(world: int, h: float, s: wp.ref[Solver]) -> bool:
+        """Whether the step is short beside what the bodies of a world do, by its third stage."""
+        changed = float(0.0)
+        motion = float(0.0)
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                change, energy = differs_by(body, h, s)
+                changed += change
+                motion += energy
+        return changed <= RESOLVED * RESOLVED * motion
+
+    @wp.func
+    def take_stages(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> bool:
+        """The four stages of a step, and where it ends; returns whether it is short enough."""
+        h = scale.h
+        for stage in range(5):
+            place_world(world, scale.static_slot, s)
+            if stage == 4:
+                break
+            if not eliminate_stage(world, False, scale.static_slot, h, step, s):
+                return False
+            substitute_world(world, s)
+            if stage == 2 and not is_resolved(world, h, s):
+                return False
+            weight = wp.where(stage == 0 or stage == 3, h / 6.0, h / 3.0)
+            ahead = wp.where(stage < 2, 0.5 * h, wp.where(stage == 2, h, 0.0))
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                body = body_at(i, s.worlds)
+                if s.work.inv_mass[body] > 0.0:
+                    s.tree.runge_kutta.acceleration[body] = s.tree.update[body]
+                    advance_body(body, weight, ahead, s)
+        return True
+
+    @wp.func
+    def is_allowed(world: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
+        """Increments of the bodies; returns whether the step has met nothing that holds them."""
+        first = s.worlds.body_start[world]
+        end = s.worlds.body_start[world + 1]
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            end_body(body, scale.static_slot, s)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                if not allows_axes(body, 0.0, s):
+                    return False
+        if wp.static(effects.contact):
+            for i in range(first, end):
+                if not allows_rows(body_at(i, s.worlds), s):
+                    return False
+        return is_solution_finite(world, s)
+
+    @wp.func(inline=effects.inline)
+    def leave_world(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]):
+        """Velocities and poses, and what the next step is to know."""
+        first = s.worlds.body_start[world]
+        end = s.worlds.body_start[world + 1]
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            step.body_qd_out[body] = s.tree.runge_kutta.velocity[body]
+            leave_body(body, scale.h, s)
+        s.worlds.sweeps[world] = 4
+        s.worlds.update[world] = 0.0
+        s.worlds.settled[world] = 0.0
+        s.worlds.step[world] = scale.h
+        s.history.slope_age[world] = 0.5 * scale.h
+        # whatever ends the smooth motion jumps
+        s.history.smooth[world] = JUMPED
+        side = written_side(world, s.history)
+        if wp.static(effects.contact):
+            for i in range(first, end):
+                body = body_at(i, s.worlds)
+                s.history.start[side, body] = s.rows.owned_start[body]
+                s.history.end[side, body] = s.rows.owned_start[body]
+                for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+                    s.rows.rows[k].force = wp.vec3(0.0)
+        s.history.parity[world] = side
+        s.history.age[world] = wp.min(s.history.age[world] + 1, COLD_STEPS)
+        end_poses(world, False, False, scale, step, s)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            s.tree.runge_kutta.left_q[body] = step.body_q_out[body]
+            s.tree.runge_kutta.left_qd[body] = step.body_qd_out[body]
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                leave_joint(body, step.body_qd_out, s)
+
+    @wp.func
+    def step_smoothly(
+        world: int,
+        scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> bool:
+        """Makes the step of a world; returns false, and leaves it to others, where it cannot."""
+        waits = s.tree.runge_kutta.waits[world]
+        if s.history.age[world] == 0:
+            waits = 0
+        s.tree.runge_kutta.waits[world] = wp.max(waits - 1, 0)
+        if waits > 0 or not may_be_smooth(world, body_qd, s):
+            s.tree.runge_kutta.is_known[world] = 0
+            return False
+        is_taken = begin_smooth(world, scale, body_qd, step, s)
+        if is_taken:
+            is_taken = take_stages(world, scale, step, s)
+            if is_taken:
+                is_taken = is_allowed(world, scale, s)
+            else:
+                s.tree.runge_kutta.waits[world] = WAITING
+        s.tree.runge_kutta.is_known[world] = int(is_taken)
+        if is_taken:
+            leave_world(world, scale, step, s)
+        else:
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                give_up(body_at(i, s.worlds), s)
+        return is_taken
+
+    return step_smoothly

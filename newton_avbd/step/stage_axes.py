@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Entries of joints in ``tree.axes``, as steps of fourth order count them."""
+
+import functools
+from dataclasses import dataclass
+
+import warp as wp
+
+from ..data import Solver
+from ..effects import Effects
+from ..rows.joint import BALL, make_counts
+from .bodies import nonnegative
+
+
+@dataclass(frozen=True)
+class StageAxisFunctions:
+    """Device functions that tell joints apart."""
+
+    is_ball: wp.Function
+    axis_count: wp.Function
+
+
+@functools.cache
+def make_stage_axes(effects: Effects) -> StageAxisFunctions:
+    """Device functions: whether a joint is a ball, and how many axes a body's joint has."""
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
+
+    @wp.func
+    def is_ball(joint: int, s: wp.ref[Solver]) -> bool:
+        """Whether a joint is a ball, whose axes are fixed in the parent."""
+        if wp.static(effects.kinds.balls):
+            return s.joints.type[joint] == BALL
+        return False
+
+    @wp.func
+    def axis_count(body: int, s: wp.ref[Solver]) -> int:
+        """Entries of the body in ``tree.axes``."""
+        joint = nonnegative(s.tree.joint[body])
+        return linear_count(s.joints, joint) + angular_count(s.joints, joint)
+
+    return StageAxisFunctions(is_ball, axis_count)
