@@ -1255,7 +1255,9 @@ class RungeKuttaWork:
     """By world: 1 where the last step was one, so that coordinates and rates are as it left
     them."""
     waits: wp.array[wp.int32]
-    """By world: steps before it tries again."""
+    """By world: steps before it tries again, -1 where the next one is not to try."""
+    turns: wp.array[float]
+    """By world: about how far the step takes what oscillates fastest in it [rad]."""
     guess: wp.array[wp.spatial_vector]
     """By body slot: increment from which other steps start."""
     left_q: wp.array[wp.transform]
@@ -1265,8 +1267,9 @@ class RungeKuttaWork:
     start_velocity: wp.array[wp.spatial_vector]
     velocity: wp.array[wp.spatial_vector]
     """In the stage [m/s, rad/s]."""
-    acceleration: wp.array[wp.spatial_vector]
-    """In the stage before the last but one [m/s^2, rad/s^2]."""
+    before: wp.array[wp.spatial_vector]
+    """Acceleration in the stage before [m/s^2, rad/s^2], and after the last one the velocity in it
+    [m/s, rad/s]."""
     moved: wp.array[wp.spatial_vector]
     """Roots: what the stages so far add to the pose [m, rad]."""
     gain: wp.array[wp.spatial_vector]

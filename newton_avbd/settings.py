@@ -178,10 +178,12 @@ class Settings:
             raise ValueError(
                 f"formulation='ramp' is backward Euler; leave scheme={values['scheme']!r} out."
             )
-        if accuracy is not None and values["scheme"] not in (None, "generalized_alpha"):
-            raise ValueError("accuracy is for scheme='generalized_alpha'; leave scheme out.")
+        if accuracy is not None and values["scheme"] == "euler":
+            raise ValueError("accuracy is for schemes of higher order; leave scheme='euler' out.")
         if values["scheme"] is None:
-            values["scheme"] = "euler" if values["formulation"] == "ramp" else "generalized_alpha"
+            values["scheme"] = "generalized_alpha" if accuracy is None else "runge_kutta"
+            if values["formulation"] == "ramp":
+                values["scheme"] = "euler"
         return cls(**values)
 
 

@@ -853,7 +853,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             if joints.coordinate is not None:
                 yield f"{name}.coordinate", joints.coordinate
         if self._flags.fourth_order:
-            yield from members("tree.runge_kutta", self._tree.runge_kutta)
+            for name in ("is_known", "waits", "left_q", "left_qd", "ball_start", "rate"):
+                yield f"tree.runge_kutta.{name}", getattr(self._tree.runge_kutta, name)
         if self._flags.welds:
             yield "links.body_q_out", self._solved.links.body_q_out
             yield "links.body_qd_out", self._solved.links.body_qd_out

@@ -64,7 +64,7 @@ VARIANTS = {
     "bare contact": BARE,
     "hinges": HINGED,
     "driven hinges": with_all(
-        HINGED, "drives limits armature springs second_order carried_rounding"
+        HINGED, "drives limits armature springs second_order fourth_order carried_rounding"
     ),
     "a robot": with_all(
         dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs welds"
@@ -74,7 +74,7 @@ VARIANTS = {
         "pairs piles restitution angular_friction matching moving_surfaces contact_materials "
         "put_bodies condim contact_pairs cylinders",
     ),
-    "an accuracy": with_all(HINGED, "adaptive second_order drives limits"),
+    "an accuracy": with_all(HINGED, "adaptive second_order fourth_order drives limits"),
     "compliance": with_all(BODIES, "compliance matching contact_materials"),
     "sleeping": with_all(BARE, "sleeping"),
     "ramp": with_all(BODIES, "ramp matching contact_materials"),

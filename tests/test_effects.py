@@ -165,7 +165,7 @@ def test_the_full_scene_calls_for_everything() -> None:
     assert off == {
         *("compliance", "ramp", "matching", "moving_surfaces", "contact_materials"),
         *("light_roots", "light_links", "sleeping", "adaptive", "limit_impedance"),
-        "carried_rounding",  # it has cables, and drag
+        *("carried_rounding", "fourth_order"),  # it has cables, and drag
     }
 
 

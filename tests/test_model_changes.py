@@ -463,6 +463,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "compliance",
             "ramp",
             "second_order",
+            "fourth_order",
             "friction_mix",
             "angular_friction",
             "sleeping",

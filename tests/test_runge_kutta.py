@@ -295,8 +295,6 @@ def test_what_it_does_not_do_is_named() -> None:
         solver = SolverAVBD(builder.finalize(device="cpu"), scheme=RK4)
     assert not solver.effects["fourth_order"].on
     model = armed_box(0.5).finalize(device="cpu")
-    with pytest.raises(ValueError, match="accuracy is for scheme='generalized_alpha'"):
-        SolverAVBD(model, scheme=RK4, accuracy=1.0e-3)
     with pytest.raises(ValueError, match="leave scheme='runge_kutta' out"):
         SolverAVBD(model, scheme=RK4, formulation="ramp")
     scene = armed_box(0.5)

@@ -232,7 +232,7 @@ def tree_work(model: newton.Model, topology: Topology) -> Any:
 def runge_kutta_work(slots: int, axes: int, worlds: int) -> Any:
     """Stages of steps of fourth order, by body slot, entry of the tree's axes and world."""
     work = data.RungeKuttaWork()
-    of_bodies = ("guess", "left_qd", "start_velocity", "velocity", "acceleration", "moved", "gain")
+    of_bodies = ("guess", "left_qd", "start_velocity", "velocity", "before", "moved", "gain")
     for name in of_bodies:
         setattr(work, name, wp.zeros(slots, dtype=wp.spatial_vector))
     work.left_q = wp.zeros(slots, dtype=wp.transform)
@@ -243,6 +243,7 @@ def runge_kutta_work(slots: int, axes: int, worlds: int) -> Any:
     work.gained = wp.zeros(axes, dtype=float)
     work.is_known = wp.zeros(worlds, dtype=wp.int32)
     work.waits = wp.zeros(worlds, dtype=wp.int32)
+    work.turns = wp.zeros(worlds, dtype=float)
     return work
 
 

@@ -22,6 +22,8 @@ _BY: dict[str, str] = {
         (
             *("history.joint_force", "history.left_q", "history.lost", "history.acceleration"),
             *("history.falling", "history.last", "history.pushing", "history.flying"),
+            *("tree.runge_kutta.left_q", "tree.runge_kutta.left_qd"),
+            "tree.runge_kutta.ball_start",
         ),
         "slot",
     ),
@@ -42,10 +44,11 @@ _BY: dict[str, str] = {
         (
             *("history.step", "history.age", "history.smooth", "history.slope_age"),
             *("history.parity", "history.filling", "worlds.step"),
+            *("tree.runge_kutta.is_known", "tree.runge_kutta.waits"),
         ),
         "world",
     ),
-    "tree.coordinate": "axis",
+    **dict.fromkeys(("tree.coordinate", "tree.runge_kutta.rate"), "axis"),
 }
 """What is by body slot, degree of freedom, ... of all that a step leaves to the next one."""
 

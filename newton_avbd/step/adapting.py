@@ -147,12 +147,18 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         """Solves an inner step; what is known of it at once."""
         made = Misstep()
         h = call.h
+        if wp.static(effects.fourth_order):
+            # as long as steps of second order may be as long as the call they cost less
+            if s.history.wanted[world] >= dt and s.tree.runge_kutta.is_known[world] == 0:
+                s.tree.runge_kutta.waits[world] = -1
         is_predicted = call.tries == 0 and h == dt
         move = predict_world(world, is_predicted, h, h / dt, step, s)
         enough = wp.max(CONVERGED * s.worlds.inner.accuracy * h * h, ROUNDED * move)
         enough = wp.max(tolerance, enough)
         solve_world(world, s.worlds.inner.velocity, h, enough, step, s)
         made.is_second_order = s.worlds.step[world] < h
+        if wp.static(effects.fourth_order):
+            made.is_fourth_order = s.tree.runge_kutta.is_known[world] != 0
         made.residual = s.worlds.update[world]
         made.is_settled = made.residual <= wp.max(enough, s.worlds.settled[world])
         return made
@@ -228,7 +234,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 break
             made = judge(world, call.h, last_h, made, step, s)
             allowed = accuracy * call.h
-            if not made.is_second_order:
+            if not (made.is_second_order or made.is_fourth_order):
                 allowed += SPENT * s.history.saved[world]
             ratio = made.error / allowed
             if ratio > 1.0 and call.h > 1.001 * call.least:

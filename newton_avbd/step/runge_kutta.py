@@ -235,16 +235,16 @@ def make_runge_kutta(effects: Effects) -> RungeKuttaFunctions:
 
     @wp.func
     def differs_by(body: int, h: float, s: wp.ref[Solver]):
-        """Twice the energies of how two stages at the middle of the step differ, and of the motion.
+        """Twice the energies of how two stages at the middle of the step differ, of what the body
+        gains in it, and of the motion at its start [J].
 
-        The first is of the velocity that the difference of their accelerations gives in a step, the
-        other of that at its start and of what a free fall gains in it [J].
+        The first two are of the velocities that accelerations give in a step.
         """
         mass = s.model.mass[body]
         inertia = s.work.inertia[body]
-        change = h * (s.tree.update[body] - s.tree.runge_kutta.acceleration[body])
-        fall = h * h * wp.length_sq(s.model.gravity[s.model.world[body]])
+        gained = h * s.tree.runge_kutta.before[body]
+        change = h * s.tree.update[body] - gained
         motion = energy_of(mass, inertia, s.tree.runge_kutta.start_velocity[body])
-        return energy_of(mass, inertia, change), motion + mass * fall
+        return energy_of(mass, inertia, change), energy_of(mass, inertia, gained), motion
 
     return RungeKuttaFunctions(*make_start(effects), place_body, advance_body, differs_by)

@@ -15,9 +15,10 @@ SPENT = wp.constant(0.5)
 """Share of the saved error that one step may spend, so that the next one has something left."""
 AIM = wp.constant(0.8)
 """Share of the allowed error that a step aims at."""
-INTEGRAL = wp.constant(0.35)
-"""Exponents of the controller: 0.7/2 and 0.4/2 for errors a second that go by h^2."""
-PROPORTIONAL = wp.constant(0.2)
+INTEGRAL = wp.constant(0.7)
+"""Exponents of the controller, by that of the step in errors a second: h^2, or h^4 of a step of
+fourth order."""
+PROPORTIONAL = wp.constant(0.4)
 GROWTH = wp.constant(2.0)
 """How many times longer a step may be than the last one: second order needs the last one."""
 MOST = wp.constant(8.0)
@@ -83,7 +84,9 @@ def try_shorter(world: int, given: Call, made: Misstep, ratio: float, s: wp.ref[
     """Once more, shorter; a step is at most what is left, so that there is an end."""
     call = given
     factor = AIM / ratio
-    if not made.is_jump:
+    if made.is_fourth_order:
+        factor = wp.pow(factor, 0.25)
+    elif not made.is_jump:
         factor = wp.sqrt(factor)
     elif s.history.age[world] > 1:
         call.window = call.h
@@ -100,8 +103,10 @@ def choose_next(world: int, call: Call, made: Misstep, dt: float, aimed: float, 
     """What the next step is to be, by the error of this one as a share of what it aimed at."""
     now = wp.max(aimed, 1.0e-6)
     factor = wp.pow(now, -0.5)
-    if made.is_second_order:
-        factor = wp.pow(now, -INTEGRAL) * wp.pow(s.history.ratio[world] / now, PROPORTIONAL)
+    if made.is_second_order or made.is_fourth_order:
+        power = wp.where(made.is_fourth_order, 0.25, 0.5)
+        factor = wp.pow(now, -power * INTEGRAL)
+        factor *= wp.pow(s.history.ratio[world] / now, power * PROPORTIONAL)
     wanted = call.h * wp.clamp(factor, SHRINKING, MOST)
     s.history.wanted[world] = wp.min(wanted, MOST * dt)
     s.history.ratio[world] = now

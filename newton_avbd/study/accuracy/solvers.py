@@ -120,7 +120,7 @@ class MeasuredSolver:
         Args:
             touching: Whether bodies touch.
             sweeps: Whether iterations make a difference.
-            quick: Only a few, of the first sweep.
+            quick: Only a few, of the first sweep and those of other schemes.
         """
         chosen = self.contact if touching else self.smooth
         if not sweeps:
@@ -129,9 +129,15 @@ class MeasuredSolver:
             )
         if quick:
             first = chosen[0]
-            substeps = tuple(n for n in first.substeps if n in QUICK_SUBSTEPS)
-            iterations = tuple(n for n in first.iterations if n in QUICK_ITERATIONS)
-            chosen = (Sweep(substeps, iterations, schemes=first.schemes),)
+            chosen = tuple(
+                Sweep(
+                    tuple(n for n in sweep.substeps if n in QUICK_SUBSTEPS),
+                    tuple(n for n in sweep.iterations if n in QUICK_ITERATIONS),
+                    schemes=sweep.schemes,
+                )
+                for sweep in chosen
+                if sweep is first or sweep.schemes != first.schemes
+            )
         found = {setting: None for sweep in chosen for setting in sweep.settings()}
         return sorted(found, key=lambda setting: (not is_coarse(setting), _effort(setting)))
 
@@ -191,6 +197,9 @@ def _featherstone(model: newton.Model, setting: Setting) -> SolverBase:
 AVBD_SCHEMES = ("euler", "generalized_alpha")
 """Time integrations of SolverAVBD."""
 
+FOURTH_ORDER = "runge_kutta"
+"""The one that is tried where joints hold bodies and nothing touches."""
+
 INTEGRATORS = ("implicitfast", "rk4")
 """Time integrations of MuJoCo that are tried where nothing touches."""
 
@@ -203,7 +212,10 @@ MEASURED: dict[str, MeasuredSolver] = {
     "avbd": MeasuredSolver(
         "SolverAVBD",
         _avbd,
-        smooth=(Sweep((*SUBSTEPS, 128, 256), (10, 2, 40), schemes=AVBD_SCHEMES),),
+        smooth=(
+            Sweep((*SUBSTEPS, 128, 256), (10, 2, 40), schemes=AVBD_SCHEMES),
+            Sweep(SUBSTEPS, (10,), schemes=(FOURTH_ORDER,)),
+        ),
         contact=(
             Sweep(SUBSTEPS, ITERATIONS, schemes=AVBD_SCHEMES),
             Sweep(SUBSTEPS, (40,), (1e-2, 1e-3, 1e-4, 1e-5, 1e-6), AVBD_SCHEMES),

@@ -224,7 +224,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "ls_*": ("ignored: of MuJoCo's solver", ""),
     "ccd_*": ("ignored: of MuJoCo's collision detection", ""),
     "sdf_*": ("ignored: of MuJoCo's collision detection", ""),
-    "integrator": ("ignored: see `scheme`", ""),
+    "integrator": ("ignored: for RK4 pass `scheme='runge_kutta'`", ""),
     "solver": ("ignored: of MuJoCo's solver", ""),
     "cone": ("ignored: the cone is round", ""),
     "jacobian": ("ignored: of MuJoCo's solver", ""),
