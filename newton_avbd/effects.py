@@ -85,7 +85,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "fourth_order": Cause(
         "joint",
-        "that scheme='runge_kutta' moves along its axes",
+        "that scheme='runge_kutta' or accuracy moves along its axes",
         "step/runge_kutta.py",
         "Pass scheme.",
     ),

@@ -10,7 +10,7 @@ import newton.examples
 import numpy as np
 import pytest
 import warp as wp
-from helpers import NO_GRAVITY, Simulation, add_box, add_ground
+from helpers import NO_GRAVITY, Simulation, add_box, add_ground, add_sphere
 from joint_scenes import WORLD, add_link, coordinates, set_coordinates, simulate, transform
 from newton.solvers import SolverMuJoCo
 from scipy.integrate import solve_ivp
@@ -291,7 +291,7 @@ def test_worlds_take_steps_of_their_own_order_alone_and_replayed() -> None:
 def test_what_it_does_not_do_is_named() -> None:
     builder = tree(0, True)
     builder.set_joint_mimic(2, 1, coeffs=(0.0, 1.0))
-    with pytest.warns(UserWarning, match=r"of second order, .* loops, mimics or tendons"):
+    with pytest.warns(UserWarning, match=r"of second order, .* loops, or mimics"):
         solver = SolverAVBD(builder.finalize(device="cpu"), scheme=RK4)
     assert not solver.effects["fourth_order"].on
     model = armed_box(0.5).finalize(device="cpu")
@@ -305,3 +305,101 @@ def test_what_it_does_not_do_is_named() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert SolverAVBD(model, scheme=RK4).effects["fourth_order"].on
+
+
+# What others may do to a world.
+
+
+def test_a_base_that_is_turned_by_its_pose_drags_its_wheel_as_by_default() -> None:
+    """A damper feels the turn, which is no step of fourth order."""
+    ends = []
+    for scheme in (RK4, "generalized_alpha"):
+        builder = newton.ModelBuilder()
+        base, wheel = add_link(builder, is_kinematic=True), add_link(builder)
+        joint = builder.add_joint_revolute(base, wheel, axis=(0.0, 0.0, 1.0), damping=1.0)
+        builder.add_articulation([joint])
+        sim = simulate(builder, scheme=scheme)
+        for k in range(1, 60):
+            sim.step()
+            pose = sim.pose
+            pose[0, 5:] = np.sin(0.01 * k), np.cos(0.01 * k)
+            sim.state.body_q.assign(pose.astype(np.float32))
+        ends.append(sim.velocity[1, 5])
+    assert ends[0] > 1.0
+    assert ends[0] == pytest.approx(ends[1], rel=1.0e-5)
+
+
+def test_a_ball_that_bounces_beside_a_pendulum_gains_nothing() -> None:
+    """Restitution 1: as high as by default, bounce by bounce."""
+    peaks = []
+    for scheme in (RK4, "generalized_alpha"):
+        builder = newton.ModelBuilder()
+        bob = builder.add_link(mass=1.0, inertia=wp.mat33(0.01 * np.eye(3)))
+        frame = transform((0.0, 0.0, 0.5))
+        joint = builder.add_joint_revolute(
+            WORLD,
+            bob,
+            axis=(0, 1, 0),
+            parent_xform=transform((3.0, 0.0, 2.0)),
+            child_xform=frame,
+        )
+        builder.add_articulation([joint])
+        set_coordinates(builder, joint, [0.5])
+        add_ground(builder, restitution=1.0)
+        ball = add_sphere(builder, (0.0, 0.0, 0.6), restitution=1.0)
+        sim = simulate(builder, collide=True, dt=1.0 / 60.0, scheme=scheme)
+        heights = []
+        for _ in range(180):
+            sim.step()
+            heights.append(sim.center[ball, 2])
+        peaks.append(max(heights[120:]))
+    assert peaks[0] < 0.6 + 1.0e-3
+    assert peaks[0] > peaks[1] - 5.0e-3
+
+
+def test_friction_of_a_ball_joint_holds() -> None:
+    """A light arm on a ball joint with friction stays while another arm swings."""
+    builder = newton.ModelBuilder()
+    arms = [add_link(builder, inertia=INERTIA) for _ in range(2)]
+    frame = transform((-0.1, 0.0, 0.0))
+    ball = builder.add_joint_ball(WORLD, arms[0], child_xform=frame, friction=2.0)
+    hinge = builder.add_joint_revolute(arms[0], arms[1], child_xform=frame, axis=(0, 0, 1))
+    builder.add_articulation([ball, hinge])
+    set_coordinates(builder, hinge, [0.0], [3.0])
+    sims = [simulate(builder, scheme=scheme) for scheme in (RK4, "generalized_alpha")]
+    for sim in sims:
+        sim.run(0.5)
+    assert order(sims[0]) < 4
+    assert np.abs(sims[0].pose[0] - sims[1].pose[0]).max() < 1.0e-5
+
+
+def test_a_model_that_loses_its_fluid_goes_on_in_fourth_order() -> None:
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.custom_attributes["mujoco:density"].values = {0: 1.2}
+    link = add_link(builder, inertia=INERTIA)
+    joint = builder.add_joint_revolute(
+        WORLD, link, child_xform=transform((-0.4, 0.0, 0.0)), axis=(0, 1, 0)
+    )
+    builder.add_articulation([joint])
+    with pytest.warns(UserWarning, match="with a fluid"):
+        sim = simulate(builder, scheme=RK4)
+    sim.step(2)
+    assert order(sim) < 4
+    sim.model.mujoco.density.zero_()
+    sim.solver.notify_model_changed(newton.ModelFlags.ALL)
+    sim.step(2)
+    assert order(sim) == 4
+
+
+def test_a_joint_that_was_off_does_not_jump_back() -> None:
+    """Switched off and on again without a word: the child closes its joint as in other steps."""
+    sim = simulate(tree(0, False), scheme=RK4)
+    sim.run(0.1)
+    sim.model.joint_enabled.assign([True, False, *[True] * (len(KINDS) - 1)])
+    sim.run(0.1)
+    sim.model.joint_enabled.fill_(True)
+    before = sim.center
+    sim.step()
+    assert order(sim) < 4
+    assert np.abs(sim.center - before).max() < 0.1

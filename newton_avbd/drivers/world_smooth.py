@@ -7,9 +7,10 @@ import warp as wp
 from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..step.anchors import is_linked
-from ..step.bodies import body_at
+from ..step.bodies import body_at, vector_sum
 from ..step.finite import is_solution_finite
-from ..step.runge_kutta import RESOLVED, WAITING, make_runge_kutta
+from ..step.islands import begin_island
+from ..step.runge_kutta import RESOLVED, SHARED, WAITING, make_runge_kutta
 from ..step.scale import COLD_STEPS
 from ..step.sides import make_written_side
 from ..step.slopes import JUMPED
@@ -18,7 +19,8 @@ from ..step.stage_forces import make_stage_forces
 
 _UNSUPPORTED: dict[str, str] = {
     "loops": "joints outside of trees",
-    "closures": "joints that close loops, mimics or tendons",
+    "closures": "joints that close loops, or mimics",
+    "tendons": "tendons of MuJoCo's",
     "cables": "cables",
     "rods": "ROD joints",
     "distances": "DISTANCE joints",
@@ -26,9 +28,14 @@ _UNSUPPORTED: dict[str, str] = {
     "adhesion": "adhesion",
     "breaking": "joints that may break",
     "reaction": "joint_f of FREE joints that reacts on a parent",
+    "light_roots": "bodies that are light beside what their joints carry",
     "sleeping": "sleeping=True",
 }
 """Effects without which steps of fourth order do, and what to call them."""
+
+APART = wp.constant(1.0e-5)
+"""How far from its pose a body may be placed by its coordinates [m a meter from the origin, or
+rad]: ten times what rounds."""
 
 
 def obstacles(effects: Effects) -> list[str]:
@@ -57,17 +64,28 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
     written_side = make_written_side(effects)
 
     @wp.func
-    def may_be_smooth(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]) -> bool:
-        """Whether no contact is closed at the start, and nothing is moved by the user."""
+    def is_led(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]) -> bool:
+        """Whether the user moves a body of a world, by its velocity or by its pose."""
+        led = bool(False)
         for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
             body = body_at(i, s.worlds)
-            if s.work.inv_mass[body] == 0.0 and wp.length_sq(body_qd[body]) > 0.0:
-                return False
-            if wp.static(effects.contact):
+            if s.work.inv_mass[body] == 0.0:
+                is_left = s.work.pose[body] == s.tree.runge_kutta.left_q[body]
+                if not is_left or wp.length_sq(body_qd[body]) > 0.0:
+                    led = True
+                s.tree.runge_kutta.left_q[body] = s.work.pose[body]
+        return led
+
+    @wp.func
+    def is_touched(world: int, s: wp.ref[Solver]) -> bool:
+        """Whether a contact of a world is closed at the start."""
+        if wp.static(effects.contact):
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                body = body_at(i, s.worlds)
                 for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
                     if s.rows.rows[k].gap <= 0.0:
-                        return False
-        return True
+                        return True
+        return False
 
     @wp.func(inline=effects.inline)
     def place_world(world: int, static_slot: int, s: wp.ref[Solver]):
@@ -157,26 +175,75 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
         return True
 
     @wp.func
-    def is_resolved(world: int, h: float, s: wp.ref[Solver]) -> bool:
-        """Whether the step is short beside what the bodies of a world do, by its third stage.
+    def is_tree_resolved(world: int, first: int, end: int, h: float, s: wp.ref[Solver]) -> bool:
+        """Whether the step is short beside what the bodies of a tree do, by its third stage.
 
-        Keeps by how much: the two stages in the middle of the step differ by (h w)^2 / 4 of what an
-        oscillation of frequency w gains in it.
+        Each is looked at by itself, beside its own motion and a share of that of them all.
         """
+        mass = float(0.0)
+        momentum = wp.vec3(0.0)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                mass += s.model.mass[body]
+                velocity = wp.spatial_top(s.tree.runge_kutta.start_velocity[body])
+                momentum += s.model.mass[body] * velocity
+        if mass == 0.0:
+            return True
+        drift = momentum / mass
         changed = float(0.0)
         gained = float(0.0)
         motion = float(0.0)
-        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        for i in range(first, end):
             body = body_at(i, s.worlds)
             if s.work.inv_mass[body] > 0.0:
-                of_change, of_gain, of_motion = differs_by(body, h, s)
+                of_change, of_gain, of_motion = differs_by(body, drift, h, s)
                 changed += of_change
                 gained += of_gain
                 motion += of_motion
         if wp.static(effects.adaptive):
+            # of what gains nothing it says nothing
             turns = 2.0 * wp.pow(changed / wp.max(gained, 1.0e-30), 0.25)
-            s.tree.runge_kutta.turns[world] = turns
-        return changed <= RESOLVED * RESOLVED * (gained + motion)
+            s.tree.runge_kutta.turns[world] = wp.max(s.tree.runge_kutta.turns[world], turns)
+        least = SHARED * SHARED * (gained + motion)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] > 0.0:
+                of_change, of_gain, of_motion = differs_by(body, drift, h, s)
+                if of_change > RESOLVED * RESOLVED * (of_gain + of_motion) + least:
+                    return False
+        return True
+
+    @wp.func
+    def is_resolved(world: int, h: float, s: wp.ref[Solver]) -> bool:
+        """Whether the step is short beside what the trees of a world do.
+
+        Error control is told by how much: the two stages in the middle of the step differ by
+        (h w)^2 / 4 of what an oscillation of frequency w gains in it.
+        """
+        if wp.static(effects.adaptive):
+            s.tree.runge_kutta.turns[world] = 0.0
+        first = int(s.worlds.body_start[world])
+        while first < s.worlds.body_start[world + 1]:
+            end = s.worlds.block_end[first]
+            if not is_tree_resolved(world, first, end, h, s):
+                return False
+            first = end
+        return True
+
+    @wp.func
+    def stand(world: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
+        """Whether the coordinates have the bodies of a world where they are: joints may have been
+        changed without a word."""
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            end_body(body, scale.static_slot, s)
+            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+                off = s.work.increment[body]
+                far = APART * (1.0 + wp.length(s.work.com[body]))
+                if wp.length(wp.spatial_top(off)) > far or wp.length(wp.spatial_bottom(off)) > far:
+                    return False
+        return True
 
     @wp.func
     def take_stages(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> bool:
@@ -186,6 +253,8 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
             place_world(world, scale.static_slot, s)
             if stage == 4:
                 break
+            if stage == 0 and not stand(world, scale, s):
+                return False
             if not eliminate_stage(world, False, scale.static_slot, h, step, s):
                 return False
             substitute_world(world, s)
@@ -210,6 +279,8 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
         for i in range(first, end):
             body = body_at(i, s.worlds)
             end_body(body, scale.static_slot, s)
+            if not wp.isfinite(vector_sum(s.tree.runge_kutta.velocity[body])):
+                return False
             if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
                 if not allows_axes(body, 0.0, s):
                     return False
@@ -243,6 +314,11 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
                 s.history.end[side, body] = s.rows.owned_start[body]
                 for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
                     s.rows.rows[k].force = wp.vec3(0.0)
+                    if wp.static(effects.angular_friction):
+                        s.rows.spin[k].torque = wp.vec3(0.0)
+                if wp.static(effects.pairs):
+                    begin_island(s.islands, body)
+                    s.islands.sum[body].bodies = 1
         s.history.parity[world] = side
         s.history.age[world] = wp.min(s.history.age[world] + 1, COLD_STEPS)
         end_poses(world, False, False, scale, step, s)
@@ -250,7 +326,7 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
             body = body_at(i, s.worlds)
             s.tree.runge_kutta.left_q[body] = step.body_q_out[body]
             s.tree.runge_kutta.left_qd[body] = step.body_qd_out[body]
-            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
+            if s.work.inv_mass[body] > 0.0 and s.tree.joint[body] >= 0:
                 leave_joint(body, step.body_qd_out, s)
 
     @wp.func
@@ -266,7 +342,8 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
         if waits > 0 and s.history.age[world] == 0:
             waits = 0
         s.tree.runge_kutta.waits[world] = wp.max(waits - 1, 0)
-        if waits != 0 or not may_be_smooth(world, body_qd, s):
+        has_led = is_led(world, body_qd, s)
+        if waits != 0 or has_led or is_touched(world, s):
             s.tree.runge_kutta.is_known[world] = 0
             return False
         is_taken = begin_smooth(world, scale, body_qd, step, s)

@@ -53,6 +53,9 @@ def make_world_start(effects: Effects, stages: Stages) -> WorldStart:
         if wp.static(effects.second_order):
             if s.worlds.step[world] < s.history.step[world]:
                 scale.lag = 0.0
+        if wp.static(effects.fourth_order):
+            if s.tree.runge_kutta.is_known[world] != 0:
+                scale.lag = 0.0
         s.history.step[world] = h
         return scale
 

@@ -319,11 +319,12 @@ class SolverArrays:
             found = world_smooth.obstacles(flags) + takes_bodies * ["parallel='bodies'"]
             if found:
                 flags = flags.leaving_out(frozenset({"fourth_order"}))
-                warnings.warn(
-                    "SolverAVBD: scheme='runge_kutta' takes steps of second order, as "
-                    f"'generalized_alpha' does, with {' and '.join(found)}.",
-                    stacklevel=2,
-                )
+                if self._topology is None and self.settings.accuracy is None:
+                    warnings.warn(
+                        "SolverAVBD: scheme='runge_kutta' takes steps of second order, as "
+                        f"'generalized_alpha' does, with {' and '.join(found)}.",
+                        stacklevel=2,
+                    )
         return groups, topology, flags, callers
 
     def _takes_bodies(self, groups: np.ndarray, flags: Effects) -> bool:
@@ -342,8 +343,6 @@ class SolverArrays:
                 )
             return False
         if self._parallel is None:
-            if flags.fourth_order and not world_smooth.obstacles(flags):
-                return False
             sizes = np.bincount(groups)
             if not self.device.is_cuda or sizes.max(initial=0) < LARGE or sizes.size > FEW:
                 return False
@@ -400,6 +399,7 @@ class SolverArrays:
         is_special |= self._flags.welds and self._flags.breaking
         self._at_once = self.device.is_cpu and not (is_special or groups.any())
         if topology == self._topology and is_large == (self._large is not None):
+            self._allocate_runge_kutta()
             self._bind_tendons()
             return
         if self._topology is not None:
@@ -437,6 +437,7 @@ class SolverArrays:
         self._large, self._colors = None, None
         self._allocate_piles()
         self._allocate_trees(topology)
+        self._allocate_runge_kutta()
         self._allocate_loops(topology, groups)
         self._allocate_closures(topology)
         self._allocate_cables(topology)
@@ -469,13 +470,16 @@ class SolverArrays:
         if self._flags.joints:
             with wp.ScopedDevice(self.device):
                 self._tree = buffers.tree_work(self._solved, topology)
-                if self._flags.fourth_order:
-                    slots, axes = self._solved.body_count + 1, self._tree.axes.size
-                    self._tree.runge_kutta = buffers.runge_kutta_work(
-                        slots, axes, self._world_count
-                    )
                 if self._history.joint_force is None:
                     buffers.add_joint_history(self._history, self._solved, self._rest_angle)
+
+    def _allocate_runge_kutta(self) -> None:
+        """Buffers for the stages of steps of fourth order, where there are none yet."""
+        if self._flags.fourth_order and self._tree.runge_kutta.is_known is None:
+            self._forget_launches()
+            slots, axes = self._solved.body_count + 1, self._tree.axes.size
+            with wp.ScopedDevice(self.device):
+                self._tree.runge_kutta = buffers.runge_kutta_work(slots, axes, self._world_count)
 
     def _allocate_loops(self, topology: Topology, groups: np.ndarray) -> None:
         """Buffers for the joints outside of trees."""

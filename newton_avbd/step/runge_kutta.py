@@ -34,7 +34,11 @@ WAITING = wp.constant(4)
 """Steps of second order after one that was too long for one of fourth order."""
 RESOLVED = wp.constant(0.05)
 """How much the velocities that the two stages in the middle of a step give in one may differ, as a
-share of the velocity: (h w)^3 / 4 of an oscillation, of which a step then turns 0.6 rad."""
+share of the velocity of a body: (h w)^3 / 4 of an oscillation, of which a step then turns 0.6
+rad."""
+SHARED = wp.constant(0.01)
+"""The same as a share of the velocities of all bodies of its tree, which tell what a body that
+hardly moves may do."""
 
 
 @wp.func
@@ -234,9 +238,9 @@ def make_runge_kutta(effects: Effects) -> RungeKuttaFunctions:
         s.tree.runge_kutta.velocity[body] = s.tree.runge_kutta.start_velocity[body] + gain
 
     @wp.func
-    def differs_by(body: int, h: float, s: wp.ref[Solver]):
+    def differs_by(body: int, drift: wp.vec3, h: float, s: wp.ref[Solver]):
         """Twice the energies of how two stages at the middle of the step differ, of what the body
-        gains in it, and of the motion at its start [J].
+        gains in it, and of its motion at the start against the ``drift`` of its tree [J].
 
         The first two are of the velocities that accelerations give in a step.
         """
@@ -244,7 +248,9 @@ def make_runge_kutta(effects: Effects) -> RungeKuttaFunctions:
         inertia = s.work.inertia[body]
         gained = h * s.tree.runge_kutta.before[body]
         change = h * s.tree.update[body] - gained
-        motion = energy_of(mass, inertia, s.tree.runge_kutta.start_velocity[body])
-        return energy_of(mass, inertia, change), energy_of(mass, inertia, gained), motion
+        motion = s.tree.runge_kutta.start_velocity[body]
+        motion -= wp.spatial_vector(drift, wp.vec3(0.0))
+        moved = energy_of(mass, inertia, motion)
+        return energy_of(mass, inertia, change), energy_of(mass, inertia, gained), moved
 
     return RungeKuttaFunctions(*make_start(effects), place_body, advance_body, differs_by)

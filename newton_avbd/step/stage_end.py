@@ -12,7 +12,9 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import NO_LIMIT
 from .anchors import is_linked
+from .block_start import UNKNOWN
 from .bodies import nonnegative
+from .smoothness import external_wrench
 from .stage_axes import make_stage_axes
 
 BESIDE = wp.constant(1.0e-5)
@@ -36,21 +38,29 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
     is_ball, axis_count = axes.is_ball, axes.axis_count
 
     @wp.func
-    def allows_axis(k: int, index: int, q: wp.float64, s: wp.ref[Solver]) -> bool:
-        """Whether a coordinate is within its limits, its rate within its own, and friction goes on.
+    def allows_coordinate(index: int, q: wp.float64, s: wp.ref[Solver]) -> bool:
+        """Whether a coordinate is within the limits of a degree of freedom of the model."""
+        if wp.static(effects.limits):
+            at = wp.float32(q)
+            beside = float(BESIDE)
+            if wp.static(effects.limit_impedance):
+                if s.joints.limit_mobility[index] > 0.0:
+                    beside += s.joints.limit_margin[index]
+            if at < s.joints.limit_lower[index] + beside:
+                return False
+            if at > s.joints.limit_upper[index] - beside:
+                return False
+        return True
+
+    @wp.func
+    def allows_rate(k: int, index: int, s: wp.ref[Solver]) -> bool:
+        """Whether a rate is within its limit, and friction goes on.
 
         Args:
             k: Entry of the axis in ``tree.axes``.
             index: Degree of freedom of the model.
-            q: The coordinate [m or rad].
             s: The solver.
         """
-        if wp.static(effects.limits):
-            at = wp.float32(q)
-            if at < s.joints.limit_lower[index] + BESIDE:
-                return False
-            if at > s.joints.limit_upper[index] - BESIDE:
-                return False
         if wp.static(effects.velocity_limits or effects.joint_friction):
             rate = wp.float32(s.tree.runge_kutta.rate[k])
             if wp.static(effects.velocity_limits):
@@ -68,12 +78,15 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
         """Whether nothing holds the axes of the body's joint where they are some time ahead [s]."""
         if wp.static(effects.limits or effects.velocity_limits or effects.joint_friction):
             joint = nonnegative(s.tree.joint[body])
-            if not is_ball(joint, s):
-                first = nonnegative(s.tree.axis_start[body])
-                for dof in range(axis_count(body, s)):
-                    k = first + dof
+            first = nonnegative(s.tree.axis_start[body])
+            for dof in range(axis_count(body, s)):
+                k = first + dof
+                index = s.joints.dof_start[joint] + dof
+                if not allows_rate(k, index, s):
+                    return False
+                if not is_ball(joint, s):
                     q = s.tree.coordinate[k] + wp.float64(ahead) * s.tree.runge_kutta.rate[k]
-                    if not allows_axis(k, s.joints.dof_start[joint] + dof, q, s):
+                    if not allows_coordinate(index, q, s):
                         return False
         return True
 
@@ -92,7 +105,7 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
     def end_body(body: int, static_slot: int, s: wp.ref[Solver]):
         """Increment of a body, from the start of the step to where it is placed."""
         place = s.work.com[body]
-        if is_linked(body, s):
+        if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
             joint = nonnegative(s.tree.joint[body])
             parent = nonnegative(s.tree.parent[body])
             frame = s.joints.parent_frame[joint]
@@ -102,7 +115,6 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
             held = wp.transform_get_translation(frame)
             if parent != static_slot:
                 held = s.tree.runge_kutta.place[parent]
-            s.history.lost[body] = wp.vec3(0.0)
             shift = (held - place) + s.tree.span[body]
             place = held + s.tree.span[body]
             before = wp.transform_get_rotation(s.work.pose[body])
@@ -119,9 +131,16 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
         """Keeps what a body does for the next step, of whichever order."""
         began = s.tree.runge_kutta.start_velocity[body]
         velocity = s.tree.runge_kutta.velocity[body]
-        s.history.acceleration[body] = (velocity - began) / h
+        gained = (velocity - began) / h
+        wrench = external_wrench(body, s)
+        given = s.model.inv_mass[body] * wp.spatial_top(wrench)
+        s.history.acceleration[body] = gained
         s.history.falling[body] = 1.0
+        s.history.joint_force[body] = wp.vec3(0.0)
+        if is_linked(body, s):
+            s.history.lost[body] = wp.vec3(0.0)
         s.history.last[body].velocity = began
+        s.history.last[body].acceleration = gained - wp.spatial_vector(given, wp.vec3(0.0))
         s.history.flying[body] = 0
         s.work.lead[body] = wp.spatial_vector()
 
@@ -134,13 +153,15 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
         for dof in range(axis_count(body, s)):
             index = s.joints.dof_start[joint] + dof
             rate = wp.float32(s.tree.runge_kutta.rate[first + dof])
+            if wp.static(effects.axis_rates):
+                s.history.axis_velocity[index] = wp.where(s.joints.enabled[joint], rate, UNKNOWN)
+            if not s.joints.enabled[joint]:
+                continue
             # no stop and no limit of effort holds, and friction slips
             s.history.piece[index] = wp.vec3i(0, 0, wp.where(rate < 0.0, 1, -1))
             if not has_ball:
                 s.history.joint_angle[index] = s.tree.coordinate[first + dof]
             s.history.coordinate[index].start = s.tree.start_coordinate[first + dof]
-            if wp.static(effects.axis_rates):
-                s.history.axis_velocity[index] = rate
         if wp.static(effects.axis_rates):
             for end in range(2):
                 other = wp.where(end == 0, s.joints.child[joint], s.joints.parent[joint])

@@ -30,8 +30,8 @@ from .smoothness import external_wrench
 
 STIFF = wp.constant(2.0)
 """Most that springs and dampers of an axis, h^2 k + h d, may be of the inertia that it moves: from
-2.8 on a Runge-Kutta step of fourth order is unstable. Axes together may be up to twice as stiff as
-one; what then grows is noticed by how far stages differ."""
+2.8 on a Runge-Kutta step of fourth order is unstable. Axes together, and those on a light parent,
+are stiffer than one whose parent is fixed; what then grows is noticed by how far stages differ."""
 
 
 @dataclass(frozen=True)
@@ -187,9 +187,12 @@ def make_stage_forces(effects: Effects) -> StageForceFunctions:
             own = float(s.model.mass[body])
             if dof >= linear:
                 own = 1.0 / wp.trace(s.model.inv_inertia[body])
-            if dof <= linear:
-                # in exact arithmetic no coordinate meets less
-                inert = wp.max(inert, own)
+            if dof > linear:
+                # of a further angular axis only the part across the first one counts
+                along = wp.dot(s.tree.axes[nonnegative(k - dof + linear)].angular, axis.angular)
+                own *= wp.max(1.0 - along * along, 0.0) + 1.0e-6
+            # in exact arithmetic no coordinate meets less
+            inert = wp.max(inert, own)
             if wp.static(effects.kinds.gimbals):
                 if dof == linear + 2 and is_gimbal(s.joints, joint):
                     first = s.tree.axes[k - 2].angular
