@@ -30,8 +30,9 @@ from .smoothness import energy_of
 from .stage_axes import make_stage_axes
 from .stage_motion import make_place_linked
 
-WAITING = wp.constant(4)
-"""Steps of second order after one that was too long for one of fourth order."""
+WAITING = wp.constant(32)
+"""Steps of second order after one that was too long for one of fourth order. Each change of order
+costs a step of first order."""
 RESOLVED = wp.constant(0.05)
 """How much the velocities that the two stages in the middle of a step give in one may differ, as a
 share of the velocity of a body: (h w)^3 / 4 of an oscillation, of which a step then turns 0.6
