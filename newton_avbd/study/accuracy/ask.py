@@ -48,7 +48,7 @@ MOST_GAIN = {OURS: 4.0, MJ_STEP: 16.0}
 """How many times smaller it gets at best, by the order of the scheme."""
 
 FINE = {
-    OURS: Setting(4, 100, 1e-6, "generalized_alpha"),
+    OURS: Setting(4, 100, 1e-6, "runge_kutta"),
     MJ_STEP: Setting(1, scheme="rk4"),
 }
 """Where a refinement starts."""
