@@ -79,7 +79,7 @@ class Report:
     """The ``update`` [m] at which the world's sweeps end, ``tolerance`` or where nothing moves any
     more."""
     order: np.ndarray
-    """Order of the step in time: 4 or 2 where a scheme of that order could be kept, otherwise 1; at
+    """Order of the step in time, 4 or 2 where a scheme of that order could be kept, otherwise 1; at
     rest there is no difference."""
     worst: dict[int, str]
     """For each world that has not settled, the contact with the largest error, and that error."""

@@ -10,12 +10,13 @@ from ..step.anchors import is_linked
 from ..step.bodies import body_at, vector_sum
 from ..step.finite import is_solution_finite
 from ..step.islands import begin_island
-from ..step.runge_kutta import RESOLVED, SHARED, WAITING, make_runge_kutta
+from ..step.runge_kutta import WAITING, make_runge_kutta
 from ..step.scale import COLD_STEPS
 from ..step.sides import make_written_side
 from ..step.slopes import JUMPED
 from ..step.stage_end import make_stage_end
 from ..step.stage_forces import make_stage_forces
+from .world_stages import make_world_stages
 
 _UNSUPPORTED: dict[str, str] = {
     "loops": "joints outside of trees",
@@ -32,10 +33,6 @@ _UNSUPPORTED: dict[str, str] = {
     "sleeping": "sleeping=True",
 }
 """Effects without which steps of fourth order do, and what to call them."""
-
-APART = wp.constant(1.0e-5)
-"""How far from its pose a body may be placed by its coordinates [m a meter from the origin, or
-rad]: ten times what rounds."""
 
 
 def obstacles(effects: Effects) -> list[str]:
@@ -54,13 +51,14 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
     rk = make_runge_kutta(effects)
     begin_body, measure_body = rk.begin_body, rk.measure_body
     start_from, begin_axes, give_up = rk.start_from, rk.begin_axes, rk.give_up
-    place_body, advance_body = rk.place_body, rk.advance_body
-    differs_by = rk.differs_by
     ending = make_stage_end(effects)
     allows_axes, allows_rows, end_body = ending.allows_axes, ending.allows_rows, ending.end_body
     leave_body, leave_joint = ending.leave_body, ending.leave_joint
     forces = make_stage_forces(effects)
-    eliminate_stage, substitute_stage = forces.eliminate_stage, forces.substitute_stage
+    eliminate_stage = forces.eliminate_stage
+    stages = make_world_stages(effects, rk, forces, ending)
+    place_world, substitute_world = stages.place_world, stages.substitute_world
+    take_stages = stages.take_stages
     written_side = make_written_side(effects)
 
     @wp.func
@@ -86,22 +84,6 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
                     if s.rows.rows[k].gap <= 0.0:
                         return True
         return False
-
-    @wp.func(inline=effects.inline)
-    def place_world(world: int, static_slot: int, s: wp.ref[Solver]):
-        """Places the bodies of a world by their coordinates."""
-        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-            body = body_at(i, s.worlds)
-            if s.work.inv_mass[body] > 0.0:
-                place_body(body, static_slot, s)
-
-    @wp.func(inline=effects.inline)
-    def substitute_world(world: int, s: wp.ref[Solver]):
-        """Accelerations of linked bodies by those of roots, or velocities."""
-        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-            body = body_at(i, s.worlds)
-            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
-                substitute_stage(body, s)
 
     @wp.func
     def measure_world(
@@ -172,103 +154,6 @@ def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:
             if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
                 if not allows_axes(body, 0.0, s) or not allows_axes(body, scale.h, s):
                     return False
-        return True
-
-    @wp.func
-    def is_tree_resolved(world: int, first: int, end: int, h: float, s: wp.ref[Solver]) -> bool:
-        """Whether the step is short beside what the bodies of a tree do, by its third stage.
-
-        Each is looked at by itself, beside its own motion and a share of that of them all.
-        """
-        mass = float(0.0)
-        momentum = wp.vec3(0.0)
-        for i in range(first, end):
-            body = body_at(i, s.worlds)
-            if s.work.inv_mass[body] > 0.0:
-                mass += s.model.mass[body]
-                velocity = wp.spatial_top(s.tree.runge_kutta.start_velocity[body])
-                momentum += s.model.mass[body] * velocity
-        if mass == 0.0:
-            return True
-        drift = momentum / mass
-        changed = float(0.0)
-        gained = float(0.0)
-        motion = float(0.0)
-        for i in range(first, end):
-            body = body_at(i, s.worlds)
-            if s.work.inv_mass[body] > 0.0:
-                of_change, of_gain, of_motion = differs_by(body, drift, h, s)
-                changed += of_change
-                gained += of_gain
-                motion += of_motion
-        if wp.static(effects.adaptive):
-            # of what gains nothing it says nothing
-            turns = 2.0 * wp.pow(changed / wp.max(gained, 1.0e-30), 0.25)
-            s.tree.runge_kutta.turns[world] = wp.max(s.tree.runge_kutta.turns[world], turns)
-        least = SHARED * SHARED * (gained + motion)
-        for i in range(first, end):
-            body = body_at(i, s.worlds)
-            if s.work.inv_mass[body] > 0.0:
-                of_change, of_gain, of_motion = differs_by(body, drift, h, s)
-                if of_change > RESOLVED * RESOLVED * (of_gain + of_motion) + least:
-                    return False
-        return True
-
-    @wp.func
-    def is_resolved(world: int, h: float, s: wp.ref[Solver]) -> bool:
-        """Whether the step is short beside what the trees of a world do.
-
-        Error control is told by how much: the two stages in the middle of the step differ by
-        (h w)^2 / 4 of what an oscillation of frequency w gains in it.
-        """
-        if wp.static(effects.adaptive):
-            s.tree.runge_kutta.turns[world] = 0.0
-        first = int(s.worlds.body_start[world])
-        while first < s.worlds.body_start[world + 1]:
-            end = s.worlds.block_end[first]
-            if not is_tree_resolved(world, first, end, h, s):
-                return False
-            first = end
-        return True
-
-    @wp.func
-    def stand(world: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
-        """Whether the coordinates have the bodies of a world where they are: joints may have been
-        changed without a word."""
-        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-            body = body_at(i, s.worlds)
-            end_body(body, scale.static_slot, s)
-            if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
-                off = s.work.increment[body]
-                far = APART * (1.0 + wp.length(s.work.com[body]))
-                if wp.length(wp.spatial_top(off)) > far or wp.length(wp.spatial_bottom(off)) > far:
-                    return False
-        return True
-
-    @wp.func
-    def take_stages(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> bool:
-        """The four stages of a step, and where it ends; returns whether it is short enough."""
-        h = scale.h
-        for stage in range(5):
-            place_world(world, scale.static_slot, s)
-            if stage == 4:
-                break
-            if stage == 0 and not stand(world, scale, s):
-                return False
-            if not eliminate_stage(world, False, scale.static_slot, h, step, s):
-                return False
-            substitute_world(world, s)
-            if stage == 2 and not is_resolved(world, h, s):
-                return False
-            weight = wp.where(stage == 0 or stage == 3, h / 6.0, h / 3.0)
-            ahead = wp.where(stage < 2, 0.5 * h, wp.where(stage == 2, h, 0.0))
-            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                body = body_at(i, s.worlds)
-                if s.work.inv_mass[body] > 0.0:
-                    s.tree.runge_kutta.before[body] = s.tree.update[body]
-                    if stage == 3:
-                        s.tree.runge_kutta.before[body] = s.tree.runge_kutta.velocity[body]
-                    advance_body(body, weight, ahead, s)
         return True
 
     @wp.func
