@@ -72,8 +72,8 @@ class Report:
     """
 
     sweeps: np.ndarray
-    """Sweeps that the world took, or accelerations in a step of fourth order; 0 where nothing touched
-    and no joint held."""
+    """Sweeps that the world took, or accelerations in a step of fourth order; 0 where nothing
+    touched and no joint held."""
     update: np.ndarray
     """How far the last sweep still moved a body [m]; rotations by the radius of gyration."""
     allowed: np.ndarray
