@@ -81,7 +81,10 @@ CAUSES: dict[str, Cause] = {
         "", "compliant_contacts=True", "rows/contact.py", "Pass compliant_contacts."
     ),
     "second_order": Cause(
-        "", "scheme='generalized_alpha', the default", "step/second_order.py", "Pass scheme."
+        "",
+        "scheme='generalized_alpha', the default, or 'runge_kutta'",
+        "step/second_order.py",
+        "Pass scheme.",
     ),
     "fourth_order": Cause(
         "joint",
@@ -91,8 +94,8 @@ CAUSES: dict[str, Cause] = {
     ),
     "carried_rounding": Cause(
         "body",
-        "stepped by scheme='generalized_alpha', the default, without contacts, cables, drag and "
-        "accuracy",
+        "stepped by scheme='generalized_alpha', the default, or 'runge_kutta', without contacts, "
+        "cables, drag and accuracy",
         "step/carrying.py",
     ),
     "adaptive": Cause("", "accuracy", "step/adapting.py", "Leave accuracy out."),
@@ -556,6 +559,10 @@ class Effects:
         names = [field.name for field in dataclasses.fields(self)]
         new, old = (operator.attrgetter(*names)(effects) for effects in (wanted, self))
         return [name for name, a, b in zip(names, new, old, strict=True) if a and a != b]
+
+    def among(self, names: Mapping[str, str]) -> list[str]:
+        """What to call those of some effects, or properties of these, that are on; each once."""
+        return list(dict.fromkeys(words for name, words in names.items() if getattr(self, name)))
 
     def without_contact(self) -> "Effects":
         """The effects of a step in which nothing touches."""

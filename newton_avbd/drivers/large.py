@@ -50,8 +50,7 @@ _SHARE = 4
 
 def obstacles(effects: Effects) -> list[str]:
     """What of a scene cannot be solved color by color; empty where all can."""
-    found = [reason for name, reason in _UNSUPPORTED.items() if getattr(effects, name)]
-    return list(dict.fromkeys(found))
+    return effects.among(_UNSUPPORTED)
 
 
 class _Views(NamedTuple):

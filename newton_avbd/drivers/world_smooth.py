@@ -37,8 +37,7 @@ _UNSUPPORTED: dict[str, str] = {
 
 def obstacles(effects: Effects) -> list[str]:
     """What of a scene has all of its steps of second order; empty where nothing has."""
-    found = [reason for name, reason in _UNSUPPORTED.items() if getattr(effects, name)]
-    return list(dict.fromkeys(found))
+    return effects.among(_UNSUPPORTED)
 
 
 def make_world_smooth(effects: Effects, end_poses: wp.Function) -> wp.Function:

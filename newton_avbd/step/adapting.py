@@ -156,9 +156,10 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         enough = wp.max(CONVERGED * s.worlds.inner.accuracy * h * h, ROUNDED * move)
         enough = wp.max(tolerance, enough)
         solve_world(world, s.worlds.inner.velocity, h, enough, step, s)
-        made.is_second_order = s.worlds.step[world] < h
+        made.order = wp.where(s.worlds.step[world] < h, 2, 1)
         if wp.static(effects.fourth_order):
-            made.is_fourth_order = s.tree.runge_kutta.is_known[world] != 0
+            if s.tree.runge_kutta.is_known[world] != 0:
+                made.order = 4
         made.residual = s.worlds.update[world]
         made.is_settled = made.residual <= wp.max(enough, s.worlds.settled[world])
         return made
@@ -234,7 +235,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
                 break
             made = judge(world, call.h, last_h, made, step, s)
             allowed = accuracy * call.h
-            if not (made.is_second_order or made.is_fourth_order):
+            if made.order == 1:
                 allowed += SPENT * s.history.saved[world]
             ratio = made.error / allowed
             if ratio > 1.0 and call.h > 1.001 * call.least:

@@ -50,8 +50,8 @@ class Misstep:
     cause: int
     is_jump: bool
     """Whether a velocity has jumped, in a step that is not of second order."""
-    is_second_order: bool
-    is_fourth_order: bool
+    order: int
+    """Of the step in time: 1, 2 or 4."""
     is_settled: bool
     residual: float
     """Update that sweeps were left at [m]."""
@@ -98,6 +98,17 @@ def make_judge(effects: Effects) -> wp.Function:
     local_error = make_local_error(effects)
 
     @wp.func
+    def stage_error(
+        world: int, body: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]
+    ) -> float:
+        """Error of a body in a step of fourth order [m], by its last stage."""
+        if wp.static(effects.fourth_order):
+            share = wp.min(wp.static(72.0 / 120.0) * s.tree.runge_kutta.turns[world], 1.0)
+            apart = step.body_qd_out[body] - s.tree.runge_kutta.before[body]
+            return share * (h / 6.0) * wp.sqrt(moved_by(body, apart, s.work))
+        return 0.0
+
+    @wp.func
     def judge(
         world: int,
         h: float,
@@ -109,30 +120,22 @@ def make_judge(effects: Effects) -> wp.Function:
         """By its bodies, and by what its sweeps have left."""
         out = made
         out.body = -1
-        if wp.static(effects.fourth_order):
-            if made.is_fourth_order:
-                share = wp.min(wp.static(72.0 / 120.0) * s.tree.runge_kutta.turns[world], 1.0)
-                for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                    body = body_at(i, s.worlds)
-                    if s.work.inv_mass[body] > 0.0:
-                        apart = step.body_qd_out[body] - s.tree.runge_kutta.before[body]
-                        error = share * (h / 6.0) * wp.sqrt(moved_by(body, apart, s.work))
-                        if error > out.error:
-                            out.error = error
-                            out.body = body
-                return out
-        out.cause = wp.where(made.is_second_order, SMOOTHLY, BY_EULER)
+        out.cause = wp.where(made.order > 1, SMOOTHLY, BY_EULER)
         for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
             body = body_at(i, s.worlds)
             if s.work.inv_mass[body] > 0.0:
                 change = (step.body_qd_out[body] - s.worlds.inner.velocity[body]) / h
-                error = local_error(body, h, last_h, made.is_second_order, change, s)
+                error = float(0.0)
+                if made.order == 4:
+                    error = stage_error(world, body, h, step, s)
+                else:
+                    error = local_error(body, h, last_h, made.order > 1, change, s)
                 if error > out.error:
                     out.error = error
                     out.body = body
                     before = moved_by(body, s.history.change[body], s.work)
                     jumps = moved_by(body, change, s.work) > JUMP * JUMP * before
-                    out.is_jump = jumps and not made.is_second_order
+                    out.is_jump = jumps and made.order == 1
         if not made.is_settled and wp.isfinite(made.residual):
             # what sweeps leave of forces stays in velocities
             out.error += SAVED * made.residual / h

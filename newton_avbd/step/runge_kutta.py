@@ -27,7 +27,7 @@ from .block_start import make_begin_armature
 from .bodies import nonnegative
 from .joint_start import make_joint_start
 from .smoothness import energy_of
-from .stage_axes import make_stage_axes
+from .stage_axes import ball_rotation, ball_turn, make_stage_axes
 from .stage_motion import make_place_linked
 
 WAITING = wp.constant(32)
@@ -144,13 +144,8 @@ def make_start(effects: Effects) -> tuple[wp.Function, ...]:
         joint = nonnegative(s.tree.joint[body])
         first = nonnegative(s.tree.axis_start[body])
         if is_ball(joint, s):
-            turn = wp.vec3(
-                wp.float32(s.tree.coordinate[first]),
-                wp.float32(s.tree.coordinate[first + 1]),
-                wp.float32(s.tree.coordinate[first + 2]),
-            )
-            start = exp_quat(turn) * s.tree.runge_kutta.ball_start[body]
-            s.tree.runge_kutta.ball_start[body] = wp.normalize(start)
+            start = wp.normalize(ball_rotation(body, first, s))
+            s.tree.runge_kutta.ball_start[body] = start
             for dof in range(3):
                 s.tree.coordinate[first + dof] = wp.float64(0.0)
         for k in range(first, first + axis_count(body, s)):
@@ -195,12 +190,10 @@ def make_runge_kutta(effects: Effects) -> RungeKuttaFunctions:
         turning = wp.vec3(0.0)
         has_ball = is_ball(joint, s)
         if has_ball:
-            u = wp.vec3()
             spin = wp.vec3()
             for dof in range(3):
-                u[dof] = wp.float32(s.tree.coordinate[first + dof])
                 spin[dof] = wp.float32(s.tree.runge_kutta.rate[first + dof])
-            turning = inverse_dexp(u, spin)
+            turning = inverse_dexp(ball_turn(first, s), spin)
         for dof in range(axis_count(body, s)):
             k = first + dof
             rate = s.tree.runge_kutta.rate[k]

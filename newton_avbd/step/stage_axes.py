@@ -7,10 +7,26 @@ from dataclasses import dataclass
 
 import warp as wp
 
+from ..algebra.so3 import exp_quat
 from ..data import Solver
 from ..effects import Effects
 from ..rows.joint import BALL, make_counts
 from .bodies import nonnegative
+
+
+@wp.func
+def ball_turn(first: int, s: wp.ref[Solver]) -> wp.vec3:
+    """Turn of a ball joint in the step [rad], parent anchor frame: entries from ``first`` on."""
+    turn = wp.vec3()
+    for dof in range(3):
+        turn[dof] = wp.float32(s.tree.coordinate[first + dof])
+    return turn
+
+
+@wp.func
+def ball_rotation(body: int, first: int, s: wp.ref[Solver]) -> wp.quat:
+    """Rotation of the anchor on a ball joint's child against that on its parent."""
+    return exp_quat(ball_turn(first, s)) * s.tree.runge_kutta.ball_start[body]
 
 
 @dataclass(frozen=True)

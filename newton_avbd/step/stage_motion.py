@@ -23,7 +23,7 @@ from ..rows.angle import reduced
 from ..rows.joint import linear_axis, make_counts
 from .anchors import anchor_arm
 from .bodies import nonnegative
-from .stage_axes import make_stage_axes
+from .stage_axes import ball_rotation, make_stage_axes
 
 
 @functools.cache
@@ -40,12 +40,7 @@ def make_place_linked(effects: Effects) -> wp.Function:
         The entries of the angular axes are those from ``first`` on.
         """
         if is_ball(joint, s):
-            by = wp.vec3(
-                wp.float32(s.tree.coordinate[first]),
-                wp.float32(s.tree.coordinate[first + 1]),
-                wp.float32(s.tree.coordinate[first + 2]),
-            )
-            return exp_quat(by) * s.tree.runge_kutta.ball_start[body]
+            return ball_rotation(body, first, s)
         turn = wp.quat_identity()
         index = s.joints.dof_start[joint] + linear_count(s.joints, joint)
         for dof in range(dofs):

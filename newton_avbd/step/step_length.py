@@ -84,7 +84,7 @@ def try_shorter(world: int, given: Call, made: Misstep, ratio: float, s: wp.ref[
     """Once more, shorter; a step is at most what is left, so that there is an end."""
     call = given
     factor = AIM / ratio
-    if made.is_fourth_order:
+    if made.order == 4:
         factor = wp.pow(factor, 0.25)
     elif not made.is_jump:
         factor = wp.sqrt(factor)
@@ -103,8 +103,8 @@ def choose_next(world: int, call: Call, made: Misstep, dt: float, aimed: float, 
     """What the next step is to be, by the error of this one as a share of what it aimed at."""
     now = wp.max(aimed, 1.0e-6)
     factor = wp.pow(now, -0.5)
-    if made.is_second_order or made.is_fourth_order:
-        power = wp.where(made.is_fourth_order, 0.25, 0.5)
+    if made.order > 1:
+        power = wp.where(made.order == 4, 0.25, 0.5)
         factor = wp.pow(now, -power * INTEGRAL)
         factor *= wp.pow(s.history.ratio[world] / now, power * PROPORTIONAL)
     wanted = call.h * wp.clamp(factor, SHRINKING, MOST)
