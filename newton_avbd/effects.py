@@ -105,6 +105,11 @@ CAUSES: dict[str, Cause] = {
     "moving_surfaces": Cause(_OF_BUFFER, "with surface velocities", "step/contacts.py"),
     "contact_materials": Cause(_OF_BUFFER, "with materials for each contact", "step/contacts.py"),
     "gyroscopic": Cause("body", "with unequal principal moments of inertia", "blocks/body.py"),
+    "needles": Cause(
+        "body",
+        "with shapes and no joints, some 20 times as long as thick or thinner",
+        "step/needles.py",
+    ),
     "joint_force": Cause(
         "joint", "of type FREE, DISTANCE or ROD, whose joint_f pushes its body", "step/bodies.py"
     ),
@@ -215,8 +220,9 @@ CAUSES: dict[str, Cause] = {
 _IMPLIED: dict[str, tuple[str, ...]] = {
     "contact": (
         *("pairs", "piles", "friction", "angular_friction", "put_bodies", "restitution", "ramp"),
-        *("light_links", "condim", "contact_pairs", "adhesion", "cylinders"),
+        *("light_links", "condim", "contact_pairs", "adhesion", "cylinders", "needles"),
     ),
+    "gyroscopic": ("needles",),
     "friction": ("put_bodies",),
     "condim": ("contact_pairs",),
     "joint_force": ("reaction",),
@@ -250,6 +256,8 @@ class Effects:
     """Such a joint below a body that moves, on which its force reacts."""
     flipped: bool = False
     """A tree that goes from the child of a joint, kinematic or held, to its parent."""
+    needles: bool = False
+    """A body with shapes whose moment about its long axis is next to nothing."""
     light_roots: bool = False
     """A free body whose joints carry so much more than itself that rounding would move it."""
     light_links: bool = False
@@ -543,6 +551,7 @@ class Effects:
             self,
             friction=self.contact,
             gyroscopic=True,
+            needles=self.contact,
             light_roots=self.joints,
             light_links=self.joints and self.contact and not self.ramp,
             drives=self.joints,

@@ -20,6 +20,9 @@ _LIGHT = 1.0e-5
 """Share of what it carries, in mass or inertia, below which a root counts as light. (At 5e-7 what
 the joints of a heavy body round moves it more than its own momentum does; at 5e-6 not yet.)"""
 
+NEEDLE = 2.0e-3
+"""Least moment of a needle, as a share of the sum: of a rod 19 times as long as thick."""
+
 LIGHT_LINK = 5.0e-3
 """Share of the mass that moves with it below which a link counts as light."""
 
@@ -111,6 +114,7 @@ def _of_bodies(model: newton.Model, topology: Topology) -> dict[str, np.ndarray]
         "pairs": topology.in_company(np.ones(model.body_count, dtype=bool)),
         "piles": topology.in_company(topology.is_alone),
         "gyroscopic": _unequal_moments(model),
+        "needles": _needles(model, topology),
         "carried_rounding": np.arange(model.body_count),
         "light_roots": _light_roots(model, topology),
         "light_links": _light_links(model, topology),
@@ -373,6 +377,17 @@ def _unequal_moments(model: newton.Model) -> np.ndarray:
     mean = np.trace(inertia, axis1=1, axis2=2) / 3.0
     off = np.abs(inertia - mean[:, None, None] * np.eye(3)).max(axis=(1, 2))
     return np.flatnonzero(off > 1.0e-5 * mean)
+
+
+def _needles(model: newton.Model, topology: Topology) -> np.ndarray:
+    """Bodies with shapes that collide, without joints, and with next to no moment about an axis."""
+    free = np.intersect1d(
+        model.shape_body.numpy()[_colliding(model)], np.flatnonzero(topology.is_alone)
+    )
+    inertia = model.body_inertia.numpy()[free].astype(np.float64)
+    moments = np.linalg.eigvalsh(inertia)
+    is_needle = moments[:, 0] < NEEDLE * moments.sum(axis=1)
+    return free[is_needle & moving(model)[free]]
 
 
 def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:

@@ -11,6 +11,7 @@ from ..rows import contact as contact_rows
 from .bodies import body_at, has_rows
 from .islands import begin_island
 from .loops import has_loops
+from .needles import stiffened_axis
 from .piles import in_pile
 
 
@@ -121,6 +122,8 @@ def make_begin_body(effects: Effects, assemble_body: wp.Function) -> wp.Function
             is_jointed = is_in_tree(rank, s)
         if is_touched and wp.static(not effects.ramp):
             h_ll, h_al, h_aa = assemble_body(body, h, step, s)
+            if wp.static(effects.needles):
+                h_aa = stiffened_axis(body, h_aa, s)
             if is_jointed:
                 if wp.static(effects.joints):
                     s.tree.own_ll[body] = h_ll

@@ -29,6 +29,7 @@ from ..rows import spin as spin_rows
 from .bodies import body_at
 from .gathering import is_same_block, is_visited_first
 from .kernels import KERNEL, uncollected
+from .needles import is_needle, off_axes
 from .piles import mass_to_hold
 from .rolling import make_point_moves, moves_levers, rolled_point, share_of_point
 from .sides import make_written_side
@@ -445,6 +446,20 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                         s.rows.spin[row].torque = torque
 
     @wp.func
+    def drift_along(
+        row: ContactRow, arm: wp.vec3, h: float, step: wp.ref[Step], s: wp.ref[Solver]
+    ) -> wp.vec3:
+        """How far a surface moves along a contact in a step, beside its body [m]; ``arm`` on b."""
+        drift = wp.vec3(0.0)
+        if wp.static(effects.moving_surfaces):
+            contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
+            moved = h * step.contacts.surface_velocity[contact]
+            drift = wp.where(row.contact >= 0, moved, -moved)
+        if wp.static(effects.put_bodies):
+            drift += contact_rows.carried_along(s.work.put[row.b], arm)
+        return drift - row.normal * wp.dot(row.normal, drift)
+
+    @wp.func
     def penalise_rows(
         world: int, body: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> float:
@@ -453,6 +468,8 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         deepest = float(0.0)
         turn = wp.spatial_bottom(s.work.increment[body])
         has_turned = moves_levers(turn)
+        if wp.static(effects.needles):
+            has_turned = has_turned and not is_needle(body, wp.inf, s)
         half = exp_quat(0.5 * turn)
         for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             row = s.rows.rows[i]
@@ -460,6 +477,8 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
             if wp.dot(row.normal, row.force) <= 0.0:
                 row.force = wp.vec3(0.0)
+            if wp.static(effects.needles):
+                row.arm = row.arm - off_axes(row, s)
             if wp.static(not effects.ramp):
                 if has_turned:
                     # a force does no work on a point that stays, by its lever of half the step
@@ -475,18 +494,10 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     row.mu *= override(step.contacts.friction[contact], 1.0)
             span = s.work.com[body] - s.work.com[row.b]
             u = contact_rows.slip(row, s.work.target[body], s.work.target[row.b], span)
-            if wp.static(effects.moving_surfaces):
-                drift = scale.h * step.contacts.surface_velocity[contact]
-                drift -= row.normal * wp.dot(row.normal, drift)
-                s.rows.drift[i] = wp.where(row.contact >= 0, drift, -drift)
-                u += s.rows.drift[i]
-            elif wp.static(effects.drift):
-                s.rows.drift[i] = wp.vec3(0.0)
-            if wp.static(effects.put_bodies):
-                carried = contact_rows.carried_along(s.work.put[row.b], row.arm + span)
-                carried -= row.normal * wp.dot(row.normal, carried)
-                s.rows.drift[i] = s.rows.drift[i] + carried
-                u += carried
+            if wp.static(effects.drift):
+                drift = drift_along(row, row.arm + span, scale.h, step, s)
+                s.rows.drift[i] = drift
+                u += drift
             stiffness = float(0.0)
             damping = float(0.0)
             if wp.static(effects.ramp or effects.compliance):

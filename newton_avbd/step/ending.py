@@ -140,12 +140,31 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         return result
 
     @wp.func
+    def would_touch(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether a body that goes where it would without contacts is held by one."""
+        target = s.work.target[body]
+        for k in range(row_count(body, s.rows)):
+            row = s.rows.rows[row_of(body, k, s.rows)]
+            span = s.work.com[row.a] - s.work.com[row.b]
+            u = wp.vec3(0.0)
+            if row.a == body:
+                u = contact_rows.slip(row, target, s.work.increment[row.b], span)
+            else:
+                u = contact_rows.slip(row, s.work.increment[row.a], target, span)
+            if wp.dot(row.normal, u) + wp.max(row.gap, 0.0) < 0.0:
+                return True
+        return False
+
+    @wp.func
     def is_touched_by(body: int, s: wp.ref[Solver]) -> bool:
-        """Whether contacts have pushed a body."""
+        """Whether contacts have pushed a body, or a needle should have been pushed."""
         if wp.static(not effects.contact):
             return False
         if wp.static(effects.ramp):
             return has_rows(s.rows, body)
+        if wp.static(effects.needles):
+            if would_touch(body, s):
+                return True
         if wp.static(effects.pairs):
             return has_rows(s.rows, body) and not is_alone(s.islands, body)
         for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
@@ -183,6 +202,10 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         """
         body = body_at(rank, s.worlds)
         step = scale.step
+        if wp.static(effects.needles):
+            # what sweeps have not finished is spin about the axis, where nothing pushes at last
+            if has_no_joints(rank, s) and not is_touched_by(body, s):
+                s.work.increment[body] = s.work.target[body]
         increment = s.work.increment[body]
         coasting = coasting_increment(s.work, body_qd, body, step)
         free = wp.spatial_top(s.work.target[body] - coasting)

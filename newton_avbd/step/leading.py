@@ -18,6 +18,7 @@ from .bodies import body_at, spin_momentum, target_turn
 from .carrying import is_short
 from .drag import make_feel_drag
 from .flight import is_flying, make_flight
+from .needles import is_needle
 from .rolling import make_point_moves, moves_levers
 from .sides import make_written_side
 from .slopes import follows_second_order, lead
@@ -171,6 +172,8 @@ def make_leading(effects: Effects) -> LeadingFunctions:
         stiffer = (scale.h * scale.h) / (scale.step * scale.step)
         turn = wp.spatial_bottom(s.work.coasting[body])
         has_turned = moves_levers(turn)
+        if wp.static(effects.needles):
+            has_turned = has_turned and not is_needle(body, wp.inf, s)
         half = exp_quat(0.5 * turn)
         whole = half * half
         side = written_side(world, s.history)

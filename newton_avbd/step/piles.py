@@ -35,6 +35,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at, moved_by
+from .needles import is_needle
 from .rotations import place_body
 
 ROOT = wp.constant(-1)
@@ -198,6 +199,9 @@ def make_piles(
             is_loose = s.work.inv_mass[body] > 0.0 and row_count(body, s.rows) > 0
             if wp.static(effects.joints):
                 is_loose = is_loose and not has_joints(i, s)
+            if wp.static(effects.needles):
+                # what a link adds to the block hides the moment about the long axis
+                is_loose = is_loose and not is_needle(body, wp.inf, s)
             s.rows.piles.parent[body] = wp.where(is_loose, _UNSEEN, OUTSIDE)
         end = int(first)
         near = float(slop)

@@ -47,6 +47,8 @@ def add_everything(builder: newton.ModelBuilder) -> None:
         **{"mujoco:pair_geom1": ground, "mujoco:pair_geom2": shape, "mujoco:pair_condim": 3}
     )
     builder.add_shape_cylinder(box, radius=0.1, half_height=0.1, cfg=cfg)
+    needle = builder.add_body(xform=_at(4.5, 0.0, 0.5))
+    builder.add_shape_capsule(needle, radius=0.01, half_height=0.4, cfg=cfg)
     put = builder.add_body(xform=_at(6.0, 0.0, 0.5), is_kinematic=True)
     builder.add_shape_box(put, hx=0.2, hy=0.1, hz=0.2, cfg=cfg)
     links = [
