@@ -81,8 +81,9 @@ def _add_needles(builder: newton.ModelBuilder) -> None:
     rng = np.random.default_rng(1000)
     for k in range(20):
         turn = rng.normal(size=4)
-        place = (*rng.uniform(-0.3, 0.3, 2), 1.6 + 0.15 * k)
-        body = _needle(builder, at(*place, wp.quat(*(turn / np.linalg.norm(turn)))))
+        x, y = rng.uniform(-0.3, 0.3, 2)
+        pose = at(x, y, 1.6 + 0.15 * k, wp.quat(*(turn / np.linalg.norm(turn))))
+        body = _needle(builder, pose)
         linear, angular = rng.uniform(-3.0, 3.0, 3), rng.uniform(-10.0, 10.0, 3)
         set_velocity(builder, body, tuple(linear), tuple(angular))
 
