@@ -248,6 +248,14 @@ def body_at(rank: int, worlds: wp.ref[WorldWork]) -> int:
 
 
 @wp.func
+def is_loose(body: int, s: wp.ref[Solver]) -> bool:
+    """Whether no joint that is solved with its bodies holds a body."""
+    if s.tree.joint.shape[0] == 0:
+        return True
+    return s.tree.joint[body] == NO_JOINT
+
+
+@wp.func
 def has_rows(rows: wp.ref[RowWork], body: int) -> bool:
     """Whether anything touches the body."""
     return (

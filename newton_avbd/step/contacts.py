@@ -27,6 +27,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at
+from .crossing import as_balls
 from .gathering import is_same_block, is_visited_first
 from .kernels import KERNEL, uncollected
 from .needles import is_needle, off_axes
@@ -386,6 +387,8 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
                 u = contact_rows.slip(row, s.work.target[body], s.work.target[row.b], span)
                 gap += wp.min(wp.dot(row.normal, u), 0.0)
             if gap <= scale.reach:
+                if wp.dot(row.normal, row.arm) - 0.5 * row.gap < scale.reach:
+                    row = as_balls(row, record, step, s)
                 if wp.static(effects.angular_friction):
                     spin = SpinRow()
                 if wp.static(effects.matching):
@@ -492,6 +495,8 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     row.mu = mixed_friction(s.shapes.mu[record.shape0], s.shapes.mu[record.shape1])
                 if wp.static(effects.contact_materials):
                     row.mu *= override(step.contacts.friction[contact], 1.0)
+                # what touches at the end of the step has no such lever there
+                row.mu = wp.where(row.gap > wp.length(row.arm), 0.0, row.mu)
             span = s.work.com[body] - s.work.com[row.b]
             u = contact_rows.slip(row, s.work.target[body], s.work.target[row.b], span)
             if wp.static(effects.drift):

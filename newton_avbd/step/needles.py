@@ -13,7 +13,7 @@ import warp as wp
 from ..data import ContactRow, Solver
 from ..model.callers import NEEDLE
 from ..rows import contact as contact_rows
-from .bodies import has_rows
+from .bodies import has_rows, is_loose
 
 ROUNDED = wp.constant(5.0e-7)
 """What rounding may take from a block along the long axis, as a share of its angular part."""
@@ -34,9 +34,8 @@ def long_axis(inertia: wp.mat33) -> wp.mat33:
 @wp.func
 def is_needle(body: int, reach: float, s: wp.ref[Solver]) -> bool:
     """Whether a body is a needle whose radius of gyration about its axis is below ``reach`` [m]."""
-    if s.tree.joint.shape[0] > 0:
-        if s.tree.joint[body] >= 0:
-            return False
+    if not is_loose(body, s):
+        return False
     least = 1.0 / wp.trace(s.work.inv_inertia[body])
     if least * s.work.inv_mass[body] > reach * reach:
         return False

@@ -129,15 +129,25 @@ def _crossed(trial: Trial) -> float:
     return max(0.0, float(trial.centers()[0, 0] - trial.centers()[1, 0]))
 
 
-def _add_bullet(builder: newton.ModelBuilder, x: float, speed: float) -> None:
+def _add_bullet(
+    builder: newton.ModelBuilder,
+    x: float,
+    speed: float,
+    angular: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
     """A slug of 1 cm x 1 cm x 2 cm that flies along x."""
     body = add_box(builder, (x, 0.003, 0.002), (0.02, 0.01, 0.01), density=7800.0, gap=0.01)
-    set_velocity(builder, body, (speed, 0.0, 0.0))
+    set_velocity(builder, body, (speed, 0.0, 0.0), angular)
 
 
-def _add_shot(builder: newton.ModelBuilder, speed: float, is_free: bool) -> None:
+def _add_shot(
+    builder: newton.ModelBuilder,
+    speed: float,
+    is_free: bool,
+    angular: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> None:
     builder.gravity = (0.0, 0.0, 0.0)
-    _add_bullet(builder, 0.0, speed)
+    _add_bullet(builder, 0.0, speed, angular)
     wall = (0.01, 1.0, 1.0)
     if is_free:
         add_box(builder, (5.005, 0.0, 0.0), wall, density=7800.0, gap=0.01)
@@ -170,6 +180,17 @@ for speed in (100.0, 1000.0):
             seconds=0.5,
             **RATE,
         )
+    FAST.add(
+        f"bullet_{speed:.0f}_turns",
+        f"a slug of 2 cm at {speed:,.0f} m/s that turns by 2 rad a step against a wall of 1 cm",
+        partial(_add_shot, speed=speed, is_free=False, angular=(60.0, 30.0, 90.0)),
+        # how deep cannot be said: detection does not see how it turns
+        Bounds(gain=1e-3 * 0.5 * speed**2 / 9.81, drift=0.0),
+        drift=_beyond(5.0),
+        speculative=speed / 60.0 * 1.1 + 0.1,
+        seconds=0.5,
+        **RATE,
+    )
     FAST.add(
         f"bullets_{speed:.0f}",
         f"two slugs of 2 cm at {speed:,.0f} m/s fly at each other",

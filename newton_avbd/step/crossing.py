@@ -1,0 +1,117 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies that fly farther in a step than they, and what they meet, are large.
+
+A blow of a corner would turn such a body by many radians within the step. A row is linear in the
+turn: it would hold the corner where it is, while the center goes on through a wall. So where a body
+may get past what it meets it is taken for a ball about its center, as large as its corner is far:
+it stops where no turn of it can touch, and goes on to turn as it does.
+"""
+
+import newton
+import warp as wp
+
+from ..data import ContactRecord, ContactRow, Solver, Step
+from .bodies import is_loose
+
+COMPACT = wp.constant(0.5)
+"""Depth of a body behind a contact, as a share of its radius of gyration, from which a ball can
+stand for it: for a brick of 2:1:1 from any side, not for a plate from a side, nor for a needle."""
+FLAT = wp.constant(0.05)
+"""Share of the size by which bodies may get deeper as they turn, up to which three points or more
+hold them flat."""
+
+
+@wp.func
+def center_of(row: ContactRow, record: ContactRecord, s: wp.ref[Solver]) -> wp.vec3:
+    """Center of the shape that a row meets and that the solver does not move [m]."""
+    shape = wp.where(row.contact < 0, record.shape0, record.shape1)
+    local = wp.transform_get_translation(s.shapes.pose[shape])
+    if s.shapes.frame.shape[0] > 0:
+        local = wp.transform_point(s.shapes.frame[shape], local)
+    if s.shapes.body[shape] < 0:
+        return local
+    return wp.transform_point(s.work.pose[row.b], local)
+
+
+@wp.func
+def is_compact(body: int, depth: float, s: wp.ref[Solver]) -> bool:
+    """Whether the solver moves a body, no joint holds it, and a ball can stand for it."""
+    if s.work.inv_mass[body] == 0.0:
+        return False
+    if not is_loose(body, s):
+        return False
+    gyration_sq = 0.5 * wp.trace(s.work.inertia[body]) * s.work.inv_mass[body]
+    return depth > 0.0 and depth * depth > COMPACT * COMPACT * gyration_sq
+
+
+@wp.func
+def swept(body: int, depth: float, radius: float, s: wp.ref[Solver]) -> float:
+    """By how much a body gets deeper behind a contact as it turns in a step, at most [m]."""
+    return wp.min(radius - depth, radius * wp.length(wp.spatial_bottom(s.work.target[body])))
+
+
+@wp.func
+def point_count(record: ContactRecord, owner: int, step: wp.ref[Step], s: wp.ref[Solver]) -> int:
+    """Number of points at which two shapes touch."""
+    count = int(0)
+    for i in range(s.rows.owned_start[owner], s.rows.owned_end[owner]):
+        contact = s.rows.contacts[i]
+        if step.contacts.shape0[contact] == record.shape0:
+            count += int(step.contacts.shape1[contact] == record.shape1)
+    return count
+
+
+@wp.func
+def as_balls(
+    row: ContactRow, record: ContactRecord, step: wp.ref[Step], s: wp.ref[Solver]
+) -> ContactRow:
+    """A row; where bodies may get past each other in this step, that of balls."""
+    moved = wp.spatial_top(s.work.target[row.b]) - wp.spatial_top(s.work.target[row.a])
+    closing = -wp.dot(row.normal, moved)
+    apart = s.work.com[row.b] - s.work.com[row.a]
+    # the point of a row is half way between the surfaces
+    arm_a = row.arm - (0.5 * row.gap) * row.normal
+    arm_b = row.arm + (0.5 * row.gap) * row.normal - apart
+    depth_a = wp.dot(row.normal, arm_a)
+    depth_b = -wp.dot(row.normal, arm_b)
+    if closing < depth_a:
+        return row
+    is_ball_a = is_compact(row.a, depth_a, s)
+    is_ball_b = is_compact(row.b, depth_b, s)
+    radius_a = wp.length(arm_a)
+    radius_b = wp.length(arm_b)
+    deeper = float(0.0)
+    size = float(0.0)
+    if is_ball_a:
+        deeper += swept(row.a, depth_a, radius_a, s)
+        size += radius_a
+    if is_ball_b:
+        deeper += swept(row.b, depth_b, radius_b, s)
+        size += radius_b
+    gap = row.gap - deeper
+    if s.work.inv_mass[row.b] == 0.0:
+        shape = wp.where(row.contact < 0, record.shape0, record.shape1)
+        if s.shapes.type[shape] == wp.static(int(newton.GeoType.PLANE)):
+            return row
+        depth_b = wp.dot(row.normal, center_of(row, record, s) - (s.work.com[row.b] + arm_b))
+    if not is_ball_b:
+        size = wp.max(size, depth_b)
+    if not is_ball_a:
+        size = wp.max(size, depth_a)
+    if closing < wp.max(size, gap):
+        return row
+    if deeper < FLAT * size and point_count(record, row.a, step, s) >= 3:
+        return row
+    deepest = wp.min(row.gap, 0.0)
+    if is_ball_a and is_ball_b:
+        aside = apart - (wp.dot(apart, moved) / wp.length_sq(moved)) * moved
+        if wp.length_sq(aside) < size * size:
+            row.normal = wp.normalize(apart)
+            row.gap = wp.max(wp.length(apart) - size, deepest)
+            row.arm = radius_a * row.normal
+    elif is_ball_a or is_ball_b:
+        # in line with the center of the ball
+        row.arm = wp.where(is_ball_a, radius_a * row.normal, apart - radius_b * row.normal)
+        row.gap = wp.max(gap, deepest)
+    return row

@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What flies by many times its size a step does not get through thin walls, however it turns."""
+
+from typing import Any
+
+import newton
+import numpy as np
+import pytest
+import warp as wp
+from helpers import Array, Simulation, surface
+from scipy.spatial.transform import Rotation
+
+from newton_avbd.measure import state as measure
+
+DT = 1.0 / 60.0
+COUNT = 24
+SHAPES = ("box", "capsule", "cylinder")
+
+
+def add_slug(builder: newton.ModelBuilder, kind: str, x: float, speed: float, rng: Any) -> int:
+    """A slug of steel, 2 cm x 1 cm, in any rotation, that flies along x and turns at any rate."""
+    turn = Rotation.random(random_state=rng.integers(2**31)).as_quat()
+    body = builder.add_body(xform=wp.transform((x, 0.003, 0.002), wp.quat(*map(float, turn))))
+    cfg = surface(density=7800.0, gap=0.01)
+    if kind == "box":
+        builder.add_shape_box(body, hx=0.01, hy=0.005, hz=0.005, cfg=cfg)
+    elif kind == "capsule":
+        builder.add_shape_capsule(body, radius=0.005, half_height=0.005, cfg=cfg)
+    else:
+        builder.add_shape_cylinder(body, radius=0.005, half_height=0.01, cfg=cfg)
+    spin = rng.uniform(-1.0, 1.0, 3) * rng.choice([0.0, 30.0, 120.0, 300.0])
+    builder.body_qd[body] = (speed, 0.0, 0.0, *map(float, spin))
+    return body
+
+
+def run(builder: newton.ModelBuilder, speed: float, **settings: Any) -> tuple[Simulation, Array]:
+    """Half a second; also the largest x of each body."""
+    sim = Simulation(builder, dt=DT, **settings)
+    ahead = 1.2 * 2.0 * speed * DT
+    sim.pipeline = newton.CollisionPipeline(sim.model, speculative_contact_gap_max=ahead)
+    sim.contacts = sim.pipeline.contacts()
+    farthest = sim.center[:, 0]
+    for _ in range(30):
+        sim.pipeline.collide(sim.state, sim.contacts, dt=DT)
+        sim.solver.step(sim.state, sim._next, None, sim.contacts, DT)
+        sim.state, sim._next = sim._next, sim.state
+        farthest = np.maximum(farthest, sim.center[:, 0])
+    return sim, farthest
+
+
+def kinetic(sim: Simulation) -> float:
+    bodies = measure.Bodies.of(sim.model)
+    return float(measure.kinetic_energy(bodies, sim.pose, sim.velocity).sum())
+
+
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+@pytest.mark.parametrize("speed", [100.0, 1000.0])
+def test_no_slug_gets_through_a_wall_of_a_centimeter(speed: float, parallel: str) -> None:
+    """The center of none gets past the middle of the wall, and none leaves faster than it came."""
+    rng = np.random.default_rng(int(speed))
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    for k in range(COUNT):
+        builder.begin_world()
+        add_slug(builder, SHAPES[k % 3], -rng.uniform(0.1, 1.0) * speed * DT, speed, rng)
+        wall = wp.transform((0.005, 0.0, 0.0), wp.quat_identity())
+        builder.add_shape_box(-1, xform=wall, hx=0.005, hy=0.5, hz=0.5, cfg=surface(gap=0.01))
+        builder.end_world()
+    sim, farthest = run(builder, speed, parallel=parallel)
+    assert np.all(farthest < 0.005)
+    assert np.all(np.linalg.norm(sim.velocity[:, :3], axis=1) < 0.2 * speed)
+
+
+@pytest.mark.parametrize("speed", [100.0, 1000.0])
+def test_slugs_that_meet_stop_each_other_and_keep_their_momentum(speed: float) -> None:
+    rng = np.random.default_rng(int(speed) + 1)
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    for k in range(COUNT):
+        builder.begin_world()
+        kind, apart = SHAPES[k % 3], rng.uniform(0.2, 1.9) * speed * DT
+        add_slug(builder, kind, -0.5 * apart, speed, rng)
+        add_slug(builder, kind, 0.5 * apart, -speed, rng)
+        builder.end_world()
+    sim, _ = run(builder, speed)
+    # equal masses from both sides
+    momentum = sim.velocity[::2, :3] + sim.velocity[1::2, :3]
+    assert np.abs(momentum).max() < 1.0e-5 * speed
+    # what is left of the speed is that of bodies that glance off
+    assert np.abs(sim.velocity[:, 0]).max() < 0.2 * speed
+    assert kinetic(sim) < 0.05 * COUNT * sim.mass[0] * speed**2
