@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 from helpers import EPS, Array
 
-from newton_avbd.data import ContactRow
+from newton_avbd.data import ContactRow, WorldScale
 from newton_avbd.rows import contact, ramp
 
 COUNT = 1000
@@ -287,3 +287,27 @@ def test_the_ramp_grows_by_violation_up_to_the_material_and_fades_between_steps(
     assert warm == pytest.approx(expected, rel=4.0 * EPS)
     expected = np.minimum(penalty + BETA * depth, stiffness)
     assert grown == pytest.approx(expected, rel=4.0 * EPS)
+
+
+@wp.kernel(enable_backward=False, module="unique")
+def keep(push: wp.array[wp.vec3], kept: wp.array[wp.vec3]):
+    i = wp.tid()
+    scale = WorldScale()
+    scale.mass = 2.0
+    scale.reach = 0.1
+    scale.h = 0.01
+    kept[i] = contact.kept_force(push[i], scale)
+
+
+def test_no_more_of_a_force_is_kept_than_holds_a_world_together() -> None:
+    """A hundred times what stops 2 kg within a step of 10 cm and 10 ms, with its direction.
+
+    Links of a file may overlap so that no joint can part them: each sweep adds to the force.
+    """
+    most = 100.0 * 2.0 * 0.1 / 0.01**2
+    pushes = np.array([[0, 0, 0], [0.3, -0.4, 0.0], [0.9 * most, 0, 0], [3e12, 0, 4e12]])
+    push = wp.array(pushes, dtype=wp.vec3, device="cpu")
+    kept = wp.zeros_like(push)
+    wp.launch(keep, dim=4, inputs=[push], outputs=[kept], device="cpu")
+    pushes[3] *= most / 5e12
+    np.testing.assert_allclose(kept.numpy(), pushes, rtol=1e-6)

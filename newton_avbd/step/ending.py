@@ -109,7 +109,7 @@ def make_remember(
                 if wp.static(effects.angular_friction):
                     lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
                     s.history.torque[side, i] = lasting * s.rows.spin[i].torque
-                s.history.records[side, i].force = push
+                s.history.records[side, i].force = contact_rows.kept_force(push, scale)
 
     return remember_rows
 
