@@ -43,7 +43,7 @@ def is_needle(body: int, reach: float, s: wp.ref[Solver]) -> bool:
 
 
 @wp.func
-def tilts_by_turns(body: int, turn: wp.vec3, s: wp.ref[Solver]) -> bool:
+def tilts_too_far(body: int, turn: wp.vec3, s: wp.ref[Solver]) -> bool:
     """Whether a touched body is a needle that tilts too far in a step for one of second order.
 
     Such a step has the inertia of its end, and here the levers of its start.
@@ -51,9 +51,9 @@ def tilts_by_turns(body: int, turn: wp.vec3, s: wp.ref[Solver]) -> bool:
     if s.work.inv_mass[body] == 0.0 or not has_rows(s.rows, body):
         return False
     inertia = s.work.inertia[body]
-    half = wp.sqrt(1.5 * wp.trace(inertia) * s.work.inv_mass[body])
+    half_length = wp.sqrt(1.5 * wp.trace(inertia) * s.work.inv_mass[body])
     tilt = wp.length(turn - long_axis(inertia) * turn)
-    return is_needle(body, half * tilt, s)
+    return is_needle(body, half_length * tilt, s)
 
 
 @wp.func

@@ -21,7 +21,7 @@ from .bodies import body_at, moved_by
 from .cables import may_jerk
 from .flight import is_flying
 from .islands import rigid_spin
-from .needles import tilts_by_turns
+from .needles import tilts_too_far
 from .slopes import JUMPED, is_going_on
 from .tendons import meets_range
 
@@ -349,7 +349,7 @@ def make_smoothness(effects: Effects) -> SmoothnessFunctions:
                 return False
         if wp.static(effects.needles):
             turn = scale.h * wp.spatial_bottom(s.history.last[body].slope)
-            if tilts_by_turns(body, turn, s):
+            if tilts_too_far(body, turn, s):
                 return False
         return is_continued(body, body_qd, scale, s)
 
