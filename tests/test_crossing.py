@@ -34,17 +34,27 @@ def add_slug(builder: newton.ModelBuilder, kind: str, x: float, speed: float, rn
     return body
 
 
-def run(builder: newton.ModelBuilder, speed: float, **settings: Any) -> tuple[Simulation, Array]:
-    """Half a second; also the largest x of each body."""
+def simulate(builder: newton.ModelBuilder, ahead: float, **settings: Any) -> Simulation:
+    """A simulation whose detection looks so far ahead [m]."""
     sim = Simulation(builder, dt=DT, **settings)
-    ahead = 1.2 * 2.0 * speed * DT
     sim.pipeline = newton.CollisionPipeline(sim.model, speculative_contact_gap_max=ahead)
     sim.contacts = sim.pipeline.contacts()
+    return sim
+
+
+def step(sim: Simulation) -> None:
+    """A step, of which detection knows how long it is."""
+    sim.pipeline.collide(sim.state, sim.contacts, dt=DT)
+    sim.solver.step(sim.state, sim._next, None, sim.contacts, DT)
+    sim.state, sim._next = sim._next, sim.state
+
+
+def run(builder: newton.ModelBuilder, speed: float, **settings: Any) -> tuple[Simulation, Array]:
+    """Half a second; also the largest x of each body."""
+    sim = simulate(builder, 1.2 * 2.0 * speed * DT, **settings)
     farthest = sim.center[:, 0]
     for _ in range(30):
-        sim.pipeline.collide(sim.state, sim.contacts, dt=DT)
-        sim.solver.step(sim.state, sim._next, None, sim.contacts, DT)
-        sim.state, sim._next = sim._next, sim.state
+        step(sim)
         farthest = np.maximum(farthest, sim.center[:, 0])
     return sim, farthest
 
@@ -69,6 +79,27 @@ def test_no_slug_gets_through_a_wall_of_a_centimeter(speed: float, parallel: str
     sim, farthest = run(builder, speed, parallel=parallel)
     assert np.all(farthest < 0.005)
     assert np.all(np.linalg.norm(sim.velocity[:, :3], axis=1) < 0.2 * speed)
+
+
+def test_no_die_falls_through_a_shelf_of_a_centimeter() -> None:
+    """Dice of 2 cm come down by 5 to 8 cm a step; the center of none gets to its middle."""
+    rng = np.random.default_rng(3)
+    builder = newton.ModelBuilder()
+    shelf = wp.transform((0.0, 0.0, -0.005), wp.quat_identity())
+    for _ in range(32):
+        builder.begin_world()
+        turn = Rotation.random(random_state=rng.integers(2**31)).as_quat()
+        place = wp.transform((0.0, 0.0, rng.uniform(0.2, 0.8)), wp.quat(*map(float, turn)))
+        die = builder.add_body(xform=place)
+        builder.add_shape_box(die, hx=0.01, hy=0.01, hz=0.01, cfg=surface(gap=0.01))
+        velocity = np.append(rng.normal(size=2) * 0.5, 0.0)
+        builder.body_qd[die] = (*map(float, velocity), *map(float, 10.0 * rng.normal(size=3)))
+        builder.add_shape_box(-1, xform=shelf, hx=3.0, hy=3.0, hz=0.005, cfg=surface(gap=0.01))
+        builder.end_world()
+    sim = simulate(builder, 0.2)
+    for _ in range(120):
+        step(sim)
+        assert sim.center[:, 2].min() > -0.005
 
 
 @pytest.mark.parametrize("speed", [100.0, 1000.0])

@@ -27,7 +27,7 @@ from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at
-from .crossing import as_balls
+from .crossing import SLICK, as_balls, has_long_lever
 from .gathering import is_same_block, is_visited_first
 from .kernels import KERNEL, uncollected
 from .needles import is_needle, off_axes
@@ -389,6 +389,8 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
             if gap <= scale.reach:
                 if wp.dot(row.normal, row.arm) - 0.5 * row.gap < scale.reach:
                     row = as_balls(row, record, step, s)
+                    if has_long_lever(row, s):
+                        row.mu = SLICK
                 if wp.static(effects.angular_friction):
                     spin = SpinRow()
                 if wp.static(effects.matching):
@@ -486,6 +488,8 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 if has_turned:
                     # a force does no work on a point that stays, by its lever of half the step
                     row.arm = row.arm + point_moves(row, record, half, s)
+            is_slick = row.mu < 0.0
+            row.mu = 0.0
             if wp.static(effects.condim):
                 friction = mixed_by_condim(s.shapes, record.shape0, record.shape1)
             if wp.static(effects.friction):
@@ -495,8 +499,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     row.mu = mixed_friction(s.shapes.mu[record.shape0], s.shapes.mu[record.shape1])
                 if wp.static(effects.contact_materials):
                     row.mu *= override(step.contacts.friction[contact], 1.0)
-                # what touches at the end of the step has no such lever there
-                row.mu = wp.where(row.gap > wp.length(row.arm), 0.0, row.mu)
+                row.mu = wp.where(is_slick, 0.0, row.mu)
             span = s.work.com[body] - s.work.com[row.b]
             u = contact_rows.slip(row, s.work.target[body], s.work.target[row.b], span)
             if wp.static(effects.drift):

@@ -20,18 +20,41 @@ stand for it: for a brick of 2:1:1 from any side, not for a plate from a side, n
 FLAT = wp.constant(0.05)
 """Share of the size by which bodies may get deeper as they turn, up to which three points or more
 hold them flat."""
+SLICK = wp.constant(-1.0)
+"""Friction of a row that is to have none in the step, whatever its shapes have."""
+LONG = wp.constant(30.0)
+"""Lever of a contact, in radii of gyration, from which its friction is left to the next step."""
 
 
 @wp.func
-def center_of(row: ContactRow, record: ContactRecord, s: wp.ref[Solver]) -> wp.vec3:
-    """Center of the shape that a row meets and that the solver does not move [m]."""
-    shape = wp.where(row.contact < 0, record.shape0, record.shape1)
+def depth_of_shape(normal: wp.vec3, point: wp.vec3, b: int, shape: int, s: wp.ref[Solver]) -> float:
+    """How deep behind a point of its surface the center of a shape is that the solver does not
+    move [m]; zero for a mesh, whose origin says nothing of that, and is as if it were thin."""
+    kind = s.shapes.type[shape]
+    is_round = kind >= wp.static(int(newton.GeoType.SPHERE))
+    if not (is_round and kind <= wp.static(int(newton.GeoType.BOX))):
+        return 0.0
     local = wp.transform_get_translation(s.shapes.pose[shape])
     if s.shapes.frame.shape[0] > 0:
         local = wp.transform_point(s.shapes.frame[shape], local)
-    if s.shapes.body[shape] < 0:
-        return local
-    return wp.transform_point(s.work.pose[row.b], local)
+    center = local
+    if s.shapes.body[shape] >= 0:
+        center = wp.transform_point(s.work.pose[b], local)
+    return wp.max(wp.dot(normal, center - point), 0.0)
+
+
+@wp.func
+def is_long(body: int, lever: wp.vec3, s: wp.ref[Solver]) -> bool:
+    """Whether a lever is so long for a body that friction by it is nothing but rounding."""
+    gyration_sq = 0.5 * wp.trace(s.work.inertia[body]) * s.work.inv_mass[body]
+    return s.work.inv_mass[body] > 0.0 and wp.length_sq(lever) > LONG * LONG * gyration_sq
+
+
+@wp.func
+def has_long_lever(row: ContactRow, s: wp.ref[Solver]) -> bool:
+    """Whether a contact is so far open that its friction has no lever yet, on either body."""
+    span = s.work.com[row.a] - s.work.com[row.b]
+    return is_long(row.a, row.arm, s) or is_long(row.b, row.arm + span, s)
 
 
 @wp.func
@@ -94,7 +117,8 @@ def as_balls(
         shape = wp.where(row.contact < 0, record.shape0, record.shape1)
         if s.shapes.type[shape] == wp.static(int(newton.GeoType.PLANE)):
             return row
-        depth_b = wp.dot(row.normal, center_of(row, record, s) - (s.work.com[row.b] + arm_b))
+        point = s.work.com[row.b] + arm_b
+        depth_b = depth_of_shape(row.normal, point, row.b, shape, s)
     if not is_ball_b:
         size = wp.max(size, depth_b)
     if not is_ball_a:
@@ -106,12 +130,15 @@ def as_balls(
     deepest = wp.min(row.gap, 0.0)
     if is_ball_a and is_ball_b:
         aside = apart - (wp.dot(apart, moved) / wp.length_sq(moved)) * moved
-        if wp.length_sq(aside) < size * size:
+        is_ahead = wp.dot(apart, row.normal) > 0.0
+        if is_ahead and wp.length_sq(aside) < size * size:
             row.normal = wp.normalize(apart)
             row.gap = wp.max(wp.length(apart) - size, deepest)
             row.arm = radius_a * row.normal
+            row.mu = SLICK
     elif is_ball_a or is_ball_b:
         # in line with the center of the ball
         row.arm = wp.where(is_ball_a, radius_a * row.normal, apart - radius_b * row.normal)
         row.gap = wp.max(gap, deepest)
+        row.mu = SLICK
     return row

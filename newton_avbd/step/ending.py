@@ -22,6 +22,7 @@ from .bodies import body_at, has_rows, pose_sum, report_held
 from .carrying import carry_flight, carry_turn, carry_velocity, is_short, less_one
 from .islands import is_alone, is_free_island, turn_with_island
 from .loops import has_loops
+from .needles import is_needle
 from .piles import lasting_share, row_count, row_of
 from .slopes import end_axis
 
@@ -109,7 +110,7 @@ def make_remember(
                 if wp.static(effects.angular_friction):
                     lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
                     s.history.torque[side, i] = lasting * s.rows.spin[i].torque
-                s.history.records[side, i].force = contact_rows.kept_force(push, scale)
+                s.history.records[side, i].force = contact_rows.kept_force(push, row.arm, scale)
 
     return remember_rows
 
@@ -163,8 +164,9 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         if wp.static(effects.ramp):
             return has_rows(s.rows, body)
         if wp.static(effects.needles):
-            if would_touch(body, s):
-                return True
+            if is_needle(body, wp.inf, s):
+                if would_touch(body, s):
+                    return True
         if wp.static(effects.pairs):
             return has_rows(s.rows, body) and not is_alone(s.islands, body)
         for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
@@ -204,7 +206,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         step = scale.step
         if wp.static(effects.needles):
             # what sweeps have not finished is spin about the axis, where nothing pushes at last
-            if has_no_joints(rank, s) and not is_touched_by(body, s):
+            if is_needle(body, wp.inf, s) and not is_touched_by(body, s):
                 s.work.increment[body] = s.work.target[body]
         increment = s.work.increment[body]
         coasting = coasting_increment(s.work, body_qd, body, step)

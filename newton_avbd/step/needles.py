@@ -82,12 +82,18 @@ def off_axis(body: int, arm: wp.vec3, closing: float, s: wp.ref[Solver]) -> wp.v
 
 @wp.func
 def off_axes(row: ContactRow, s: wp.ref[Solver]) -> wp.vec3:
-    """By how much the point of a contact is off the long axis of what does not roll by it [m]."""
+    """By how much the point of a contact is off the long axis of what does not roll by it [m].
+
+    Nothing where two needles tilt: the point cannot be on both axes.
+    """
     span = s.work.com[row.a] - s.work.com[row.b]
     u = contact_rows.slip(row, s.work.target[row.a], s.work.target[row.b], span)
     closing = wp.max(-wp.dot(row.normal, u) - wp.max(row.gap, 0.0), 0.0)
-    aside = off_axis(row.a, row.arm, closing, s)
-    return aside + off_axis(row.b, row.arm - aside + span, closing, s)
+    aside_a = off_axis(row.a, row.arm, closing, s)
+    aside_b = off_axis(row.b, row.arm + span, closing, s)
+    if wp.length_sq(aside_a) * wp.length_sq(aside_b) > 0.0:
+        return wp.vec3(0.0)
+    return aside_a + aside_b
 
 
 @wp.func

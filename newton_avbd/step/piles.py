@@ -196,13 +196,13 @@ def make_piles(
         for i in range(first, last):
             body = body_at(i, s.worlds)
             s.rows.piles.mass[body] = s.model.mass[body]
-            is_loose = s.work.inv_mass[body] > 0.0 and row_count(body, s.rows) > 0
+            is_free = s.work.inv_mass[body] > 0.0 and row_count(body, s.rows) > 0
             if wp.static(effects.joints):
-                is_loose = is_loose and not has_joints(i, s)
+                is_free = is_free and not has_joints(i, s)
             if wp.static(effects.needles):
                 # what a link adds to the block hides the moment about the long axis
-                is_loose = is_loose and not is_needle(body, wp.inf, s)
-            s.rows.piles.parent[body] = wp.where(is_loose, _UNSEEN, OUTSIDE)
+                is_free = is_free and not is_needle(body, wp.inf, s)
+            s.rows.piles.parent[body] = wp.where(is_free, _UNSEEN, OUTSIDE)
         end = int(first)
         near = float(slop)
         for _ in range(2):
