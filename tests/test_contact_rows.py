@@ -295,11 +295,11 @@ def keep(push: wp.array[wp.vec3], kept: wp.array[wp.vec3]):
     scale = WorldScale()
     scale.mass = 2.0
     scale.h = 0.01
-    kept[i] = contact.kept_force(push[i], wp.vec3(0.0, 0.1, 0.0), scale)
+    kept[i] = contact.kept_force(push[i], 0.1, scale)
 
 
 def test_a_contact_keeps_a_force_that_a_scene_may_ask_for() -> None:
-    """Up to 10,000 times what moves 2 kg by a lever of 10 cm in 10 ms, with its direction.
+    """Up to 10,000 times what moves 2 kg by a body's size of 10 cm in 10 ms, with its direction.
 
     Links of a file may overlap so that no joint can part them: each sweep adds to the force.
     """

@@ -23,7 +23,8 @@ from ..data import ContactRow, WorldScale
 PENALTY = wp.constant(10.0)
 """Normal penalty in units of effective mass / h^2."""
 JAMMED = wp.constant(1.0e4)
-"""Force that a contact keeps at most, by what moves all of a world by the lever in a step."""
+"""Force that a contact keeps at most, by what moves all of a world by the size of its body
+in a step."""
 LOAD_WEIGHT = wp.constant(0.1)
 """Weight of the carried mass (multiplier over gravity) against the effective mass."""
 TANGENT_RATIO = wp.constant(0.3)
@@ -371,12 +372,13 @@ def lasting_force(normal: wp.vec3, push: wp.vec3, mass: float, change: float, h:
 
 
 @wp.func
-def kept_force(push: wp.vec3, arm: wp.vec3, scale: WorldScale) -> wp.vec3:
+def kept_force(push: wp.vec3, size: float, scale: WorldScale) -> wp.vec3:
     """Contact force [N] that the next step starts from, bounded by what no scene asks for.
 
-    Where links jam that no joint can part each sweep would add to it without end.
+    Where links jam that no joint can part each sweep would add to it without end. ``size`` is that
+    of the body [m].
     """
-    most = JAMMED * scale.mass * wp.length(arm) / (scale.h * scale.h)
+    most = JAMMED * scale.mass * size / (scale.h * scale.h)
     return push * wp.min(most / wp.max(wp.length(push), 1.0e-30), 1.0)
 
 

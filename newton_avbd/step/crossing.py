@@ -11,8 +11,9 @@ it stops where no turn of it can touch, and goes on to turn as it does.
 import newton
 import warp as wp
 
-from ..data import ContactRecord, ContactRow, Solver, Step
+from ..data import BodyWork, ContactRecord, ContactRow, Solver, Step
 from .bodies import is_loose
+from .rolling import pose_in_body
 
 COMPACT = wp.constant(0.5)
 """Depth of a body behind a contact, as a share of its radius of gyration, from which a ball can
@@ -24,6 +25,8 @@ SLICK = wp.constant(-1.0)
 """Friction of a row that is to have none in the step, whatever its shapes have."""
 LONG = wp.constant(30.0)
 """Lever of a contact, in radii of gyration, from which its friction is left to the next step."""
+OPEN = wp.constant(0.5)
+"""Gap, as a share of the lever, from which the lever is that long since the contact is open."""
 
 
 @wp.func
@@ -31,28 +34,33 @@ def depth_of_shape(normal: wp.vec3, point: wp.vec3, b: int, shape: int, s: wp.re
     """How deep behind a point of its surface the center of a shape is that the solver does not
     move [m]; zero for a mesh, whose origin says nothing of that, and is as if it were thin."""
     kind = s.shapes.type[shape]
-    is_round = kind >= wp.static(int(newton.GeoType.SPHERE))
-    if not (is_round and kind <= wp.static(int(newton.GeoType.BOX))):
+    has_center = kind >= wp.static(int(newton.GeoType.SPHERE))
+    if not (has_center and kind <= wp.static(int(newton.GeoType.BOX))):
         return 0.0
-    local = wp.transform_get_translation(s.shapes.pose[shape])
-    if s.shapes.frame.shape[0] > 0:
-        local = wp.transform_point(s.shapes.frame[shape], local)
-    center = local
+    center = wp.transform_get_translation(pose_in_body(shape, s.shapes))
     if s.shapes.body[shape] >= 0:
-        center = wp.transform_point(s.work.pose[b], local)
+        center = wp.transform_point(s.work.pose[b], center)
     return wp.max(wp.dot(normal, center - point), 0.0)
+
+
+@wp.func
+def gyration_sq(body: int, work: wp.ref[BodyWork]) -> float:
+    """Square of the radius of gyration of a body, of all directions [m^2]."""
+    return 0.5 * wp.trace(work.inertia[body]) * work.inv_mass[body]
 
 
 @wp.func
 def is_long(body: int, lever: wp.vec3, s: wp.ref[Solver]) -> bool:
     """Whether a lever is so long for a body that friction by it is nothing but rounding."""
-    gyration_sq = 0.5 * wp.trace(s.work.inertia[body]) * s.work.inv_mass[body]
-    return s.work.inv_mass[body] > 0.0 and wp.length_sq(lever) > LONG * LONG * gyration_sq
+    is_far = wp.length_sq(lever) > LONG * LONG * gyration_sq(body, s.work)
+    return s.work.inv_mass[body] > 0.0 and is_far
 
 
 @wp.func
 def has_long_lever(row: ContactRow, s: wp.ref[Solver]) -> bool:
     """Whether a contact is so far open that its friction has no lever yet, on either body."""
+    if row.gap < OPEN * wp.length(row.arm):
+        return False
     span = s.work.com[row.a] - s.work.com[row.b]
     return is_long(row.a, row.arm, s) or is_long(row.b, row.arm + span, s)
 
@@ -64,8 +72,7 @@ def is_compact(body: int, depth: float, s: wp.ref[Solver]) -> bool:
         return False
     if not is_loose(body, s):
         return False
-    gyration_sq = 0.5 * wp.trace(s.work.inertia[body]) * s.work.inv_mass[body]
-    return depth > 0.0 and depth * depth > COMPACT * COMPACT * gyration_sq
+    return depth > 0.0 and depth * depth > COMPACT * COMPACT * gyration_sq(body, s.work)
 
 
 @wp.func
@@ -113,14 +120,15 @@ def as_balls(
         deeper += swept(row.b, depth_b, radius_b, s)
         size += radius_b
     gap = row.gap - deeper
+    behind = float(depth_b)
     if s.work.inv_mass[row.b] == 0.0:
         shape = wp.where(row.contact < 0, record.shape0, record.shape1)
         if s.shapes.type[shape] == wp.static(int(newton.GeoType.PLANE)):
             return row
         point = s.work.com[row.b] + arm_b
-        depth_b = depth_of_shape(row.normal, point, row.b, shape, s)
+        behind = depth_of_shape(row.normal, point, row.b, shape, s)
     if not is_ball_b:
-        size = wp.max(size, depth_b)
+        size = wp.max(size, behind)
     if not is_ball_a:
         size = wp.max(size, depth_a)
     if closing < wp.max(size, gap):

@@ -20,6 +20,7 @@ from .beginning import is_in_tree, make_coasting
 from .block_start import UNKNOWN
 from .bodies import body_at, has_rows, pose_sum, report_held
 from .carrying import carry_flight, carry_turn, carry_velocity, is_short, less_one
+from .contacts import size_of
 from .islands import is_alone, is_free_island, turn_with_island
 from .loops import has_loops
 from .needles import is_needle
@@ -110,7 +111,8 @@ def make_remember(
                 if wp.static(effects.angular_friction):
                     lasting = wp.dot(row.normal, push) / wp.max(f_n, 1.0e-30)
                     s.history.torque[side, i] = lasting * s.rows.spin[i].torque
-                s.history.records[side, i].force = contact_rows.kept_force(push, row.arm, scale)
+                size = size_of(s.work, body, row.arm)
+                s.history.records[side, i].force = contact_rows.kept_force(push, size, scale)
 
     return remember_rows
 

@@ -51,6 +51,15 @@ def is_round(shape: int, shapes: wp.ref[ShapeModel]) -> bool:
 
 
 @wp.func
+def pose_in_body(shape: int, shapes: wp.ref[ShapeModel]) -> wp.transform:
+    """Pose of a shape in the frame of the body that its link is part of."""
+    pose = shapes.pose[shape]
+    if shapes.frame.shape[0] > 0:
+        pose = shapes.frame[shape] * pose
+    return pose
+
+
+@wp.func
 def share_of_point(record: ContactRecord, slot0: int, slot1: int, s: wp.ref[Solver]) -> float:
     """Which body a contact that was found some steps ago went with: 0 or 1, or both by halves.
 
@@ -75,9 +84,7 @@ def rolled_point(
     """
     if shapes.type[shape] != wp.static(int(newton.GeoType.CYLINDER)):
         return point
-    frame = shapes.pose[shape]
-    if shapes.frame.shape[0] > 0:
-        frame = shapes.frame[shape] * frame
+    frame = pose_in_body(shape, shapes)
     along = wp.quat_rotate_inv(rotation * wp.transform_get_rotation(frame), outward)
     along = wp.vec3(along[0], along[1], 0.0)
     if wp.length_sq(along) < FLAT * FLAT:
