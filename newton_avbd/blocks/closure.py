@@ -137,9 +137,10 @@ def rows_push(body: int, closures: wp.ref[ClosureWork]) -> wp.spatial_vector:
 
 
 @wp.func
-def softness_of(is_first: bool) -> float:
-    """By how much more a multiplier moves its row in the first sweep of a step, and in others."""
-    return wp.where(is_first, FIRST_SOFTNESS, SOFTNESS)
+def softness_of(has_dual: bool, recovery: float) -> float:
+    """By how much more a multiplier moves its row: in the first sweep of a step, in others, and in
+    the recovery, where rows that do not go together are to yield."""
+    return wp.where(has_dual and recovery == 0.0, SOFTNESS, FIRST_SOFTNESS)
 
 
 @wp.func

@@ -158,11 +158,14 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
         return block, load
 
     @wp.func
-    def close_rows(body: int, has_dual: bool, block: wp.ref[Block], s: wp.ref[Solver]):
+    def close_rows(
+        body: int, has_dual: bool, recovery: float, block: wp.ref[Block], s: wp.ref[Solver]
+    ):
         """Eliminates the rows that close loops and end at the body."""
         if wp.static(effects.closures):
             if ends_rows(body, s.tree.closures):
-                block = end_rows(body, block, softness_of(not has_dual), s.tree.closures)
+                softness = softness_of(has_dual, recovery)
+                block = end_rows(body, block, softness, s.tree.closures)
 
     @wp.func
     def factor_root(body: int, block: Block, s: wp.ref[Solver]) -> float:
@@ -263,7 +266,7 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
         """
         wrench = gather(body, has_dual, recovery, slop, h, step, s)
         block, load = assemble(body, wrench, h, s)
-        close_rows(body, has_dual, block, s)
+        close_rows(body, has_dual, recovery, block, s)
         if not is_linked(body, s):
             return factor_root(body, block, s)
         frame = joint_frame(body, recovery, s)

@@ -160,7 +160,7 @@ def make_sweep_tree(
                 off = eliminate(body, has_dual, recovery, slop, h, step, s)
                 mismatch = wp.max(mismatch, off)
         if wp.static(effects.closures):
-            solve_ground(first, softness_of(not has_dual), s.tree.closures)
+            solve_ground(first, softness_of(has_dual, recovery), s.tree.closures)
         return mismatch
 
     @wp.func
