@@ -35,6 +35,7 @@ SECONDS = {
     "joint_grid_8": 2.1,
     "joint_grid_25": 0.05,
     "net": 0.25,
+    "rope_bridge": 1.0,
     "breakable_wall": 0.3,
     "chain_mail": 1.0,
     "crushed_stack": 1.5,

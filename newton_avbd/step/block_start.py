@@ -166,7 +166,7 @@ def make_block_start(
                     s.tree.update[body] = coasting + (h * h) * s.history.acceleration[body]
                 elif is_closed:
                     # keeps a mechanism in its plane, where some of its rows say nothing
-                    s.tree.update[body] = coasting
+                    s.tree.update[body] = scale.h * body_qd[body]
                 if wp.static(effects.tilting):
                     s.tree.is_fast[body] = is_fast
                 if wp.static(effects.spinning):
