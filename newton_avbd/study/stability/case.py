@@ -175,8 +175,11 @@ class Trial:
         self._contacts: newton.Contacts | None = None
         own = solvers.detects_collisions(self.solver)
         if self.model.shape_contact_pair_count and not own:
+            # on a GPU contacts come in any order, unless they are sorted
             self._pipeline = newton.CollisionPipeline(
-                self.model, speculative_contact_gap_max=case.speculative
+                self.model,
+                speculative_contact_gap_max=case.speculative,
+                deterministic=self.model.device.is_cuda,
             )
             self._contacts = self._pipeline.contacts()
 
