@@ -11,15 +11,18 @@ import shutil
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import newton
 import newton.viewer
 import numpy as np
 import pytest
 
-from newton_avbd.__main__ import _parse, main
+import newton_avbd
+from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS, view
-from newton_avbd.io import ModelSimulation
+from newton_avbd.commands.program import parse
+from newton_avbd.io.simulation import ModelSimulation
 from newton_avbd.io.terminal import gathered_prints, gathered_warnings, progress
 
 PNG = b"\x89PNG"
@@ -61,6 +64,34 @@ def test_version_names_what_a_report_of_a_fault_needs(capsys):
     printed = capsys.readouterr().out
     for name in ("newton-avbd", "newton", "warp-lang"):
         assert f"{name} {importlib.metadata.version(name)}" in printed
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], ["rnu"]])
+def test_what_lists_commands_does_not_wait_for_newton(arguments):
+    """The import of Newton takes seconds, and Ctrl-C ends it without a traceback."""
+    program = (
+        "import sys; from newton_avbd.__main__ import main\n"
+        f"try: main({arguments})\n"
+        "except SystemExit: pass\n"
+        "sys.exit(int(bool({'newton', 'warp', 'numpy'} & sys.modules.keys())))"
+    )
+    # without what the tests set up in every process, which imports Warp
+    environment = {**os.environ, "PYTHONPATH": str(Path(newton_avbd.__file__).parent.parent)}
+    command = [sys.executable, "-c", program]
+    subprocess.run(command, check=True, capture_output=True, env=environment)
+
+
+def test_ctrl_c_ends_the_import_of_newton_without_a_traceback():
+    program = (
+        "import signal, sys; from newton_avbd.__main__ import main\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'newton': signal.raise_signal(signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "sys.exit(main(['run', 'fall']))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "\nnewton-avbd: stopped by Ctrl-C\n")
 
 
 def test_run_fails_where_the_scene_fails_its_own_test(capsys):
@@ -240,7 +271,7 @@ def test_every_command_lists_examples_that_its_parser_takes():
     for name, command in COMMANDS.items():
         assert command.examples
         for typed, _ in command.examples:
-            _parse(name, shlex.split(typed))
+            parse(name, shlex.split(typed))
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")

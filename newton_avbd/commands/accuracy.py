@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from newton_avbd.io import UserError, read_scene, require
+from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.opening import read_scene
 from newton_avbd.study.accuracy import ask as accuracy_ask
 from newton_avbd.study.accuracy import control as accuracy_control
 from newton_avbd.study.accuracy import page as accuracy_page

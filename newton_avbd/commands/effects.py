@@ -6,7 +6,9 @@
 import argparse
 
 from newton_avbd import SolverAVBD
-from newton_avbd.io import Request, UserError, open_scene
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import Request
 from newton_avbd.study.bench.run import pinned
 from newton_avbd.study.effects.cost import Stepper, difference
 

@@ -7,7 +7,7 @@ import argparse
 import json
 from pathlib import Path
 
-from newton_avbd.io import UserError, require
+from newton_avbd.io.errors import UserError, require
 from newton_avbd.study.bench import growth
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 

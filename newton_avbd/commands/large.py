@@ -10,7 +10,7 @@ from pathlib import Path
 
 import warp as wp
 
-from newton_avbd.io import UserError
+from newton_avbd.io.errors import UserError
 from newton_avbd.study.bench.large import LARGE_SCENES, measure
 from newton_avbd.study.bench.run import chosen, describe_machine
 

@@ -6,7 +6,7 @@
 import argparse
 import warnings
 
-from newton_avbd.io import UserError, require
+from newton_avbd.io.errors import UserError, require
 from newton_avbd.study.bench import learning
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 

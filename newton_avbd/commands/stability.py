@@ -9,8 +9,7 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from newton_avbd.io import UserError, require
-from newton_avbd.io.errors import unknown
+from newton_avbd.io.errors import UserError, require, unknown
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.stability.case import Case, Outcome, try_case
 from newton_avbd.study.stability.cases import CASES, GROUPS

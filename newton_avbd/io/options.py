@@ -11,7 +11,8 @@ from pathlib import Path
 
 import warp as wp
 
-from newton_avbd.io import UserError, list_scenes
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import list_scenes
 from newton_avbd.io.solvers import SOLVERS
 
 
