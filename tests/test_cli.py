@@ -22,6 +22,7 @@ import newton_avbd
 from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS, view
 from newton_avbd.commands.program import parse
+from newton_avbd.io.errors import UserError
 from newton_avbd.io.simulation import ModelSimulation
 from newton_avbd.io.terminal import gathered_prints, gathered_warnings, progress
 
@@ -321,6 +322,35 @@ def test_ctrl_c_leaves_what_is_done(frames, monkeypatch, capsys):
     result = json.loads(capsys.readouterr().out)
     assert len(result["time"]) == len(result["distance_max"]) == frames + 1
     assert len(result["courses"][1]["speed"]) == frames + 1
+
+
+def test_ctrl_c_leaves_the_table_of_effects(monkeypatch, capsys):
+    calls = iter(range(100))
+
+    def advance(simulation):
+        if next(calls) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ModelSimulation, "advance", advance)
+    assert main(["effects", "fall", "--measure"]) == 130
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[0].split() == ["effect", "bytes", "why"]
+    assert "this is what was done" in printed.err
+
+
+@pytest.mark.parametrize("command", ["run", "compare", "effects"])
+def test_a_command_opens_its_scene_as_asked(command, monkeypatch):
+    requests = []
+
+    def open_scene(name, request):
+        requests.append(request)
+        raise UserError("that is all")
+
+    monkeypatch.setattr(f"newton_avbd.commands.{command}.open_scene", open_scene)
+    settings = ["--accuracy", "1e-3", "--dt", "0.01", "--iterations", "7"]
+    assert main([command, "fall", *settings]) == 2
+    (request,) = requests
+    assert (request.accuracy, request.dt, request.iterations) == (1e-3, 0.01, 7)
 
 
 def test_ctrl_c_ends_a_study_with_its_summary(monkeypatch, capfd):
