@@ -23,7 +23,8 @@ from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS, view
 from newton_avbd.commands.program import parse
 from newton_avbd.io.errors import UserError
-from newton_avbd.io.simulation import ModelSimulation
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import ModelSimulation, Request
 from newton_avbd.io.terminal import gathered_prints, gathered_warnings, progress
 
 PNG = b"\x89PNG"
@@ -389,6 +390,13 @@ def test_what_kernels_print_leaves_standard_output_to_the_answer(capfd):
 def test_progress_is_shown_on_a_terminal_only(capsys):
     assert list(progress(range(3), 3, "frames")) == [0, 1, 2]
     assert capsys.readouterr().err == ""
+
+
+def test_what_takes_seconds_is_shown_on_a_terminal_only(monkeypatch, capsys):
+    for is_terminal, shown in ((False, ""), (True, "\r\033[Kreading fall ...\r\033[K")):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda is_terminal=is_terminal: is_terminal)
+        open_scene("fall", Request())
+        assert capsys.readouterr().err == shown
 
 
 def test_viewer_auto_takes_what_is_there(monkeypatch, capsys):

@@ -22,7 +22,7 @@ from newton_avbd.study.falls.scene import KINDS, bare, starts
 
 from ..io.options import make_folder, positive
 from ..io.output import length, table
-from ..io.terminal import interruptible, show
+from ..io.terminal import interruptible, show, showing
 from .robots import chosen_robots, show_trial, silence
 
 HEAD = (
@@ -152,7 +152,7 @@ def load(name: str) -> newton.ModelBuilder:
     Raises:
         UserError: There is no such robot or file, or it cannot be read.
     """
-    with silence():
+    with silence(), showing(f"reading {name}"):
         if _is_file(name):
             builder, _ = read_asset(Path(name), "avbd", floating=True)
         else:

@@ -30,7 +30,7 @@ from newton_avbd.study.robots.page import (
 from newton_avbd.study.robots.run import Record
 from newton_avbd.study.robots.trial import Report, try_robot
 
-from ..io.terminal import interruptible, show
+from ..io.terminal import interruptible, show, showing
 from . import view
 
 PICTURE_SIZE = (192, 108)
@@ -138,7 +138,8 @@ def _as_it_is(robot: Robot) -> Robot:
 def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:
     """Import a robot; ``notes`` gets what is to be known of what its file says."""
     robot = source()
-    builder, found = read_robot(robot)
+    with showing(f"reading {robot.name}"):
+        builder, found = read_robot(robot)
     notes += [note for note in found if note.startswith(f"{robot.path.name}:")]
     return builder
 

@@ -17,6 +17,7 @@ from . import examples, robots, solvers
 from .assets import FRAMES, SUFFIXES, open_asset, set_up_asset
 from .errors import UserError, missing_of
 from .simulation import ModelSimulation, Request, Simulation
+from .terminal import showing
 
 EXAMPLE_PREFIX = "newton:"
 """Put before a name that a Newton example shares with a scene of ours."""
@@ -40,7 +41,8 @@ def open_scene(name: str, request: Request) -> Simulation:
     if request.solver == "kamino" and request.iterations is not None:
         raise UserError("solver kamino has no iterations to set")
     try:
-        return _open(name, request)
+        with showing(f"reading {name}"):
+            return _open(name, request)
     except ImportError as error:
         raise missing_of(error) from error
     except NotImplementedError as error:
@@ -62,7 +64,8 @@ def read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
         UserError: There is no such scene, or it cannot be read.
     """
     try:
-        return _read_scene(name)
+        with showing(f"reading {name}"):
+            return _read_scene(name)
     except ImportError as error:
         raise missing_of(error) from error
 
