@@ -283,6 +283,11 @@ def test_every_command_lists_examples_that_its_parser_takes():
         ("ru", "run"),
         ("run --pn", "--png"),
         ("falls --scheme gen", "generalized_alpha"),
+        ("run domino_s", "domino_spiral"),
+        ("compare newton:py", "newton:pyramid"),
+        ("effects robot:nv_a", "robot:nv_ant"),
+        ("falls nv_a", "nv_ant"),
+        ("learning gymnasium/Ant", "gymnasium/Ant-v5"),
         ("x y", ""),
     ],
 )

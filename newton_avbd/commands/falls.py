@@ -15,12 +15,12 @@ import newton
 
 from newton_avbd.io.assets import SUFFIXES, read_asset
 from newton_avbd.io.errors import UserError
-from newton_avbd.io.robots import find_robot, not_installed, read_robot
+from newton_avbd.io.robots import find_robot, not_installed, read_robot, robot_names
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.falls.run import Fall, Setup, run_falls
 from newton_avbd.study.falls.scene import KINDS, bare, starts
 
-from ..io.options import make_folder, positive
+from ..io.options import make_folder, offer, positive
 from ..io.output import length, table
 from ..io.terminal import interruptible, show, showing
 from .robots import chosen_robots, show_trial, silence
@@ -42,11 +42,14 @@ HEAD = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help=f"robots, packages of them, or files ({', '.join(SUFFIXES)}); default: all robots",
+    offer(
+        parser.add_argument(
+            "names",
+            nargs="*",
+            metavar="NAME",
+            help=f"robots, packages of them, or files ({', '.join(SUFFIXES)}); default: all robots",
+        ),
+        robot_names,
     )
     parser.add_argument(
         "--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="what happens (default: all)"

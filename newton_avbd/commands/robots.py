@@ -17,7 +17,15 @@ import newton
 
 from newton_avbd.io.converted import as_usd, can_convert, require_converters
 from newton_avbd.io.errors import UserError, require
-from newton_avbd.io.robots import SOURCES, Robot, find_robot, not_installed, read_robot, robots
+from newton_avbd.io.robots import (
+    SOURCES,
+    Robot,
+    find_robot,
+    not_installed,
+    read_robot,
+    robot_names,
+    robots,
+)
 from newton_avbd.study.bench.run import describe_machine
 from newton_avbd.study.robots.page import (
     line,
@@ -30,6 +38,7 @@ from newton_avbd.study.robots.page import (
 from newton_avbd.study.robots.run import Record
 from newton_avbd.study.robots.trial import Report, try_robot
 
+from ..io.options import offer
 from ..io.terminal import interruptible, show, showing
 from . import view
 
@@ -39,8 +48,11 @@ PICTURE_SIZE = (192, 108)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="robots, or packages of them (default: all)"
+    offer(
+        parser.add_argument(
+            "names", nargs="*", metavar="NAME", help="robots, or packages of them (default: all)"
+        ),
+        robot_names,
     )
     parser.add_argument("--list", action="store_true", help="list the robots and do nothing else")
     parser.add_argument(

@@ -108,6 +108,14 @@ def _is_asset(name: str) -> bool:
     return Path(name).suffix.lower() in SUFFIXES or Path(name).is_file()
 
 
+def scene_names() -> list[str]:
+    """Names of all scenes, examples and robots, as :func:`open_scene` takes them."""
+    newtons = [
+        EXAMPLE_PREFIX + name if name in scenes.SCENES else name for name in examples.names()
+    ]
+    return [*scenes.SCENES, *newtons, *(robots.PREFIX + robot.name for robot in robots.robots())]
+
+
 def list_scenes() -> str:
     """All scenes that can be named, as text for a terminal."""
     own = "\n".join(f"  {scene.name:<16} {scene.summary}" for scene in scenes.SCENES.values())
