@@ -110,9 +110,7 @@ def test_reasons_read_right_of_one_and_of_many() -> None:
     """ "14 shapes that collides" is what a verb or a pronoun of one thing would print."""
     for cause in CAUSES.values():
         if cause.by not in ("", "contact buffer"):
-            assert not re.search(r"^that (?!joints)(is|\w+s)\b|\bits\b", cause.having), (
-                cause.having
-            )
+            assert not re.search(r"^that (?!joints)(is|\w+s)\b|\bits\b", cause.having), cause.having
 
 
 def test_shapes_that_collide_with_nothing_call_for_no_contact() -> None:
