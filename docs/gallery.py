@@ -15,7 +15,8 @@ from pathlib import Path
 from PIL import Image
 
 from newton_avbd.commands import view
-from newton_avbd.io import ModelSimulation, Request, open_scene
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import ModelSimulation, Request
 from newton_avbd.io.terminal import gathered_warnings, start_warp
 
 FOLDER = Path(__file__).parent / "images" / "gallery"

@@ -38,13 +38,13 @@ _OF_BODIES = "It follows from the bodies that there are."
 _OF_BUFFER = "contact buffer"
 
 CAUSES: dict[str, Cause] = {
-    "contact": Cause("shape", "that collides with others", "rows/contact.py"),
+    "contact": Cause("shape", "that can collide with others", "rows/contact.py"),
     "pairs": Cause(
-        "body", "that could meet another one of its world", "step/islands.py", _OF_BODIES
+        "body", "that could meet another one of the same world", "step/islands.py", _OF_BODIES
     ),
     "floating": Cause(
         "body",
-        "that floats, and that joints, tendons or cables tie to others",
+        "tied to others by joints, tendons or cables, and free to float",
         "step/islands.py",
         _OF_JOINTS,
     ),
@@ -54,7 +54,7 @@ CAUSES: dict[str, Cause] = {
         "step/piles.py",
         "Pass blocks='body'.",
     ),
-    "cylinders": Cause("shape", "that is a cylinder, which may roll", "step/rolling.py"),
+    "cylinders": Cause("shape", "of type CYLINDER, which may roll", "step/rolling.py"),
     "friction": Cause("shape", "with friction (mu) above zero", "rows/contact.py"),
     "angular_friction": Cause(
         "shape",
@@ -71,7 +71,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "put_bodies": Cause(
         "body",
-        "with shapes that is kinematic or without mass, and friction",
+        "with shapes and friction, kinematic or without mass",
         "step/bodies.py",
     ),
     "restitution": Cause(
@@ -88,7 +88,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "fourth_order": Cause(
         "joint",
-        "that scheme='runge_kutta' or accuracy moves along its axes",
+        "moved along free axes by scheme='runge_kutta' or accuracy",
         "step/runge_kutta.py",
         "Pass scheme.",
     ),
@@ -111,37 +111,37 @@ CAUSES: dict[str, Cause] = {
         "step/needles.py",
     ),
     "joint_force": Cause(
-        "joint", "of type FREE, DISTANCE or ROD, whose joint_f pushes its body", "step/bodies.py"
+        "joint", "of type FREE, DISTANCE or ROD, whose joint_f pushes a body", "step/bodies.py"
     ),
     "light_roots": Cause(
         "body",
-        "with less than 1e-5 of the mass or inertia that its joints carry",
+        "with less than 1e-5 of the mass or inertia carried by joints",
         "step/eliminate.py",
     ),
     "light_links": Cause(
         "body",
-        "with shapes, and less than 1/200 of the mass that joints put behind its contacts",
+        "with shapes, and less than 1/200 of the mass that joints put behind the contacts",
         "step/weights.py",
     ),
     "reaction": Cause(
         "joint",
-        "of type FREE, DISTANCE or ROD with a parent body, or not the child's first",
+        "of type FREE, DISTANCE or ROD with a parent body, or not the first of the child",
         "step/bodies.py",
     ),
     "welds": Cause(
         "weld",
-        "that makes its links one body: a FIXED joint, or a D6 that leaves no axis free",
+        "of links into one body: FIXED, or D6 without a free axis",
         "step/links.py",
     ),
     "joints": Cause(
         "joint",
-        "of another type than FREE, with a parent body, not the child's first, or at a body that a "
-        "tendon pulls",
+        "of another type than FREE, with a parent body, not the first of the child, or at a body "
+        "that a tendon pulls",
         "step/trees.py",
         _OF_JOINTS,
     ),
     "flipped": Cause(
-        "joint", "whose child carries its parent in the tree", "step/anchors.py", _OF_JOINTS
+        "joint", "whose child carries the parent in the tree", "step/anchors.py", _OF_JOINTS
     ),
     "loops": Cause("joint", "outside of trees", "step/loops.py", _OF_JOINTS),
     "closures": Cause(
@@ -170,7 +170,7 @@ CAUSES: dict[str, Cause] = {
     "actuators": Cause("joint", "with a MuJoCo actuator (mujoco:actuator_*)", "rows/actuator.py"),
     "force_ranges": Cause(
         "joint",
-        "with an actuator whose forcerange is not all that pushes it within limits",
+        "with an actuator whose forcerange is not the only limit of the force",
         "rows/axis.py",
     ),
     "limits": Cause("joint", "with a limit (limit_lower, limit_upper)", "rows/axis.py"),
@@ -186,7 +186,7 @@ CAUSES: dict[str, Cause] = {
     "joint_friction": Cause("joint", "with friction above zero", "rows/axis.py"),
     "tendons": Cause("body", "that a MuJoCo tendon pulls (mujoco:tendon_*)", "step/tendons.py"),
     "spatial_tendons": Cause(
-        "body", "that holds a site or geom of a spatial MuJoCo tendon", "step/tendons.py"
+        "body", "with a site or geom of a spatial MuJoCo tendon", "step/tendons.py"
     ),
     "gravity_compensation": Cause(
         "body", "with gravity compensation (mujoco:gravcomp)", "step/actuation.py"
@@ -198,12 +198,12 @@ CAUSES: dict[str, Cause] = {
     ),
     "adhesion": Cause(
         "body",
-        "that a MuJoCo actuator pulls towards what it touches (adhesion)",
+        "that a MuJoCo actuator pulls towards contacts (adhesion)",
         "step/adhesion.py",
     ),
     "servos": Cause(
         "body",
-        "that such an actuator pushes against the world, and by how the body moves",
+        "that such an actuator pushes against the world, by how the body moves",
         "step/body_actuators.py",
     ),
     "breaking": Cause(

@@ -197,9 +197,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 itself. None for not.
             accuracy: Error that a second of simulated time may add [m/s]; None, the default, for
                 steps as long as ``dt``. A call of ``step`` then divides itself into as few inner
-                steps as each world needs. The local errors of the inner steps in a time T, of the
-                body that is off most, add up to at most ``accuracy`` times T + 1/4 s, by their
-                estimates; a rotation counts by the radius of gyration. ``docs/algorithm.md`` has
+                steps as each world needs. Over a time T, the estimated errors of the worst body add
+                up to at most ``accuracy`` x (T + 1/4 s); a rotation counts by the radius of
+                gyration. ``docs/algorithm.md`` has
                 the estimate, ``docs/accuracy_control.md`` how far it is right. Contacts are those
                 of the call, and so are forces and controls.
             inner_steps: Most inner steps of a call with ``accuracy``, repeated ones included, 100

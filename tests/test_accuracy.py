@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from newton_avbd.__main__ import main
-from newton_avbd.io import UserError
+from newton_avbd.io.errors import UserError
 from newton_avbd.measure.state import Array
 from newton_avbd.study.accuracy import page as accuracy_page
 from newton_avbd.study.accuracy import results as accuracy

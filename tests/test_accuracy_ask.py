@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from newton_avbd.__main__ import main
-from newton_avbd.io import UserError, read_scene
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import read_scene
 from newton_avbd.scenes.scene import Scene
 from newton_avbd.study.accuracy import ask as accuracy_ask
 from newton_avbd.study.accuracy import pendulums

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from newton_avbd.io import UserError
+from newton_avbd.io.errors import UserError
 from newton_avbd.measure.joints import JointQuality
 from newton_avbd.scenes.named import SCENES
 from newton_avbd.study.bench import coldstart

@@ -11,15 +11,20 @@ import shutil
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import newton
 import newton.viewer
 import numpy as np
 import pytest
 
-from newton_avbd.__main__ import _parse, main
+import newton_avbd
+from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS, view
-from newton_avbd.io import ModelSimulation
+from newton_avbd.commands.program import parse
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import ModelSimulation, Request
 from newton_avbd.io.terminal import gathered_prints, gathered_warnings, progress
 
 PNG = b"\x89PNG"
@@ -61,6 +66,34 @@ def test_version_names_what_a_report_of_a_fault_needs(capsys):
     printed = capsys.readouterr().out
     for name in ("newton-avbd", "newton", "warp-lang"):
         assert f"{name} {importlib.metadata.version(name)}" in printed
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], ["rnu"]])
+def test_what_lists_commands_does_not_wait_for_newton(arguments):
+    """The import of Newton takes seconds, and Ctrl-C ends it without a traceback."""
+    program = (
+        "import sys; from newton_avbd.__main__ import main\n"
+        f"try: main({arguments})\n"
+        "except SystemExit: pass\n"
+        "sys.exit(int(bool({'newton', 'warp', 'numpy'} & sys.modules.keys())))"
+    )
+    # without what the tests set up in every process, which imports Warp
+    environment = {**os.environ, "PYTHONPATH": str(Path(newton_avbd.__file__).parent.parent)}
+    command = [sys.executable, "-c", program]
+    subprocess.run(command, check=True, capture_output=True, env=environment)
+
+
+def test_ctrl_c_ends_the_import_of_newton_without_a_traceback():
+    program = (
+        "import signal, sys; from newton_avbd.__main__ import main\n"
+        "class Interrupt:\n"
+        "    def find_spec(self, name, path, target=None):\n"
+        "        if name == 'newton': signal.raise_signal(signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Interrupt())\n"
+        "sys.exit(main(['run', 'fall']))"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "\nnewton-avbd: stopped by Ctrl-C\n")
 
 
 def test_run_fails_where_the_scene_fails_its_own_test(capsys):
@@ -240,7 +273,7 @@ def test_every_command_lists_examples_that_its_parser_takes():
     for name, command in COMMANDS.items():
         assert command.examples
         for typed, _ in command.examples:
-            _parse(name, shlex.split(typed))
+            parse(name, shlex.split(typed))
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
@@ -250,6 +283,11 @@ def test_every_command_lists_examples_that_its_parser_takes():
         ("ru", "run"),
         ("run --pn", "--png"),
         ("falls --scheme gen", "generalized_alpha"),
+        ("run domino_s", "domino_spiral"),
+        ("compare newton:py", "newton:pyramid"),
+        ("effects robot:nv_a", "robot:nv_ant"),
+        ("falls nv_a", "nv_ant"),
+        ("learning gymnasium/Ant", "gymnasium/Ant-v5"),
         ("x y", ""),
     ],
 )
@@ -292,6 +330,35 @@ def test_ctrl_c_leaves_what_is_done(frames, monkeypatch, capsys):
     assert len(result["courses"][1]["speed"]) == frames + 1
 
 
+def test_ctrl_c_leaves_the_table_of_effects(monkeypatch, capsys):
+    calls = iter(range(100))
+
+    def advance(simulation):
+        if next(calls) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ModelSimulation, "advance", advance)
+    assert main(["effects", "fall", "--measure"]) == 130
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[0].split() == ["effect", "bytes", "why"]
+    assert "this is what was done" in printed.err
+
+
+@pytest.mark.parametrize("command", ["run", "compare", "effects"])
+def test_a_command_opens_its_scene_as_asked(command, monkeypatch):
+    requests = []
+
+    def open_scene(name, request):
+        requests.append(request)
+        raise UserError("that is all")
+
+    monkeypatch.setattr(f"newton_avbd.commands.{command}.open_scene", open_scene)
+    settings = ["--accuracy", "1e-3", "--dt", "0.01", "--iterations", "7"]
+    assert main([command, "fall", *settings]) == 2
+    (request,) = requests
+    assert (request.accuracy, request.dt, request.iterations) == (1e-3, 0.01, 7)
+
+
 def test_ctrl_c_ends_a_study_with_its_summary(monkeypatch, capfd):
     def interrupt(*args, **options):
         raise KeyboardInterrupt
@@ -328,6 +395,13 @@ def test_what_kernels_print_leaves_standard_output_to_the_answer(capfd):
 def test_progress_is_shown_on_a_terminal_only(capsys):
     assert list(progress(range(3), 3, "frames")) == [0, 1, 2]
     assert capsys.readouterr().err == ""
+
+
+def test_what_takes_seconds_is_shown_on_a_terminal_only(monkeypatch, capsys):
+    for is_terminal, shown in ((False, ""), (True, "\r\033[Kreading fall ...\r\033[K")):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda is_terminal=is_terminal: is_terminal)
+        open_scene("fall", Request())
+        assert capsys.readouterr().err == shown
 
 
 def test_viewer_auto_takes_what_is_there(monkeypatch, capsys):

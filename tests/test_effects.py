@@ -4,6 +4,7 @@
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 
 import newton
@@ -103,6 +104,13 @@ def test_each_flag_has_a_cause_a_file_and_a_line_in_the_docs() -> None:
         assert (Path(newton_avbd.__file__).parent / cause.code).is_file()
         by = cause.by or "setting"
         assert f"| `{name}` | {by} {cause.having} | `{cause.code}` |" in text
+
+
+def test_reasons_read_right_of_one_and_of_many() -> None:
+    """ "14 shapes that collides" is what a verb or a pronoun of one thing would print."""
+    for cause in CAUSES.values():
+        if cause.by not in ("", "contact buffer"):
+            assert not re.search(r"^that (?!joints)(is|\w+s)\b|\bits\b", cause.having), cause.having
 
 
 def test_shapes_that_collide_with_nothing_call_for_no_contact() -> None:

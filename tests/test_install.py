@@ -52,6 +52,15 @@ def test_ci_tests_the_lowest_versions_that_an_install_may_bring() -> None:
         assert Version(pins[requirement.name]) == Version(lowest)
 
 
+def test_newton_is_bounded_by_the_next_minor_version() -> None:
+    """Newton breaks names between minor versions, and nobody has tried the next one."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    needed = {item.name: item for item in map(Requirement, project["dependencies"])}["newton"]
+    installed = Version(importlib.metadata.version("newton"))
+    assert needed.specifier.contains(installed)
+    assert not needed.specifier.contains(f"{installed.major}.{installed.minor + 1}.0")
+
+
 def test_the_form_for_a_fault_asks_for_what_mending_it_needs() -> None:
     form = of_the_forge("ISSUE_TEMPLATE/fault.yml")
     assert {"what", "scene", "versions", "device", "report"} <= set(re.findall(r"id: (\w+)", form))

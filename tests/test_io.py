@@ -14,9 +14,12 @@ import warp as wp
 from newton.solvers import SolverMuJoCo, SolverVBD, SolverXPBD
 
 from newton_avbd import SolverAVBD
-from newton_avbd.io import Request, StepTimer, UserError, open_scene, require
 from newton_avbd.io.assets import read_asset, read_driven
+from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import Request
 from newton_avbd.io.swap import swapped
+from newton_avbd.io.timing import StepTimer
 from newton_avbd.measure.state import Probe, deepest_penetration
 
 EXAMPLE_ASSETS = Path(newton.examples.get_asset_directory())

@@ -23,7 +23,8 @@ from joint_scenes import (
 from scipy.spatial.transform import Rotation
 
 from newton_avbd import SolverAVBD
-from newton_avbd.io import Request, open_scene
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import Request
 from newton_avbd.measure.joints import Joints
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")

@@ -13,9 +13,12 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.__main__ import main
-from newton_avbd.io import Request, UserError, converted, open_scene, robots
+from newton_avbd.io import converted, robots
 from newton_avbd.io.assets import read_asset
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import open_scene
 from newton_avbd.io.robots import find_robot, read_robot
+from newton_avbd.io.simulation import Request
 from newton_avbd.scenes.pose import FREQUENCY, lowest_points, stand
 from newton_avbd.study.robots.page import read_reports, summary, write_page
 from newton_avbd.study.robots.run import Record

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from newton_avbd.commands import stability
-from newton_avbd.io import UserError
+from newton_avbd.io.errors import UserError
 from newton_avbd.study.stability import page as stability_page
 from newton_avbd.study.stability.case import Bounds, Case, Outcome, try_case
 from newton_avbd.study.stability.cases import CASES, GROUPS

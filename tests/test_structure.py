@@ -3,7 +3,10 @@
 """How modules may depend on each other."""
 
 import ast
+import os
 import re
+import subprocess
+import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -82,6 +85,20 @@ def test_no_subject_of_a_study_needs_itself_by_way_of_others() -> None:
         others = {other.split(".")[2] for other in imported(module) & set(below)}
         needs.setdefault(own, set()).update(others - {own})
     TopologicalSorter(needs).prepare()
+
+
+def test_public_names_are_listed_before_they_are_imported() -> None:
+    program = (
+        "import sys, newton_avbd as package\n"
+        "assert set(package.__all__) <= set(dir(package)) and 'newton' not in sys.modules\n"
+        "assert not hasattr(package, 'Solver')\n"
+        "from newton_avbd import *\n"
+        "assert SolverAVBD is package.SolverAVBD is package.solver.SolverAVBD\n"
+        "assert all(hasattr(package, name) for name in package.__all__)"
+    )
+    # without what the tests set up in every process
+    environment = {**os.environ, "PYTHONPATH": str(PACKAGE.parent)}
+    subprocess.run([sys.executable, "-c", program], check=True, env=environment)
 
 
 LONG = {

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from newton_avbd.__main__ import main
-from newton_avbd.io import ModelSimulation, Request, UserError
 from newton_avbd.io.assets import open_asset, read_asset
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.simulation import ModelSimulation, Request
 
 INERTIAL = """<inertial><mass value="1"/>
 <inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>"""

@@ -10,7 +10,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from newton_avbd.io import UserError, read_scene, require
+from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.opening import read_scene
 from newton_avbd.study.accuracy import ask as accuracy_ask
 from newton_avbd.study.accuracy import control as accuracy_control
 from newton_avbd.study.accuracy import page as accuracy_page
@@ -22,7 +23,7 @@ from newton_avbd.study.accuracy.solvers import MEASURED
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 from newton_avbd.study.mujoco.native import silence
 
-from ..io.options import make_folder
+from ..io.options import make_folder, offer
 from ..io.output import length, table
 from ..io.terminal import (
     gathered_prints,
@@ -39,8 +40,11 @@ REFERENCE_BUDGET = 25.0
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+    offer(
+        parser.add_argument(
+            "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+        ),
+        lambda: ACCURACY_SCENES,
     )
     parser.add_argument(
         "--solvers",

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 
 from newton_avbd import SolverAVBD
-from newton_avbd.io import Request, Simulation, UserError, open_scene, require
 from newton_avbd.io.controls import CONTROLS
+from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import Request, Simulation
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.overlaps import describe_overlaps

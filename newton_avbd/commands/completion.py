@@ -1,7 +1,7 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Completion of commands, arguments and their choices by the Tab key, for bash and zsh."""
+"""Completion of commands, arguments, their choices and names by the Tab key, for bash and zsh."""
 
 import argparse
 import shlex
@@ -21,6 +21,7 @@ def script(parsers: Mapping[str, argparse.ArgumentParser]) -> str:
         [
             '[ -n "$ZSH_VERSION" ] && autoload -U compinit bashcompinit && compinit',
             '[ -n "$ZSH_VERSION" ] && bashcompinit',
+            "COMP_WORDBREAKS=${COMP_WORDBREAKS//:/}",  # robot:NAME is one word
             "_newton_avbd() {",
             f"  local words={shlex.quote(' '.join(parsers))}",
             '  [ "$COMP_CWORD" -gt 1 ] && case "${COMP_WORDS[1]}" in',
@@ -35,9 +36,10 @@ def script(parsers: Mapping[str, argparse.ArgumentParser]) -> str:
 
 
 def _words(parser: argparse.ArgumentParser) -> str:
-    """Long options of a command, and the choices of all its arguments."""
+    """Long options of a command, and the choices and names of all its arguments."""
     words: list[str] = []
     for action in parser._actions:
         words += [option for option in action.option_strings if option.startswith("--")]
         words += map(str, action.choices or ())
+        words += getattr(action, "names", tuple)()  # see io.options.offer
     return " ".join(dict.fromkeys(words))

@@ -6,7 +6,9 @@
 import argparse
 
 from newton_avbd import SolverAVBD
-from newton_avbd.io import Request, UserError, open_scene
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import Request
 from newton_avbd.study.bench.run import pinned
 from newton_avbd.study.effects.cost import Stepper, difference
 
@@ -28,7 +30,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def main(args: argparse.Namespace) -> int:
     """Print the table of effects, and what each costs in time; returns the exit status."""
     use_device(args.device)
-    request = Request(iterations=args.iterations, dt=args.dt, arguments=args.arguments)
+    request = Request(
+        iterations=args.iterations,
+        dt=args.dt,
+        arguments=args.arguments,
+        accuracy=args.accuracy,
+    )
     with gathered_warnings():
         simulation = open_scene(args.scene, request)
     solver = simulation.solver
@@ -39,8 +46,11 @@ def main(args: argparse.Namespace) -> int:
     if not args.measure:
         return 0
     frames = args.frames or simulation.frames
-    for _ in progress(range(1, frames), frames, simulation.name):
-        simulation.advance()
+    with interruptible() as interruption:
+        for _ in progress(range(1, frames), frames, simulation.name):
+            simulation.advance()
+    if interruption.happened:
+        return interruption.status(0)
     with pinned():
         whole = Stepper(simulation, {})
         rows = [("without", "a step saves", "of it", "sweeps")]

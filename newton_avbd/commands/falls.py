@@ -13,17 +13,17 @@ from pathlib import Path
 
 import newton
 
-from newton_avbd.io import UserError
 from newton_avbd.io.assets import SUFFIXES, read_asset
-from newton_avbd.io.robots import find_robot, not_installed, read_robot
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.robots import find_robot, not_installed, read_robot, robot_names
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.falls.run import Fall, Setup, run_falls
 from newton_avbd.study.falls.scene import KINDS, bare, starts
 
-from ..io.options import make_folder, positive
+from ..io.options import make_folder, offer, positive
 from ..io.output import length, table
-from ..io.terminal import interruptible
-from .robots import chosen_robots, show, show_nothing, silence
+from ..io.terminal import interruptible, show, showing
+from .robots import chosen_robots, show_trial, silence
 
 HEAD = (
     "",
@@ -42,11 +42,14 @@ HEAD = (
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help=f"robots, packages of them, or files ({', '.join(SUFFIXES)}); default: all robots",
+    offer(
+        parser.add_argument(
+            "names",
+            nargs="*",
+            metavar="NAME",
+            help=f"robots, packages of them, or files ({', '.join(SUFFIXES)}); default: all robots",
+        ),
+        robot_names,
     )
     parser.add_argument(
         "--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="what happens (default: all)"
@@ -125,15 +128,15 @@ def main(args: argparse.Namespace) -> int:
             for setup in setups:
                 try:
                     with silence():
-                        shown = partial(show, label, setup.solver)
+                        shown = partial(show_trial, label, setup.solver)
                         falls = run_falls(name, builder, chosen, setup, shown)
                 except Exception as error:  # solvers refuse in as many ways as there are solvers
-                    show_nothing()
+                    show("")
                     print(
                         f"newton-avbd: {name} is left out: {setup.solver}: {error}", file=sys.stderr
                     )
                     continue
-                show_nothing()
+                show("")
                 new = _rows(name, setup.solver, falls)
                 print(table([HEAD, *new] if len(rows) == 1 else new), flush=True)
                 rows += new
@@ -152,7 +155,7 @@ def load(name: str) -> newton.ModelBuilder:
     Raises:
         UserError: There is no such robot or file, or it cannot be read.
     """
-    with silence():
+    with silence(), showing(f"reading {name}"):
         if _is_file(name):
             builder, _ = read_asset(Path(name), "avbd", floating=True)
         else:
@@ -230,8 +233,8 @@ def _replay(path: Path) -> int:
     with silence():
         builder = load(name)
         chosen = starts(builder, kinds, seeds)
-        falls = run_falls(name, builder, chosen, setup, partial(show, name, setup.solver))
-    show_nothing()
+        falls = run_falls(name, builder, chosen, setup, partial(show_trial, name, setup.solver))
+    show("")
     fall = next(fall for fall in falls if (fall.start.kind, fall.start.seed) == which)
     print(table([HEAD, *_rows(name, setup.solver, [fall])]))
     if fall.failures():

@@ -7,19 +7,22 @@ import argparse
 import json
 from pathlib import Path
 
-from newton_avbd.io import UserError, require
+from newton_avbd.io.errors import UserError, require
 from newton_avbd.study.bench import growth
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 
-from ..io.options import make_folder, positive, use_device
+from ..io.options import make_folder, offer, positive, use_device
 from ..io.output import table
 from ..io.terminal import interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+    offer(
+        parser.add_argument(
+            "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+        ),
+        lambda: growth.FAMILIES,
     )
     parser.add_argument(
         "--most",

@@ -10,19 +10,22 @@ from pathlib import Path
 
 import warp as wp
 
-from newton_avbd.io import UserError
+from newton_avbd.io.errors import UserError
 from newton_avbd.study.bench.large import LARGE_SCENES, measure
 from newton_avbd.study.bench.run import chosen, describe_machine
 
-from ..io.options import check_writable, positive, use_device
+from ..io.options import check_writable, offer, positive, use_device
 from ..io.output import length, table
 from ..io.terminal import interruptible, progress
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+    offer(
+        parser.add_argument(
+            "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
+        ),
+        lambda: LARGE_SCENES,
     )
     parser.add_argument(
         "--bodies",

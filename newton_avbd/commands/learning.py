@@ -6,11 +6,11 @@
 import argparse
 import warnings
 
-from newton_avbd.io import UserError, require
+from newton_avbd.io.errors import UserError, require
 from newton_avbd.study.bench import learning
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 
-from ..io.options import positive
+from ..io.options import offer, positive
 from ..io.output import table
 from ..io.terminal import interruptible, progress, say_notes
 from .robots import silence
@@ -20,7 +20,12 @@ HEAD = ("", "step", "AVBD steps/s", "MuJoCo", "AVBD return", "MuJoCo", "AVBD len
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument("tasks", nargs="*", metavar="TASK", help="tasks, see below (default: all)")
+    offer(
+        parser.add_argument(
+            "tasks", nargs="*", metavar="TASK", help="tasks, see below (default: all)"
+        ),
+        lambda: learning.TASKS,
+    )
     parser.add_argument(
         "--episodes", type=positive(int), default=5, help="of each task (default: %(default)s)"
     )

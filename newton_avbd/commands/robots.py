@@ -15,9 +15,17 @@ from tempfile import TemporaryDirectory
 
 import newton
 
-from newton_avbd.io import UserError, require
 from newton_avbd.io.converted import as_usd, can_convert, require_converters
-from newton_avbd.io.robots import SOURCES, Robot, find_robot, not_installed, read_robot, robots
+from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.robots import (
+    SOURCES,
+    Robot,
+    find_robot,
+    not_installed,
+    read_robot,
+    robot_names,
+    robots,
+)
 from newton_avbd.study.bench.run import describe_machine
 from newton_avbd.study.robots.page import (
     line,
@@ -30,7 +38,8 @@ from newton_avbd.study.robots.page import (
 from newton_avbd.study.robots.run import Record
 from newton_avbd.study.robots.trial import Report, try_robot
 
-from ..io.terminal import interruptible
+from ..io.options import offer
+from ..io.terminal import interruptible, show, showing
 from . import view
 
 PICTURE_SIZE = (192, 108)
@@ -39,8 +48,11 @@ PICTURE_SIZE = (192, 108)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="robots, or packages of them (default: all)"
+    offer(
+        parser.add_argument(
+            "names", nargs="*", metavar="NAME", help="robots, or packages of them (default: all)"
+        ),
+        robot_names,
     )
     parser.add_argument("--list", action="store_true", help="list the robots and do nothing else")
     parser.add_argument(
@@ -91,7 +103,7 @@ def main(args: argparse.Namespace) -> int:
     with interruptible() as interruption, TemporaryDirectory() as folder:
         for number, robot in enumerate(chosen, 1):
             report = Report(robot.name, robot.package)
-            shown = partial(show, f"{robot.name} ({number} of {len(chosen)})")
+            shown = partial(show_trial, f"{robot.name} ({number} of {len(chosen)})")
             notes: list[str] = []
             source = partial(as_usd, robot, Path(folder)) if args.usd else partial(_as_it_is, robot)
             with silence():
@@ -104,7 +116,7 @@ def main(args: argparse.Namespace) -> int:
             if args.untimed and robot.name in known:
                 report.times = known[robot.name].times
                 report.notes = known[robot.name].notes | report.notes
-            show_nothing()
+            show("")
             print(line(report), flush=True)
             reports.append(report)
             known[robot.name] = report
@@ -138,7 +150,8 @@ def _as_it_is(robot: Robot) -> Robot:
 def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:
     """Import a robot; ``notes`` gets what is to be known of what its file says."""
     robot = source()
-    builder, found = read_robot(robot)
+    with showing(f"reading {robot.name}"):
+        builder, found = read_robot(robot)
     notes += [note for note in found if note.startswith(f"{robot.path.name}:")]
     return builder
 
@@ -185,15 +198,9 @@ def _draw(robot: Robot, record: Record, path: Path) -> None:
     viewer.close()
 
 
-def show(label: str, what: str, done: int, total: int) -> None:
+def show_trial(label: str, what: str, done: int, total: int) -> None:
     """Show on standard error how far a robot is, if that is a terminal."""
-    if sys.stderr.isatty():
-        print(f"\r\033[K{label}: {what} {done}/{total}", end="", file=sys.stderr, flush=True)
-
-
-def show_nothing() -> None:
-    if sys.stderr.isatty():
-        print("\r\033[K", end="", file=sys.stderr, flush=True)
+    show(f"{label}: {what} {done}/{total}")
 
 
 @contextmanager

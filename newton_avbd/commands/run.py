@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from newton_avbd.io import ModelSimulation, Request, Simulation, UserError, open_scene
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import open_scene
+from newton_avbd.io.simulation import ModelSimulation, Request, Simulation
 from newton_avbd.measure.overlaps import describe_overlaps
 from newton_avbd.measure.state import Probe, deepest_penetration
 from newton_avbd.report import InnerReport, Status

@@ -9,23 +9,28 @@ import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from newton_avbd.io import UserError, require
-from newton_avbd.io.errors import unknown
+from newton_avbd.io.errors import UserError, require, unknown
 from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.stability.case import Case, Outcome, try_case
 from newton_avbd.study.stability.cases import CASES, GROUPS
 from newton_avbd.study.stability.long_run import IN_GRAPH, LONG_RUNS, run_long
 from newton_avbd.study.stability.page import line, write_page
 
-from ..io.options import make_folder, positive, use_device
+from ..io.options import make_folder, offer, positive, use_device
 from ..io.output import length
 from ..io.terminal import interruptible, progress, say
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "cases", nargs="*", metavar="CASE", help="cases, by the start of their names (default: all)"
+    offer(
+        parser.add_argument(
+            "cases",
+            nargs="*",
+            metavar="CASE",
+            help="cases, by the start of their names (default: all)",
+        ),
+        lambda: CASES,
     )
     parser.add_argument(
         "--solver",

@@ -13,8 +13,7 @@ import newton.viewer
 import numpy as np
 import warp as wp
 
-from newton_avbd.io import UserError, require
-from newton_avbd.io.errors import is_installed, missing
+from newton_avbd.io.errors import UserError, is_installed, missing, require
 
 VIEWERS = ("null", "gl", "usd", "rerun", "viser")
 """Names of the viewers; ``null`` shows nothing."""

@@ -6,18 +6,22 @@
 import argparse
 import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import warp as wp
 
-from newton_avbd.io import UserError, list_scenes
+from newton_avbd.io.errors import UserError
+from newton_avbd.io.opening import list_scenes, scene_names
 from newton_avbd.io.solvers import SOLVERS
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] = SOLVERS) -> None:
     """Add the scene, the solver and its settings."""
-    parser.add_argument("scene", metavar="SCENE", help="a scene or a file, see below")
+    offer(
+        parser.add_argument("scene", metavar="SCENE", help="a scene or a file, see below"),
+        scene_names,
+    )
     parser.add_argument(
         "--solver", choices=solvers, default="avbd", help="solver (default: %(default)s)"
     )
@@ -39,6 +43,16 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
     )
     parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
     parser.epilog = f"{list_scenes()}\nArguments after -- go to a Newton example."
+
+
+def offer(action: argparse.Action, names: Callable[[], Iterable[str]]) -> None:
+    """Let the Tab key offer names for an argument that may be something else, too.
+
+    Args:
+        action: The argument.
+        names: Finds them; called where the script for the Tab key is made, and nowhere else.
+    """
+    action.names = names  # type: ignore[attr-defined]
 
 
 def positive(kind: type[int] | type[float]) -> "type[int] | type[float]":

@@ -242,6 +242,12 @@ def robots() -> tuple[Robot, ...]:
     return tuple(named)
 
 
+def robot_names() -> list[str]:
+    """Names of the installed robots and of their packages."""
+    found = robots()
+    return [*dict.fromkeys(robot.package for robot in found), *(robot.name for robot in found)]
+
+
 def _names(source: Source, path: Path, lonely: Counter[tuple[str, Path]]) -> Iterator[str]:
     """What a robot could be called, the shortest first."""
     if source.package == "example-robot-data":

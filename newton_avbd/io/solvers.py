@@ -3,11 +3,11 @@
 
 """The solvers that the command line offers, by name, and what each asks of a model."""
 
+from functools import cache
 from typing import Any
 
 import newton
 import warp as wp
-from newton.solvers import SolverKamino, SolverMuJoCo, SolverVBD, SolverXPBD
 
 from .errors import require
 
@@ -20,13 +20,13 @@ XPBD_SWEEPS = 10
 DEFORMABLE = ("vbd", "xpbd")
 """Solvers of cloth, soft bodies and grains, too; from the others such a scene keeps its own."""
 
-# Held here, so that they stay what they are while newton.solvers is patched for a swap.
 _CLASSES = {
-    "vbd": SolverVBD,
-    "xpbd": SolverXPBD,
-    "mujoco": SolverMuJoCo,
-    "kamino": SolverKamino,
+    "vbd": "SolverVBD",
+    "xpbd": "SolverXPBD",
+    "mujoco": "SolverMuJoCo",
+    "kamino": "SolverKamino",
 }
+"""Names of Newton's classes. Their modules take seconds to import: only those used are."""
 
 
 def solver_class(name: str) -> type[newton.solvers.SolverBase]:
@@ -37,7 +37,15 @@ def solver_class(name: str) -> type[newton.solvers.SolverBase]:
         return SolverAVBD
     if name == "mujoco":
         require("mujoco", "mujoco_warp")
-    return _CLASSES[name]
+    return _of_newton(name)
+
+
+@cache
+def _of_newton(name: str) -> type[newton.solvers.SolverBase]:
+    """Class of one of Newton's solvers: after the first call the same, also where a swap has
+    patched ``newton.solvers``."""
+    solver: type[newton.solvers.SolverBase] = getattr(newton.solvers, _CLASSES[name])
+    return solver
 
 
 def prepare(name: str, builder: newton.ModelBuilder) -> None:

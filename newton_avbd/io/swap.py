@@ -204,6 +204,7 @@ def swapped(request: Request, timer: StepTimer) -> Iterator[list[Any]]:
         The solvers made so far.
     """
     made: list[Any] = []
+    solvers.solver_class(request.solver)  # before newton.solvers is patched
     finalize = newton.ModelBuilder.finalize
 
     def prepared_finalize(builder: newton.ModelBuilder, *args: Any, **options: Any) -> newton.Model:

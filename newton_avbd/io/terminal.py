@@ -13,13 +13,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TextIO, TypeVar
 
-import warp as wp
 from tqdm import tqdm
 
-Item = TypeVar("Item")
+from . import INTERRUPTED
 
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as shells have it."""
+Item = TypeVar("Item")
 
 FIRST = "the first may compile kernels"
 """Shown until the first item is done: it can take a minute, once on a machine."""
@@ -68,6 +66,22 @@ def say_notes(notes: Sequence[str]) -> None:
         say(f"newton-avbd: {note}", sys.stderr)
 
 
+@contextmanager
+def showing(what: str) -> Iterator[None]:
+    """Show what the block does, until it ends, on standard error if that is a terminal."""
+    show(f"{what} ...")
+    try:
+        yield
+    finally:
+        show("")
+
+
+def show(text: str) -> None:
+    """Show a line in the place of the last one so shown, if standard error is a terminal."""
+    if sys.stderr.isatty():
+        print(f"\r\033[K{text}", end="", file=sys.stderr, flush=True)
+
+
 class Interruption:
     """Whether Ctrl-C ended a block.
 
@@ -78,7 +92,7 @@ class Interruption:
     happened = False
 
     def status(self, status: int) -> int:
-        """The command's exit status: ``status``, or :data:`INTERRUPTED`."""
+        """The command's exit status: ``status``, or :data:`~newton_avbd.io.INTERRUPTED`."""
         return INTERRUPTED if self.happened else status
 
 
@@ -148,6 +162,8 @@ def gathered_prints() -> Iterator[None]:
 
 def start_warp() -> None:
     """Initialize Warp without its greeting and without its warning where there is no GPU."""
+    import warp as wp  # here, so that what prints without Warp does not wait for it
+
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
     sys.stderr.flush()
     kept = os.dup(2)

@@ -25,7 +25,7 @@ from statistics import median
 import numpy as np
 
 from newton_avbd.io.errors import unknown
-from newton_avbd.io.options import check_writable
+from newton_avbd.io.options import check_writable, offer
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.scenes.named import SCENES
 from newton_avbd.scenes.robots import SINGLE_ROBOTS
@@ -131,8 +131,11 @@ QUICK = Effort(repeats=3, turn=0.02, budget=1.0, cold_starts=0, left_out=("kamin
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of the command."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(BENCHMARKS)} (default: all)"
+    offer(
+        parser.add_argument(
+            "scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(BENCHMARKS)} (default: all)"
+        ),
+        lambda: BENCHMARKS,
     )
     parser.add_argument(
         "--solvers",

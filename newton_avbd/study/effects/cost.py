@@ -13,7 +13,7 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.effects import CAUSES
-from newton_avbd.io import Simulation
+from newton_avbd.io.simulation import Simulation
 
 STEPS = 8
 """Steps in a captured graph."""

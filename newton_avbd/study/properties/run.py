@@ -14,7 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from newton_avbd.io.errors import UserError, unknown
-from newton_avbd.io.options import check_writable
+from newton_avbd.io.options import check_writable, offer
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.study.properties.body import BODIES
 from newton_avbd.study.properties.cable import CABLES
@@ -66,11 +66,14 @@ that changes the motion by more than the softness of MuJoCo's constraints, the s
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's arguments to its parser."""
-    parser.add_argument(
-        "names",
-        nargs="*",
-        metavar="NAME",
-        help="properties, by the start of their names, see below (default: all)",
+    offer(
+        parser.add_argument(
+            "names",
+            nargs="*",
+            metavar="NAME",
+            help="properties, by the start of their names, see below (default: all)",
+        ),
+        lambda: PROPERTIES,
     )
     parser.add_argument(
         "--solvers",

@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Finding what is to be simulated by its name, and putting a solver into it."""
+
+import difflib
+import textwrap
+from pathlib import Path
+
+import newton
+import warp as wp
+
+from newton_avbd.scenes import named as scenes
+from newton_avbd.scenes.scene import FRAMES_PER_SECOND, GivenScene, Scene
+
+from . import examples, robots, solvers
+from .assets import FRAMES, SUFFIXES, open_asset, set_up_asset
+from .errors import UserError, missing_of
+from .simulation import ModelSimulation, Request, Simulation
+from .terminal import showing
+
+EXAMPLE_PREFIX = "newton:"
+"""Put before a name that a Newton example shares with a scene of ours."""
+
+
+def open_scene(name: str, request: Request) -> Simulation:
+    """Open a scene by name.
+
+    Args:
+        name: A scene of :mod:`newton_avbd.scenes.named`, an installed Newton example, with or
+            without :data:`EXAMPLE_PREFIX`, a robot of an installed package with the prefix
+            ``robot:``, or the path of a USD, URDF or MJCF file.
+        request: Solver and settings.
+
+    Returns:
+        The simulation, at its start.
+
+    Raises:
+        UserError: There is no such scene, or it cannot be simulated as requested.
+    """
+    if request.solver == "kamino" and request.iterations is not None:
+        raise UserError("solver kamino has no iterations to set")
+    try:
+        with showing(f"reading {name}"):
+            return _open(name, request)
+    except ImportError as error:
+        raise missing_of(error) from error
+    except NotImplementedError as error:
+        raise UserError(f"{name} cannot run with {request.solver}: {error}") from error
+
+
+def read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
+    """Read a scene by name, as studies take it: without a solver.
+
+    Of a Newton example this is its model, without what its program does between steps.
+
+    Args:
+        name: As for :func:`open_scene`.
+
+    Returns:
+        The scene, and what the user should know of it, a sentence each.
+
+    Raises:
+        UserError: There is no such scene, or it cannot be read.
+    """
+    try:
+        with showing(f"reading {name}"):
+            return _read_scene(name)
+    except ImportError as error:
+        raise missing_of(error) from error
+
+
+def _read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
+    if name in scenes.SCENES:
+        return scenes.SCENES[name], ()
+    if name.startswith(robots.PREFIX):
+        robot, builder, notes = robots.set_up_robot(name, "avbd")
+        return _given(robot.name, builder), notes
+    if name.removeprefix(EXAMPLE_PREFIX) not in examples.names() and _is_asset(name):
+        builder, notes = set_up_asset(Path(name), "avbd")
+        return _given(Path(name).name, builder), notes
+    # studies run on the CPU, for which a model that is there already cannot be made anew
+    with wp.ScopedDevice("cpu"):
+        simulation = open_scene(name, Request())
+    model, start = simulation.model, simulation.state
+    # most examples move their bodies where the joints' coordinates put them, in the state alone
+    for part in ("body_q", "body_qd", "joint_q", "joint_qd"):
+        array = getattr(start, part)
+        if array is not None:
+            wp.copy(getattr(model, part), array)
+    frames = round(simulation.frames * simulation.frame_dt * FRAMES_PER_SECOND)
+    scene = GivenScene(simulation.name, frames=frames, finalize=lambda device: model)
+    note = f"{simulation.name}: only its model is taken; what its program sets meanwhile is not"
+    return scene, (*simulation.notes, note)
+
+
+def _given(name: str, builder: newton.ModelBuilder) -> GivenScene:
+    """A scene of a filled builder."""
+    if builder.body_count == 0:
+        raise UserError(f"cannot simulate {name}: it holds no rigid bodies")
+    if not builder.body_color_groups:
+        builder.color()
+    return GivenScene(name, frames=FRAMES, finalize=builder.finalize)
+
+
+def _is_asset(name: str) -> bool:
+    """Whether a name is that of a file, there or not."""
+    return Path(name).suffix.lower() in SUFFIXES or Path(name).is_file()
+
+
+def scene_names() -> list[str]:
+    """Names of all scenes, examples and robots, as :func:`open_scene` takes them."""
+    newtons = [
+        EXAMPLE_PREFIX + name if name in scenes.SCENES else name for name in examples.names()
+    ]
+    return [*scenes.SCENES, *newtons, *(robots.PREFIX + robot.name for robot in robots.robots())]
+
+
+def list_scenes() -> str:
+    """All scenes that can be named, as text for a terminal."""
+    own = "\n".join(f"  {scene.name:<16} {scene.summary}" for scene in scenes.SCENES.values())
+    newtons = textwrap.fill(
+        ", ".join(examples.names()), 98, initial_indent="  ", subsequent_indent="  "
+    )
+    return (
+        f"scenes:\n{own}\n"
+        f"Newton examples (prefix {EXAMPLE_PREFIX} where the name is also a scene's):\n{newtons}\n"
+        f"robots of installed packages: {robots.PREFIX}NAME, see newton-avbd robots --list\n"
+        f"files: {', '.join(SUFFIXES)}"
+    )
+
+
+def _open(name: str, request: Request) -> Simulation:
+    example = name.removeprefix(EXAMPLE_PREFIX)
+    if request.ctrl is not None and not Path(name).is_file():
+        raise UserError(f"--ctrl drives the actuators of a file; {name} is none")
+    if name not in scenes.SCENES and example in examples.names():
+        return examples.ExampleSimulation(example, request)
+    if request.arguments:
+        raise UserError(f"{name} is no Newton example: {' '.join(request.arguments)} has no reader")
+    if name.startswith(robots.PREFIX):
+        return robots.open_robot(name, request)
+    if name in scenes.SCENES:
+        return _open_own(scenes.SCENES[name], request)
+    if _is_asset(name):
+        return open_asset(Path(name), request)
+    close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
+    told = f"there is no scene {name!r}, and no such file."
+    if close:
+        hint = f"Did you mean {' or '.join(close)}?"
+        raise UserError(f"{told} {hint} `newton-avbd run --help` lists all.")
+    raise UserError(f"{told}\n{list_scenes()}")
+
+
+def _open_own(scene: scenes.Scene, request: Request) -> ModelSimulation:
+    builder = newton.ModelBuilder()
+    solvers.prepare(request.solver, builder)
+    if request.solver == "vbd" and scene.vbd_ke is not None:
+        builder.default_shape_cfg.ke = scene.vbd_ke
+    scene.build(builder)
+    frame_dt = 1.0 / scenes.FRAMES_PER_SECOND
+    return ModelSimulation(
+        scene.name, builder, request, dt=scene.dt, frame_dt=frame_dt, frames=scene.frames
+    )
