@@ -195,6 +195,20 @@ def test_a_polynomial_that_changes_is_followed_at_once() -> None:
         sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
 
 
+def test_a_polynomial_that_is_switched_off_leaves_no_mimic_behind() -> None:
+    """The importer makes a linear mimic of it, too: both joints are free, before and at run time.
+
+    The weight falls by g t^2/2 and the other slide stays where it is, within 2e-5.
+    """
+    sim = started(two_sliders(), [CURVE[0], 0.0], dt=DT, scheme=SCHEME)
+    sim.model.mujoco.equality_constraint_enabled.fill_(False)
+    assert not SolverAVBD(sim.model).effects.flags.mimics
+    sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+    sim.run(0.1)
+    fall = 0.5 * G * 0.1**2
+    np.testing.assert_allclose(coordinates(sim)[0], [CURVE[0] - fall, 0.0], atol=2.0e-5)
+
+
 def test_a_disabled_equality_holds_nothing_and_others_are_named() -> None:
     """Of BALL joints, bodies and tendons the solver says what it leaves out."""
     text = two_sliders('<joint joint1="along" polycoef="0" active="false"/>')
