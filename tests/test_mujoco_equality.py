@@ -214,9 +214,10 @@ def test_a_disabled_equality_holds_nothing_and_others_are_named() -> None:
     text = two_sliders('<joint joint1="along" polycoef="0" active="false"/>')
     sim = started(text, [0.0, 0.0])
     assert not sim.solver.effects.flags.equalities
-    connect = '<connect name="rope" body1="up" body2="along" anchor="0 0 0"/>'
-    builder = build(two_sliders(connect), convert_mjc_equality_constraints=False)
-    with pytest.warns(UserWarning, match="1 MuJoCo equality constraint .'.*rope'"):
+    rows = '<connect name="rope" body1="up" body2="along" anchor="0 0 0"/><weld body1="up"/>'
+    builder = build(two_sliders(rows), convert_mjc_equality_constraints=False)
+    found = r"2 MuJoCo equality constraints \('.*rope', 'row 1'\).*builder\.add_joint_ball\(\)"
+    with pytest.warns(UserWarning, match=found):
         SolverAVBD(builder.finalize(device="cpu"))
 
 
