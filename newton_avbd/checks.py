@@ -15,7 +15,7 @@ from .attributes import authored_fluid, break_limits, dahl_friction
 from .effects import CAUSES
 from .model.actuators import Actuators, passed_limits
 from .model.condim import CONDIMS, Condims
-from .model.equalities import equalities
+from .model.equalities import equalities, joint_rows, unheard_rows
 from .model.tendons import tendon_count, tendon_equalities, tendons
 from .rows.joint import KINDS
 
@@ -118,6 +118,7 @@ def report_ignored(
     strict: bool = False,
     rigid_contacts: bool = True,
     angular_friction: bool | None = False,
+    placed: np.ndarray | None = None,
 ) -> None:
     """Says what a model holds that the solver leaves alone, with the remedy.
 
@@ -129,6 +130,8 @@ def report_ignored(
         strict: Raise instead of warn.
         rigid_contacts: Whether contacts are rigid, so that restitution acts.
         angular_friction: Whether torsional and rolling friction act; None if nobody said.
+        placed: Anchors and relposes of :func:`.model.equalities.joint_rows` as they were when the
+            solver was made; None where they are not to be compared.
 
     Raises:
         NotImplementedError: If ``strict`` and there is such a thing.
@@ -143,7 +146,21 @@ def report_ignored(
         messages.append(
             f"SolverAVBD leaves out {', '.join(rows)}. Import with "
             "convert_mjc_equality_constraints=True, which makes joints of CONNECT and WELD and "
-            "mimics of JOINT; otherwise use Newton's joints and set_joint_mimic()."
+            "mimics of JOINT. A program that adds rows adds joints instead: "
+            "builder.add_joint_ball() for CONNECT, add_joint_fixed() for WELD, in no "
+            "articulation, and set_joint_mimic() for JOINT."
+        )
+    if rows := _named_rows(model, unheard_rows(model)):
+        messages.append(
+            f"SolverAVBD leaves out {', '.join(rows)}: enabled, but the joint or mimic that the "
+            "importer made of it is not. Enable that, too (model.joint_enabled, "
+            "model.constraint_mimic_enabled), or disable the row "
+            "(model.mujoco.equality_constraint_enabled)."
+        )
+    if placed is not None and (rows := _moved_rows(model, placed)):
+        messages.append(
+            f"SolverAVBD leaves out the new anchor or relpose of {', '.join(rows)}: it holds them "
+            "by their joints. Set the frames of these, model.joint_X_p and model.joint_X_c."
         )
     if idle := _idle_tendons(model):
         messages.append(
@@ -252,9 +269,21 @@ def _equalities(model: newton.Model) -> list[str]:
         )
         left[[equality.row for equality in equalities(model)]] = False
         left[[equality.row for equality in tendon_equalities(model, tendons(model))]] = False
-        labels = [mujoco.equality_constraint_label[i] for i in np.flatnonzero(left)]
-        found += _named(len(labels), "MuJoCo equality constraint", labels)
+        found += _named_rows(model, np.flatnonzero(left))
     return found
+
+
+def _named_rows(model: newton.Model, rows: np.ndarray) -> list[str]:
+    """MuJoCo's equality constraints by their labels, those without one by their rows."""
+    labels = model.mujoco.equality_constraint_label if rows.size else ()
+    names = [_label(labels, row) or f"row {row}" for row in rows.tolist()]
+    return _named(len(names), "MuJoCo equality constraint", names)
+
+
+def _moved_rows(model: newton.Model, placed: np.ndarray) -> list[str]:
+    """MuJoCo's equality constraints whose anchor or relpose is no longer what it was."""
+    rows, now = joint_rows(model)
+    return _named_rows(model, rows[np.any(now != placed, axis=1)])
 
 
 def _idle_tendons(model: newton.Model) -> list[str]:
@@ -334,9 +363,6 @@ def _instead_of_flags(model: newton.Model, off: list[str]) -> str:
     if zeroed:
         calls = ", ".join(f"model.{name}.zero_()" for name in zeroed)
         ways.append(f"call {calls} before the solver is made")
-    if "mujoco.equality_constraint_enabled" in zeroed:
-        # they would be joints and mimics
-        ways.insert(0, "import with convert_mjc_equality_constraints=False")
     return f" To have the same here, {' and '.join(ways)}." if ways else ""
 
 

@@ -155,7 +155,8 @@ CAUSES: dict[str, Cause] = {
         "joint",
         "with another one to mimic",
         "step/mimics.py",
-        "Set joint_mimic_joint to -1 before the solver is made.",
+        "Set joint_mimic_joint to -1, or mujoco:equality_constraint_enabled to False where an "
+        "importer made it of such a constraint, before the solver is made.",
     ),
     "equalities": Cause(
         "joint",

@@ -28,6 +28,7 @@ from .drivers.sorting import sort_at_once
 from .drivers.workers import Workers
 from .drivers.world import make_solve, make_step, make_step_links
 from .effects import Effects, SceneEffects, left_out
+from .model.equalities import joint_rows
 from .report import CAUSES_OF_ERROR, InnerReport, Report, Status, missed
 from .settings import Settings, register_scene_settings
 from .setup.actuator_force import ActuatorForce
@@ -259,6 +260,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             strict=strict,
             rigid_contacts=not (settings.ramp or settings.compliant_contacts),
             angular_friction=settings.angular_friction,
+            placed=joint_rows(model)[1],
         )
         self._report_ignored(model)
         super().__init__(

@@ -102,6 +102,50 @@ def test_an_inactive_constraint_lets_go() -> None:
     assert anchor_gaps(sim)[-2] < 1e-5
 
 
+def test_a_constraint_that_is_switched_off_lets_go() -> None:
+    """By ``equality_constraint_enabled`` and a notification, as in SolverMuJoCo, whichever joint it
+    is: the payload falls freely, then the wrist opens, and both close again where that is asked.
+    """
+    sim = simulate(four_bar(), scheme="euler")
+    enabled = sim.model.mujoco.equality_constraint_enabled
+    swing(sim, 1.0)
+
+    def switch(wrist: bool, strap: bool) -> np.ndarray:
+        enabled.assign([wrist, strap])
+        sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+        sim.step(24)
+        return anchor_gaps(sim)[-2:]
+
+    height, rate = sim.pose[3, 2], sim.velocity[3, 2]
+    wrist, strap = switch(wrist=True, strap=False)
+    fall = 0.5 * G * 24 * 25 * sim.dt**2 - 24 * sim.dt * rate
+    assert sim.pose[3, 2] == pytest.approx(height - fall, rel=1e-5)
+    assert wrist < 1e-5
+    assert strap > 0.01
+    assert switch(wrist=False, strap=False)[0] > 0.01
+    sim.run(0.2)
+    switch(wrist=True, strap=True)
+    sim.run(0.5)
+    assert anchor_gaps(sim)[-2:].max() < 1e-4
+
+
+def test_a_constraint_that_is_half_switched_or_moved_is_named() -> None:
+    """One whose row is on and whose joint is off holds nothing; frames are those of the joint."""
+    model = four_bar(weld='active="false"').finalize(device="cpu")
+    solver = SolverAVBD(model, strict=True)
+    rows = model.mujoco
+    rows.equality_constraint_enabled.fill_(True)
+    with pytest.raises(NotImplementedError, match=r"\('strap'\): enabled, .*model.joint_enabled"):
+        solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+    model.joint_enabled.fill_(True)
+    solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+    anchor = rows.equality_constraint_anchor.numpy()
+    anchor[0] += 0.1
+    rows.equality_constraint_anchor.assign(anchor)
+    with pytest.raises(NotImplementedError, match=r"anchor or relpose of .*\('wrist'\).*joint_X_p"):
+        solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+
+
 def test_constraints_that_were_not_converted_are_named() -> None:
     """With the importer's option that makes joints of them; switched-off ones do not count."""
     model = four_bar(connect='active="false"', convert=False).finalize(device="cpu")
@@ -155,17 +199,19 @@ GEAR = """
 def test_joint_equalities_are_gears() -> None:
     """q1 = -2 q2: a torque T on the first turns it with T/(I1 + I2/4), the second at -1/2 of it.
 
-    Newton makes one of its deprecated mimic constraints of it. Another ratio acts after a
-    notification; without a leader it turns with T/I1. Within 1e-5.
+    Newton makes one of its deprecated mimic constraints of it, which follows by the row. Another
+    ratio acts after a notification, and so does a row that is switched off: the first turns with
+    T/I1 then. Within 1e-5.
     """
     builder = newton.ModelBuilder()
     builder.add_mjcf(GEAR)
     sim = simulate(builder)
     sim.push(0, torque=(0.0, 0.0, 0.5))
     spin = 0.0
+    rows = sim.model.mujoco
     for ratio, enabled in ((-2.0, True), (4.0, True), (4.0, False)):
-        sim.model.constraint_mimic_coef1.fill_(ratio)
-        sim.model.constraint_mimic_enabled.fill_(enabled)
+        rows.equality_constraint_polycoef.assign([[0.0, ratio, 0.0, 0.0, 0.0]])
+        rows.equality_constraint_enabled.fill_(enabled)
         newton.eval_fk(sim.model, sim.model.joint_q, sim.model.joint_qd, sim.state)
         sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
         sim.step(24)

@@ -286,8 +286,7 @@ def test_a_condim_that_does_not_exist_is_an_error_that_names_it() -> None:
         ("spring", r"call model\.joint_stiffness\.zero_\(\) before"),
         (
             "constraint",
-            r"import with convert_mjc_equality_constraints=False and pass effects=\{'contact': "
-            r"False, 'limits': False, 'joint_friction': False\} and call "
+            r"pass effects=\{'contact': False, 'limits': False, 'joint_friction': False\} and call "
             r"model\.mujoco\.equality_constraint_enabled\.zero_\(\) before",
         ),
         ("damper", r"would be off\.$"),

@@ -195,14 +195,29 @@ def test_a_polynomial_that_changes_is_followed_at_once() -> None:
         sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
 
 
+def test_a_polynomial_that_is_switched_off_leaves_no_mimic_behind() -> None:
+    """The importer makes a linear mimic of it, too: both joints are free, before and at run time.
+
+    The weight falls by g t^2/2 and the other slide stays where it is, within 2e-5.
+    """
+    sim = started(two_sliders(), [CURVE[0], 0.0], dt=DT, scheme=SCHEME)
+    sim.model.mujoco.equality_constraint_enabled.fill_(False)
+    assert not SolverAVBD(sim.model).effects.flags.mimics
+    sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+    sim.run(0.1)
+    fall = 0.5 * G * 0.1**2
+    np.testing.assert_allclose(coordinates(sim)[0], [CURVE[0] - fall, 0.0], atol=2.0e-5)
+
+
 def test_a_disabled_equality_holds_nothing_and_others_are_named() -> None:
     """Of BALL joints, bodies and tendons the solver says what it leaves out."""
     text = two_sliders('<joint joint1="along" polycoef="0" active="false"/>')
     sim = started(text, [0.0, 0.0])
     assert not sim.solver.effects.flags.equalities
-    connect = '<connect name="rope" body1="up" body2="along" anchor="0 0 0"/>'
-    builder = build(two_sliders(connect), convert_mjc_equality_constraints=False)
-    with pytest.warns(UserWarning, match="1 MuJoCo equality constraint .'.*rope'"):
+    rows = '<connect name="rope" body1="up" body2="along" anchor="0 0 0"/><weld body1="up"/>'
+    builder = build(two_sliders(rows), convert_mjc_equality_constraints=False)
+    found = r"2 MuJoCo equality constraints \('.*rope', 'row 1'\).*builder\.add_joint_ball\(\)"
+    with pytest.warns(UserWarning, match=found):
         SolverAVBD(builder.finalize(device="cpu"))
 
 

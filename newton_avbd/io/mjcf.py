@@ -17,8 +17,7 @@ import warp as wp
 
 from newton_avbd.rows.actuator import MUSCLE_BIAS, MUSCLE_GAIN
 
-UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
-"""Kinds of MuJoCo's actuators that Newton's importer leaves out without a word."""
+from .unread import refuse, unread
 
 
 def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[str, ...]:
@@ -28,12 +27,15 @@ def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[
     compiler finds, where the file says none.
 
     Returns:
-        What the user should know of it, a sentence each.
+        What the user should know of it, a sentence each; what the importer leaves out among it.
+
+    Raises:
+        ValueError: If the file has joints that the importer cannot read; and whatever that raises.
     """
     known = len(_values(builder, "label"))
     alone = ElementTree.parse(path).getroot()
-    unread = _unread_actuators(path, alone)
     root, absent = read_mjcf(path)
+    refuse(root)
     source = root if absent else alone
     if _drop_pgs(source) or absent:
         text = ElementTree.tostring(source, encoding="unicode")
@@ -42,7 +44,7 @@ def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[
         builder.add_mjcf(str(path), **options)
     return (
         *(_left_out(path, root, absent, builder) if absent else ()),
-        *unread,
+        *unread(path.name, root, builder),
         *_find_length_ranges(builder, path, known),
     )
 
@@ -126,23 +128,6 @@ def read_mjcf(
                 for child in reversed(read_mjcf(file, main, folders, absent)[0]):
                     parent.insert(place, child)
     return root, absent
-
-
-def _unread_actuators(path: Path, root: ElementTree.Element) -> tuple[str, ...]:
-    """A sentence on the actuators of a file that are of :data:`UNREAD` kinds, if any."""
-    found = [
-        f"'{element.get('name', '')}' (<{element.tag}>)"
-        for group in root.iter("actuator")
-        for element in group
-        if element.tag in UNREAD
-    ]
-    if not found:
-        return ()
-    names = ", ".join(found)
-    return (
-        f"{path.name} goes on without the actuator{'s' * (len(found) > 1)} {names}: Newton's "
-        "importer does not read such. Write a <general> one of the same law.",
-    )
 
 
 def _values(builder: newton.ModelBuilder, name: str) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from newton_avbd.measure.state import Array, rotate, transform
+from newton_avbd.model.equalities import switched_off
 
 _UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.ROD)
 _LEAST = 1e-9
@@ -81,7 +82,9 @@ class Joints:
     def of(cls, model: newton.Model) -> "Joints":
         """Read the joints of ``model``."""
         kind = model.joint_type.numpy()
-        chosen = np.flatnonzero(model.joint_enabled.numpy() & ~np.isin(kind, _UNLIMITED))
+        is_watched = model.joint_enabled.numpy() & ~np.isin(kind, _UNLIMITED)
+        is_watched[switched_off(model)] = False
+        chosen = np.flatnonzero(is_watched)
         count = len(chosen)
         slide, locked = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
         basis, sign = np.tile(np.eye(3), (count, 1, 1)), np.ones(count)

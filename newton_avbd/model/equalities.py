@@ -1,12 +1,16 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""MuJoCo's JOINT equality constraints that no mimic stands for: an axis by a polynomial of another.
+"""MuJoCo's equality constraints: JOINT constraints that no mimic stands for, and what rows switch.
+
+A JOINT constraint leads an axis by a polynomial of another:
 
     q1 = a0 + a1 q2 + a2 q2^2 + a3 q2^3 + a4 q2^4,
 
 both counted from the reference pose, as Newton's coordinates are; q1 = a0 without a second joint.
 Newton's importer makes a mimic of each that ties two joints of one axis, which has the first two
-coefficients, and leaves the others as they are.
+coefficients, and leaves the others as they are. Of CONNECT and WELD constraints it makes joints.
+The rows of the constraints decide: a disabled row disables its joint or mimic, and a mimic follows
+by the coefficients of its row.
 """
 
 from dataclasses import dataclass
@@ -19,8 +23,10 @@ from ..rows.joint import KINDS
 
 _JOINT = 2
 """The type of these constraints, ``EqType.JOINT``."""
-_MIMIC = 2
-"""What those have a mimic for target by, ``MjcEqualityTargetKind.MIMIC``."""
+_TO_JOINT = 1
+"""What rows have a joint for target by, ``MjcEqualityTargetKind.JOINT``."""
+_TO_MIMIC = 2
+"""What rows have a mimic for target by, ``MjcEqualityTargetKind.MIMIC``."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +44,16 @@ class Equality:
     """Axis of that joint, -1 where there is none to follow."""
 
 
-def _rows(model: newton.Model) -> np.ndarray:
-    """Rows of JOINT constraints that are enabled and no mimic stands for."""
-    if not model.custom_frequency_counts.get("mujoco:equality_constraint", 0):
-        return np.zeros(0, dtype=int)
+def row_count(model: newton.Model) -> int:
+    """How many equality constraints of MuJoCo's a model has."""
+    return int(model.custom_frequency_counts.get("mujoco:equality_constraint", 0))
+
+
+def _converted(model: newton.Model, kind: int) -> np.ndarray:
+    """Which rows an importer has made a joint or a mimic of, by the kind of that target."""
     mujoco: Any = model.mujoco
-    is_joint = mujoco.equality_constraint_type.numpy() == _JOINT
-    is_own = (mujoco.equality_constraint_target.numpy() < 0) | _exceeds_mimic(model)
-    return np.flatnonzero(is_joint & is_own & mujoco.equality_constraint_enabled.numpy())
+    target = mujoco.equality_constraint_target.numpy()
+    return (mujoco.equality_constraint_target_kind.numpy() == kind) & (target >= 0)
 
 
 def _exceeds_mimic(model: newton.Model) -> np.ndarray:
@@ -57,12 +65,72 @@ def _exceeds_mimic(model: newton.Model) -> np.ndarray:
     return is_curved | np.any(dims[ends[0]] != dims[ends[1]], axis=1)
 
 
-def replaced_mimics(model: newton.Model) -> set[int]:
-    """Mimic constraints in whose place an equality acts, which says more than they can."""
-    mujoco: Any = getattr(model, "mujoco", None)
-    rows = _rows(model)
-    rows = rows[[mujoco.equality_constraint_target_kind.numpy()[row] == _MIMIC for row in rows]]
-    return set(mujoco.equality_constraint_target.numpy()[rows].tolist()) if rows.size else set()
+def mimic_laws(model: newton.Model) -> dict[int, tuple[float, float] | None]:
+    """Offset and multiplier of each mimic constraint that stands for an equality constraint.
+
+    None for one that does not act: its row is disabled, or says more than a mimic can, so that the
+    equality acts in its place.
+    """
+    if not row_count(model):
+        return {}
+    mujoco: Any = model.mujoco
+    rows = np.flatnonzero(_converted(model, _TO_MIMIC))
+    if rows.size == 0:
+        return {}
+    acts = mujoco.equality_constraint_enabled.numpy() & ~_exceeds_mimic(model)
+    targets = mujoco.equality_constraint_target.numpy()
+    offset, multiplier = mujoco.equality_constraint_polycoef.numpy()[:, :2].T.tolist()
+    return {
+        int(targets[row]): (offset[row], multiplier[row]) if acts[row] else None
+        for row in rows.tolist()
+    }
+
+
+def switched_off(model: newton.Model) -> np.ndarray:
+    """Joints of the user's model that stand for equality constraints whose rows are disabled."""
+    model = getattr(model, "user_model", model)
+    if not row_count(model):
+        return np.zeros(0, dtype=int)
+    mujoco: Any = model.mujoco
+    is_off = _converted(model, _TO_JOINT) & ~mujoco.equality_constraint_enabled.numpy()
+    return mujoco.equality_constraint_target.numpy()[is_off]
+
+
+def unheard_rows(model: newton.Model) -> np.ndarray:
+    """Rows that are enabled, and their joint or mimic is not, so that nothing acts."""
+    if not row_count(model):
+        return np.zeros(0, dtype=int)
+    mujoco: Any = model.mujoco
+    target = mujoco.equality_constraint_target.numpy()
+    is_on = mujoco.equality_constraint_enabled.numpy()
+    unheard = np.zeros(is_on.size, dtype=bool)
+    for kind, name in ((_TO_JOINT, "joint"), (_TO_MIMIC, "constraint_mimic")):
+        rows = np.flatnonzero(_converted(model, kind) & is_on)
+        if rows.size:
+            unheard[rows] = ~getattr(model, f"{name}_enabled").numpy()[target[rows]]
+    if unheard.any():
+        unheard[_own_rows(model)] = False
+    return np.flatnonzero(unheard)
+
+
+def joint_rows(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of CONNECT and WELD constraints that are joints, and their anchor and relpose."""
+    if not row_count(model):
+        return np.zeros(0, dtype=int), np.zeros((0, 10))
+    mujoco: Any = model.mujoco
+    rows = np.flatnonzero(_converted(model, _TO_JOINT))
+    given = (mujoco.equality_constraint_anchor, mujoco.equality_constraint_relpose)
+    return rows, np.hstack([values.numpy()[rows] for values in given])
+
+
+def _own_rows(model: newton.Model) -> np.ndarray:
+    """Rows of JOINT constraints that are enabled and no mimic stands for."""
+    if not row_count(model):
+        return np.zeros(0, dtype=int)
+    mujoco: Any = model.mujoco
+    is_joint = mujoco.equality_constraint_type.numpy() == _JOINT
+    is_own = (mujoco.equality_constraint_target.numpy() < 0) | _exceeds_mimic(model)
+    return np.flatnonzero(is_joint & is_own & mujoco.equality_constraint_enabled.numpy())
 
 
 def equalities(model: newton.Model) -> list[Equality]:
@@ -70,7 +138,7 @@ def equalities(model: newton.Model) -> list[Equality]:
 
     Left out are those of joints that have no axes of their own, as BALL and FREE.
     """
-    rows = _rows(model)
+    rows = _own_rows(model)
     if rows.size == 0:
         return []
     mujoco: Any = model.mujoco

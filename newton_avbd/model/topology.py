@@ -11,7 +11,7 @@ import newton
 import numpy as np
 
 from ..rows.joint import KINDS
-from .equalities import Equality, equalities, replaced_mimics
+from .equalities import Equality, equalities, mimic_laws, switched_off
 from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 
 _DISTANCE = int(newton.JointType.DISTANCE)
@@ -78,9 +78,9 @@ def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
     """Leader of each joint, -1 without one, and the offset and multiplier by which it follows.
 
     Those of joints and the deprecated sparse ones, which importers still make of MuJoCo's JOINT
-    equality constraints. A leader follows no other joint: a joint that mimics a mimic joint follows
-    the first leader of that chain, by the composed offset and multiplier. A disabled joint within
-    a chain does not interrupt it.
+    equality constraints, by whose rows they follow. A leader follows no other joint: a joint that
+    mimics a mimic joint follows the first leader of that chain, by the composed offset and
+    multiplier. A disabled joint within a chain does not interrupt it.
 
     Raises:
         ValueError: If a sparse one ties a joint that follows already, or joints of different kinds,
@@ -89,9 +89,10 @@ def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
     leaders, coefficients = model.joint_mimic_joint.numpy(), model.joint_mimic_coeffs.numpy()
     if model.constraint_mimic_count:
         leaders, coefficients = leaders.copy(), coefficients.copy()
-        replaced = replaced_mimics(model)
-        for index in np.flatnonzero(model.constraint_mimic_enabled.numpy()):
-            if index in replaced:
+        laws = mimic_laws(model)
+        for index in np.flatnonzero(model.constraint_mimic_enabled.numpy()).tolist():
+            law = laws.get(index)
+            if law is None and index in laws:
                 continue
             joint = model.constraint_mimic_joint0.numpy()[index]
             leader = model.constraint_mimic_joint1.numpy()[index]
@@ -104,7 +105,7 @@ def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
                     f"axes than '{labels[leader]}'. Use set_joint_mimic()."
                 )
             leaders[joint] = leader
-            coefficients[joint] = (
+            coefficients[joint] = law or (
                 model.constraint_mimic_coef0.numpy()[index],
                 model.constraint_mimic_coef1.numpy()[index],
             )
@@ -251,9 +252,11 @@ class Topology:
         idle = np.zeros(count, dtype=bool)
         flipped = []
         free = int(newton.JointType.FREE)
+        numbers = solved_joints(model)
+        off = {numbers[index] for index in switched_off(model).tolist()}
         for index, kind in enumerate(kinds):
             parent, child = parents[index], children[index]
-            if kind == free:
+            if kind == free or index in off:
                 continue
             if not moves[child] and (parent < 0 or not moves[parent]):
                 idle[[child] if parent < 0 else [child, parent]] = True

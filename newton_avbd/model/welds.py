@@ -13,6 +13,7 @@ import newton
 import numpy as np
 
 from ..attributes import break_limits
+from .equalities import switched_off
 
 STATIC = -1
 """Body of a link that is part of the static world."""
@@ -114,12 +115,16 @@ def _is_kinematic(model: newton.Model) -> np.ndarray:
 
 
 def _find_welds(model: newton.Model, breakable: bool) -> np.ndarray:
-    """Joints that leave nothing free, are enabled, and cannot break."""
+    """Joints that leave nothing free, are enabled, and cannot break.
+
+    Those of MuJoCo's equality constraints are enabled where their rows are, too.
+    """
     if model.joint_count == 0:
         return np.zeros(0, dtype=int)
     kinds, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
     types = (int(newton.JointType.FIXED), int(newton.JointType.D6))
     is_weld = np.isin(kinds, types) & (dims == 0) & model.joint_enabled.numpy()
+    is_weld[switched_off(model)] = False
     if breakable:
         for limit in break_limits(model).values():
             is_weld &= np.isposinf(limit.numpy())

@@ -1,0 +1,108 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""What Newton's importer leaves out of MJCF files is named, with a remedy."""
+
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from newton_avbd.io.assets import read_asset
+from newton_avbd.io.errors import UserError
+
+SCENE = """<mujoco><option gravity="0 0 -1.6" density="1000"/>
+<default><joint damping="2"/>
+<default class="arm"><joint actuatorfrcrange="-1 5"/><position timeconst=".1"/></default></default>
+<worldbody><site name="hook" pos="0 0 1"/>
+<body name="ball"><joint name="swivel" type="ball" range="0 20"/><joint name="lost" type="slide"/>
+<geom name="egg" size="0.1" fluidshape="ellipsoid"/></body>
+<body name="free"><joint type="free"/><geom size="0.1"/></body>
+<body name="plain" pos="1 0 0"><freejoint/><geom size="0.1"/></body>
+<body name="arm" pos="2 0 0" childclass="arm"><joint name="first" axis="0 1 0"/>
+<joint name="second" axis="1 0 0" pos="0.1 0 0"/><joint name="rail" type="slide"/>
+<geom size="0.1"/><site name="tip"/></body>
+<body name="hand" mocap="true"><geom size="0.1"/></body></worldbody>
+<equality><connect name="rope" site1="hook" site2="tip"/></equality>
+<actuator><position class="arm" joint="first"/><adhesion name="glue" body="arm" ctrlrange="0 1"/>
+</actuator></mujoco>"""
+"""A file that has all of it; some by default classes."""
+
+FOUND = (
+    r"1 actuator \('glue' \(<adhesion>\)\)",
+    r"the timeconst of 1 position actuator \(that of first\)",
+    r"the range of 1 ball joint \('swivel'\)",
+    r"the damping of 1 free joint \(that of body free\)",
+    r"the pos of 1 joint \('second'\)",
+    r"the order of the joints of 1 body \('arm'\)",
+    r"the joints after the ball joint of 1 body \('ball'\)",
+    r"the smaller end of the actuatorfrcrange of 3 joints \('first', 'second', 'rail'\)",
+    r"the fluidshape of 1 geom \('egg'\)",
+    r"the mocap of 1 body \('hand'\)",
+    r"the frame of site2 of 1 equality constraint \('rope'\)",
+    r"its gravity \(0, 0, -1\.6\).*\(0, 0, -9\.81\)",
+)
+PLAIN = """<mujoco><option gravity="0 0 -9.81"/><worldbody><site name="hook"/>
+<body name="ball"><joint type="ball" limited="false" range="0 20"/><geom size="0.1"/></body>
+<body name="arm"><joint name="rail" type="slide" pos="0.1 0 0" actuatorfrcrange="-5 5"/>
+<joint name="first" axis="0 1 0" pos="0.1 0 0" damping="1"/>
+<geom size="0.1" fluidshape="ellipsoid"/>
+<site name="tip"/></body></worldbody>
+<equality><connect site1="hook" site2="tip"/></equality>
+<actuator><position joint="first" kp="3"/></actuator></mujoco>"""
+"""The same elements, of which nothing is lost."""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "scene.xml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.filterwarnings("ignore:.*Parallel joints")
+def test_each_kind_is_named_once(tmp_path: Path) -> None:
+    """In one sentence with names, also where a default class or an included file says it."""
+    write(tmp_path, SCENE).rename(tmp_path / "inner.xml")
+    path = write(tmp_path, '<mujoco><include file="inner.xml"/></mujoco>')
+    notes = read_asset(path, "avbd", floating=True)[1]
+    assert len(notes) == len(FOUND)
+    for note, pattern in zip(notes, FOUND, strict=True):
+        assert note.startswith("scene.xml goes on without ")
+        assert re.search(pattern, note), note
+
+
+def test_what_is_read_is_not_named(tmp_path: Path) -> None:
+    assert read_asset(write(tmp_path, PLAIN), "avbd", floating=True)[1] == ()
+
+
+@pytest.mark.parametrize(
+    ("joint", "message"),
+    [
+        ('name="o" damping=".1 .3"', r"joint 'o' has damping=\"\.1 \.3\", a polynomial"),
+        ('stiffness="1 5"', "a joint of b has stiffness"),
+        ('name="s" type="slide"/><joint name="b" type="ball"', "joint 'b' is a ball after another"),
+    ],
+)
+def test_a_joint_that_the_importer_fails_at_is_named(
+    tmp_path: Path, joint: str, message: str
+) -> None:
+    path = write(
+        tmp_path,
+        f'<mujoco><worldbody><body name="b"><joint {joint}/><geom size="0.1"/></body></worldbody>'
+        "</mujoco>",
+    )
+    with pytest.raises(UserError, match=message):
+        read_asset(path, "avbd", floating=True)
+
+
+def test_the_remedy_for_a_time_constant_is_the_same_actuator() -> None:
+    """As MuJoCo compiles both."""
+    text = """<mujoco><worldbody><body><joint name="j"/><geom size="0.1"/></body></worldbody>
+    <actuator><position joint="j" kp="3" kv="0.5" timeconst="0.1"/>
+    <general joint="j" dyntype="filterexact" dynprm="0.1" gainprm="3" biastype="affine"
+     biasprm="0 -3 -0.5"/></actuator></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    for name in ("dyntype", "dynprm", "gaintype", "gainprm", "biastype", "biasprm"):
+        values = getattr(model, f"actuator_{name}")
+        np.testing.assert_array_equal(values[0], values[1])
