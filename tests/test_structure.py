@@ -85,7 +85,7 @@ def test_no_subject_of_a_study_needs_itself_by_way_of_others() -> None:
 
 
 LONG = {
-    "push_axis": 17,
+    "push_axis": 13,
     "leave_link": 10,
     "axis_work": 10,
     "linear_force": 10,

@@ -9,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from ..rows.joint import KINDS
-from .actuators import Actuators, reflected_armature
+from .actuators import Actuators
 
 
 def reference_state(model: newton.Model) -> newton.State:
@@ -43,8 +43,7 @@ def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.nda
     """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included."""
     if not model.articulation_count:
         return
-    axes = Actuators.of_model(model).axes
-    armature = reflected_armature(model, axes, model.joint_dof_count)
+    armature = Actuators.of_model(model).armature(model)
     matrices = newton.eval_mass_matrix(model, reference_state(model)).numpy().astype(float)
     ends = (model.articulation_start, model.articulation_end)
     first, last = (model.joint_qd_start.numpy()[end.numpy()] for end in ends)
