@@ -17,7 +17,12 @@ from ..model.actuators import (
     has_damping_ratio,
     is_limited,
 )
-from ..model.inertia import mobility_along, reference_mobility, reference_moments
+from ..model.inertia import (
+    mobility_along,
+    reference_mobility,
+    reference_moments,
+    without_inertia,
+)
 from ..model.topology import Topology
 from ..rows import actuator as rules
 from ..rows.motor import MOTOR
@@ -62,7 +67,8 @@ class Actuation:
             before: What there was before the model changed, whose activations go on.
 
         Raises:
-            ValueError: If a muscle has no length range.
+            ValueError: If a muscle has no length range, or a damping ratio or the peak force of a
+                muscle goes by an inertia that is not known.
         """
         self._model, self._joints = model, joints
         self._has_limits = "effort_limits" in wanted
@@ -397,6 +403,9 @@ class Actuation:
         Args:
             found: What actuators push.
             pushing: Rows of those that push bodies.
+
+        Raises:
+            ValueError: If an actuator pushes what has no inertia of its own in that pose.
         """
         mujoco: Any = self._model.mujoco
         gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy() for n in ("gain", "bias"))
@@ -419,18 +428,27 @@ class Actuation:
         if np.any(needed[list(axes)]):
             known = reference_mobility(self._model)
             for row, dof in axes.items():
+                if needed[row] and dof not in known:
+                    raise _no_inertia(found, row)
                 along, norm = known.get(dof, (0.0, 0.0))
                 moved[row] = (gear[row] ** 2 * along, gear[row] * norm)
         if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
             number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
-            mobility, norms = mobility_along(self._model, self._cords.moments())
+            moments = self._cords.moments()
+            mobility, norms = mobility_along(self._model, moments)
+            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
             for row, cord in found.tendons.items():
                 i = number[cord]
+                if needed[row] and lost[i]:
+                    raise _no_inertia(found, row)
                 moved[row] = (gear[row] ** 2 * mobility[i], gear[row] * norms[i])
         if np.any(needed[pushing]):
             moments = reference_moments(self._model, self._push_rates)
             mobility, norms = mobility_along(self._model, moments)
+            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
             for i, row in enumerate(pushing):
+                if needed[row] and lost[i]:
+                    raise _no_inertia(found, row)
                 moved[row] = (mobility[i], norms[i])
         for row, (along, norm) in moved.items():
             if is_servo[row]:
@@ -447,6 +465,17 @@ class Actuation:
         given = [self.law, *motion, none, 0.0, self.bodies]
         wp.launch(pushes.find_pushes, dim=self.bodies.row.size, inputs=given)
         return self.bodies.pushes.numpy()["velocity"].copy()
+
+
+def _no_inertia(found: Actuators, row: int) -> ValueError:
+    """What to say of an actuator whose strength goes by an inertia that is not known."""
+    return ValueError(
+        f"MuJoCo actuator {row} ('{found.labels[row]}') has a damping ratio, or is a muscle whose "
+        "peak force is to be found. Both go by the inertia of what it pushes, which a joint of no "
+        "articulation lacks. Put the joint into one with builder.add_articulation(), or write the "
+        "damping (actuator_biasprm[2] below zero, joint_target_kd) or the force "
+        "(actuator_gainprm[2])."
+    )
 
 
 def compensate_axes(
