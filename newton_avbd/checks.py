@@ -16,7 +16,7 @@ from .effects import CAUSES
 from .model.actuators import Actuators, passed_limits
 from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities, joint_rows, unheard_rows
-from .model.tendons import tendon_count, tendon_equalities, tendons
+from .model.tendons import left_joints, tendon_count, tendon_equalities, tendon_name, tendons
 from .rows.joint import KINDS
 
 _MOST_NAMES = 3
@@ -168,6 +168,11 @@ def report_ignored(
             "Newton's importer does not say which axis of a joint of several is meant. Give the "
             "joints bodies of their own in the file."
         )
+    if parts := _parts_of_tendons(model):
+        messages.append(
+            f"SolverAVBD leaves out {', '.join(parts)}: Newton's importer does not say which axis "
+            "of a joint of several is meant. Give each of its joints a body of its own in the file."
+        )
     if actuators := _actuators(model):
         messages.append(
             f"SolverAVBD leaves out {', '.join(actuators)}. Push with control.joint_f or "
@@ -293,6 +298,15 @@ def _idle_tendons(model: newton.Model) -> list[str]:
         model.mujoco.tendon_label[row] for row in range(tendon_count(model)) if row not in acting
     ]
     return _named(len(labels), "MuJoCo tendon", labels)
+
+
+def _parts_of_tendons(model: newton.Model) -> list[str]:
+    """Joints that MuJoCo's fixed tendons go without, though others of theirs act."""
+    found = left_joints(model)
+    return [
+        f"joint {_label(model.joint_label, joint)!r} of {tendon_name(model, row)}"
+        for row, joint in found[:_MOST_NAMES]
+    ] + (["..."] if len(found) > _MOST_NAMES else [])
 
 
 def _actuators(model: newton.Model) -> list[str]:

@@ -435,6 +435,22 @@ class AxisPush:
 
 
 @wp.struct
+class AxisActuation:
+    """Actuators that push joint axes, by axis that has some."""
+
+    dof: wp.array[wp.int32]
+    """Degree of freedom of the axis."""
+    coordinate: wp.array[wp.int32]
+    """Its joint coordinate."""
+    start: wp.array[wp.int32]
+    """First of the actuators of each axis."""
+    rows: wp.array[wp.int32]
+    """By actuator; -1 of a drive for which no row authors anything."""
+    kind: wp.array[wp.int32]
+    """Whether it has a control or is a drive; see :mod:`.rows.actuator`."""
+
+
+@wp.struct
 class BodyActuation:
     """Actuators that push bodies: at sites, and along BALL and FREE joints; by actuator."""
 

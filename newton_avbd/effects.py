@@ -164,11 +164,20 @@ CAUSES: dict[str, Cause] = {
         "step/mimics.py",
         "Set mujoco:equality_constraint_enabled to False before the solver is made.",
     ),
-    "drives": Cause("joint", "with a drive that has a gain (target_ke, target_kd)", "rows/axis.py"),
+    "drives": Cause(
+        "joint",
+        "with a drive that has a gain (target_ke, target_kd) and is none of the actuators",
+        "rows/axis.py",
+    ),
     "effort_limits": Cause(
         "joint", "with a drive of limited effort (effort_limit)", "rows/axis.py"
     ),
-    "actuators": Cause("joint", "with a MuJoCo actuator (mujoco:actuator_*)", "rows/actuator.py"),
+    "actuators": Cause(
+        "joint",
+        "with a MuJoCo actuator (mujoco:actuator_*), or a drive for which one authors more than "
+        "gains",
+        "rows/actuator.py",
+    ),
     "force_ranges": Cause(
         "joint",
         "with an actuator whose forcerange is not the only limit of the force",

@@ -349,7 +349,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             )
         if contacts is None:
             self._forget_contacts()
-        start = self._actuate(state_in, control, contacts, dt)
+        start = self._actuate(state_in, control, control_input, contacts, dt)
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
@@ -401,6 +401,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         self,
         state_in: newton.State,
         control: newton.Control | None,
+        control_input: data.ControlInput,
         contacts: newton.Contacts | None,
         dt: float,
     ) -> newton.State | BodyState:
@@ -409,7 +410,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             return state_in
         ctrl = self._actuator_control(control)
         source = None if contacts is None else self._contact_input(contacts)
-        body_f = self._actuation.launch(self._launch, state_in, ctrl, source, dt)
+        body_f = self._actuation.launch(self._launch, state_in, ctrl, control_input, source, dt)
         return BodyState(state_in.body_q, state_in.body_qd, body_f)
 
     def _gather_bodies(
@@ -1121,7 +1122,11 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
     ) -> None:
         if self._actuator_force is None:
             self._actuator_force = ActuatorForce(
-                self.model, self._actuation, self._flags, self._history.joint_angle
+                self.model,
+                self._actuation,
+                self._flags,
+                self._joints.target_mode,
+                self._history.joint_angle,
             )
         coordinates = None
         if self.writes_joint_state:

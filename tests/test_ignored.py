@@ -87,9 +87,36 @@ def add_actuators(builder: newton.ModelBuilder) -> None:
     builder.add_mjcf(ARM.format(spring='dyntype="user"'), ctrl_direct=True)
 
 
+TWO_HINGES = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="one" type="hinge" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <body name="wrist">
+        <joint name="yaw" type="hinge" axis="0 0 1"/>
+        <joint name="pitch" type="hinge" axis="0 1 0"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      </body>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="cord" stiffness="3"><joint joint="one" coef="1"/><joint joint="pitch" coef="2"/>
+    </fixed>
+  </tendon>
+</mujoco>
+"""
+
+
+def add_tendon(builder: newton.ModelBuilder) -> None:
+    """One over a hinge and over one of two hinges of a body."""
+    builder.add_mjcf(TWO_HINGES)
+
+
 @pytest.mark.parametrize(
     ("add", "message"),
     [
+        (add_tendon, r"joint '.*yaw.*' of MuJoCo tendon 0 \('cord'\): .*body of its own"),
         (
             add_cloth,
             r"4 particles, 2 triangles, \d bending edges, 1 surface \('flag'\)\..*Use SolverVBD",

@@ -2,9 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """MuJoCo's actuators and gravity compensation of a model, from its ``mujoco`` namespace.
 
-Actuators whose control is ``control.mujoco.ctrl`` act here; those that the importers made joint
-drives of are drives. Their arrays are in :mod:`.setup.actuation`, what a step does with them is in
-:mod:`.step.actuation`, the formulas are in :mod:`.rows.actuator`.
+Actuators whose control is ``control.mujoco.ctrl`` act here. An actuator that an importer made a
+joint drive of (``JOINT_TARGET``) is that drive, unless it authors more than gains: a range,
+armature or damping of its own, or a damping ratio. Then the drive is an actuator. Their arrays are
+in :mod:`.setup.actuation`, what a step does with them is in :mod:`.step.actuation`, the formulas
+are in :mod:`.rows.actuator`.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,6 +29,17 @@ _PUSHING = (
 """Transmissions that push something here."""
 _CTRL_DIRECT = int(SolverMuJoCo.CtrlSource.CTRL_DIRECT)
 """An actuator with an input of its own, not the target of a joint."""
+_JOINT_TARGET = int(SolverMuJoCo.CtrlSource.JOINT_TARGET)
+_POSITION, _VELOCITY = int(SolverMuJoCo.CtrlType.POSITION), int(SolverMuJoCo.CtrlType.VELOCITY)
+_DRIVES = {
+    int(newton.JointTargetMode.POSITION): (rules.POSITION_TARGET,),
+    int(newton.JointTargetMode.VELOCITY): (rules.VELOCITY_TARGET,),
+    int(newton.JointTargetMode.POSITION_VELOCITY): (
+        rules.UNDAMPED_POSITION_TARGET,
+        rules.VELOCITY_TARGET,
+    ),
+}
+"""The actuators that SolverMuJoCo makes of a drive, by its mode."""
 _BALL, _FREE = int(newton.JointType.BALL), int(newton.JointType.FREE)
 ACTING = (
     *("actuators", "tendons", "body_actuators", "servos", "adhesion", "gravity_compensation"),
@@ -55,6 +68,17 @@ def compensated_links(model: newton.Model) -> np.ndarray:
     return np.zeros(0, dtype=int) if share is None else np.flatnonzero(share)
 
 
+@dataclass(frozen=True)
+class DriveActuator:
+    """An actuator that is a joint drive, or one of the two of a POSITION_VELOCITY drive."""
+
+    row: int
+    """Row that it takes ranges, armature and damping from; -1 for none."""
+    dof: int
+    kind: int
+    """What it takes from the drive; see :mod:`.rows.actuator`."""
+
+
 @dataclass
 class Actuators:
     """What each of a model's actuators pushes, by row of its ``mujoco:actuator`` attributes."""
@@ -62,6 +86,8 @@ class Actuators:
     labels: list[str] = field(default_factory=list)
     axes: dict[int, int] = field(default_factory=dict)
     """Degree of freedom of those that push along a joint axis."""
+    drives: list[DriveActuator] = field(default_factory=list)
+    """Those that stand in the place of joint drives."""
     bodies: dict[int, tuple[int, int, Any, int, Any]] = field(default_factory=dict)
     """Of those that push bodies: whose axes the gear is in, the link with a frame on it, and the
     link that gets the reaction with a frame on it."""
@@ -114,7 +140,21 @@ class Actuators:
                 found.left[row] = "its target does not exist"
             else:
                 found.left[row] = f"its transmission is {_TRANSMISSION(kind).name}"
+        found._add_drives(model)
         return found
+
+    def driven(self) -> list[int]:
+        """Degrees of freedom whose drives are actuators."""
+        return [drive.dof for drive in self.drives]
+
+    def armature(self, model: newton.Model) -> np.ndarray:
+        """What actuators add to the armature of degrees of freedom [kg or kg m^2]."""
+        added = reflected_armature(model, self.axes, model.joint_dof_count)
+        pairs = [(drive.dof, drive.row) for drive in self.drives if drive.row >= 0]
+        if pairs:
+            dofs, rows = np.array(pairs).T
+            np.add.at(added, dofs, model.mujoco.actuator_armature.numpy()[rows])
+        return added
 
     def servos(self, model: newton.Model) -> dict[int, int]:
         """Link of each actuator that pushes a body against the world, by how the body moves."""
@@ -132,19 +172,51 @@ class Actuators:
         all of them a limit besides."""
         counts = np.zeros(model.joint_dof_count, dtype=int)
         limited = np.zeros(model.joint_dof_count, dtype=int)
-        if self.axes:
-            dofs = np.array(list(self.axes.values()))
-            np.add.at(counts, dofs, 1)
-            np.add.at(limited, dofs, is_limited(model.mujoco, "force")[list(self.axes)])
+        np.add.at(counts, np.array([*self.axes.values(), *self.driven()], dtype=int), 1)
+        np.add.at(limited, np.array(self.limited_axes(model), dtype=int), 1)
         has_effort = model.joint_effort_limit.numpy() < NO_LIMIT
         return (limited > 1) | ((counts > 1) & (limited == 1) & has_effort)
 
     def limited_axes(self, model: newton.Model) -> list[int]:
-        """Degrees of freedom with an actuator whose force has a range."""
-        if not self.axes:
+        """Degree of freedom of each actuator whose force has a range."""
+        if not (self.axes or self.drives):
             return []
         limited = is_limited(model.mujoco, "force")
-        return [dof for row, dof in self.axes.items() if limited[row]]
+        pushing = [*self.axes.items(), *((drive.row, drive.dof) for drive in self.drives)]
+        return [dof for row, dof in pushing if row >= 0 and limited[row]]
+
+    def _add_drives(self, model: newton.Model) -> None:
+        """Finds the drives that a row authors more of than gains, as SolverMuJoCo does.
+
+        It makes a position actuator, a velocity actuator or both of a drive, each with what the
+        last row for it authors. The gear of such rows is 1.
+        """
+        source, target = _rows_of_drives(model)
+        if source.size == 0:
+            return
+        joint = np.searchsorted(model.joint_qd_start.numpy(), target, side="right") - 1
+        kinds = model.joint_type.numpy()[joint]
+        modes = model.joint_target_mode.numpy()
+        types = model.mujoco.ctrl_type.numpy()
+        taken = set(target[_authors_more(model, source, target)].tolist())
+        last: dict[tuple[int, bool], int] = {}
+        for row, dof, kind in zip(source.tolist(), target.tolist(), kinds.tolist(), strict=True):
+            if dof not in taken:
+                continue
+            if kind == _BALL:
+                self.left[row] = (
+                    "the drive of its BALL joint has its gains, and no range or damping beside "
+                    "(import it with ctrl_direct=True)"
+                )
+            if not KINDS[newton.JointType(kind)].has_axes:
+                continue
+            for is_position, other in ((True, _VELOCITY), (False, _POSITION)):
+                if types[row] != other:
+                    last[dof, is_position] = row
+        for dof in sorted({dof for dof, _ in last}):
+            for kind in _DRIVES.get(int(modes[dof]), ()):
+                row = last.get((dof, kind != rules.VELOCITY_TARGET), -1)
+                self.drives.append(DriveActuator(row, dof, int(kind)))
 
     def _add_joint(self, model: newton.Model, row: int, dof: int, in_parent: bool) -> None:
         joint = int(np.searchsorted(model.joint_qd_start.numpy(), dof, side="right")) - 1
@@ -194,6 +266,44 @@ class Actuators:
                 *(axes, int(links[site]), frames[site]),
                 *(int(links[other]), frames[other]),
             )
+
+
+def _rows_of_drives(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of actuators that are joint drives, and the degree of freedom of each."""
+    mujoco: Any = model.mujoco
+    is_drive = mujoco.ctrl_source.numpy() == _JOINT_TARGET
+    is_drive &= mujoco.actuator_trntype.numpy() == int(_TRANSMISSION.JOINT)
+    target = mujoco.actuator_trnid.numpy()[:, 0]
+    rows = np.flatnonzero(is_drive & (target >= 0) & (target < model.joint_dof_count))
+    return rows, target[rows]
+
+
+def _authors_more(model: newton.Model, rows: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+    """Which of some rows that are drives author more than gains, for a drive that there is."""
+    mujoco: Any = model.mujoco
+    modes, types = model.joint_target_mode.numpy()[dofs], mujoco.ctrl_type.numpy()[rows]
+    more = is_limited(mujoco, "ctrl")[rows] | is_limited(mujoco, "force")[rows]
+    for name in ("damping", "dampingpoly", "armature"):
+        values = getattr(mujoco, f"actuator_{name}").numpy()[rows]
+        more |= np.any(values.reshape(rows.size, -1) != 0.0, axis=1)
+    more |= has_damping_ratio(model, rows, dofs)
+    feeds = np.zeros(rows.size, dtype=bool)
+    for mode, kinds in _DRIVES.items():
+        for kind in kinds:
+            other = _POSITION if kind == rules.VELOCITY_TARGET else _VELOCITY
+            feeds |= (modes == mode) & (types != other)
+    return more & feeds
+
+
+def has_damping_ratio(model: newton.Model, rows: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+    """Which of some rows that are drives say how much their drives damp.
+
+    As for SolverMuJoCo, a ``biasprm[2]`` above zero is a ratio where ``joint_target_kd`` is zero.
+    """
+    is_ratio = model.mujoco.actuator_biasprm.numpy()[rows, 2] > 0.0
+    is_ratio &= model.joint_target_mode.numpy()[dofs] == int(newton.JointTargetMode.POSITION)
+    is_ratio &= model.mujoco.ctrl_type.numpy()[rows] != _VELOCITY
+    return is_ratio & (model.joint_target_kd.numpy()[dofs] == 0.0)
 
 
 def _unknown_law(model: newton.Model, row: int) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..attributes import authored_fluid, break_limits, dahl_friction
 from ..rows.joint import NO_LIMIT, PUSHED_AT_COM
-from .actuators import Actuators, compensated_links, compensating_axes, reflected_armature
+from .actuators import Actuators, compensated_links, compensating_axes
 from .condim import Condims
 from .limits import has_authored_limit
 from .tendons import Tendon
@@ -151,14 +151,14 @@ def _of_axes(model: newton.Model, actuators: Actuators) -> dict[str, np.ndarray]
     axes = _Axes.of_model(model)
     user_model = getattr(model, "user_model", model)
     compensated = list(compensating_axes(user_model))
-    driven = axes.driven()
-    actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated])
+    own = np.isin(axes.dofs, actuators.driven())
+    driven = axes.driven() & ~own
+    actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated]) | own
     ranged = np.isin(axes.dofs, actuators.limited_axes(user_model))
     shared = actuators.is_shared(user_model)[axes.dofs] | driven
     shared = ranged & (shared | np.isin(axes.dofs, compensated))
     limited = (driven | actuated) & axes.limited("joint_effort_limit", -1.0)
-    dof_count = user_model.joint_dof_count
-    reflected = reflected_armature(user_model, actuators.axes, dof_count)[axes.dofs] > 0.0
+    reflected = actuators.armature(user_model)[axes.dofs] > 0.0
     authored = has_authored_limit(user_model)[axes.dofs]
     return {
         "drives": axes.joints(driven),

@@ -9,7 +9,8 @@ import numpy as np
 import warp as wp
 
 from ..rows.joint import KINDS
-from .actuators import Actuators, reflected_armature
+from .actuators import Actuators
+from .lone_joints import lone_joints, lone_matrix, lone_rates, place_lone
 
 
 def reference_state(model: newton.Model) -> newton.State:
@@ -36,18 +37,25 @@ def _posed_state(
         joint_q[at] = coordinates[at]
     state.joint_q.assign(joint_q)
     newton.eval_fk(model, state.joint_q, model.joint_qd, state)
+    place_lone(model, state)
     return state
 
 
 def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included."""
+    """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included.
+
+    A joint of no articulation that holds a lone body to the world counts as one.
+    """
+    armature = Actuators.of_model(model).armature(model)
+    state, starts = reference_state(model), model.joint_qd_start.numpy()
+    for joint in lone_joints(model):
+        dofs = np.arange(starts[joint], starts[joint + 1])
+        yield dofs, lone_matrix(model, joint, state.body_q.numpy()) + np.diag(armature[dofs])
     if not model.articulation_count:
         return
-    axes = Actuators.of_model(model).axes
-    armature = reflected_armature(model, axes, model.joint_dof_count)
-    matrices = newton.eval_mass_matrix(model, reference_state(model)).numpy().astype(float)
+    matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
     ends = (model.articulation_start, model.articulation_end)
-    first, last = (model.joint_qd_start.numpy()[end.numpy()] for end in ends)
+    first, last = (starts[end.numpy()] for end in ends)
     for k in range(model.articulation_count):
         # joints that close loops stand between articulations
         dofs = np.arange(first[k], last[k])
@@ -55,11 +63,12 @@ def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.nda
 
 
 def reference_mobility(model: newton.Model) -> dict[int, tuple[float, float]]:
-    """How a unit force accelerates each degree of freedom of an articulation at q = 0.
+    """How a unit force accelerates degrees of freedom at q = 0.
 
     Returns:
         Diagonal entry of the mass matrix's inverse, armature included, and the norm of its column,
-        which is how the force accelerates all; by degree of freedom.
+        which is how the force accelerates all; by degree of freedom. Those of joints that close
+        loops are not among them.
     """
     found: dict[int, tuple[float, float]] = {}
     for dofs, matrix in reference_matrices(model):
@@ -83,7 +92,17 @@ def reference_moments(
         Derivatives, shape (lengths, joint_dof_count) [m/m, m/rad, ...].
     """
     state, found = reference_state(model), []
+    poses, starts = state.body_q.numpy(), model.joint_qd_start.numpy()
+    lone: dict[int, tuple[int, np.ndarray]] = {}
+    for joint in lone_joints(model):
+        for i, moved in enumerate(lone_rates(model, joint, poses)):
+            lone[int(starts[joint]) + i] = (model.joint_child.numpy()[joint], moved)
     for dof in range(model.joint_dof_count):
+        motion = np.zeros((model.body_count, 6), dtype=np.float32)
+        if dof in lone:
+            body, moved = lone[dof]
+            motion[body] = moved
+        state.body_qd.assign(motion)
         rates = np.zeros(model.joint_dof_count, dtype=np.float32)
         rates[dof] = 1.0
         newton.eval_fk(
@@ -105,6 +124,12 @@ def mobility_along(model: newton.Model, moments: np.ndarray) -> tuple[np.ndarray
         along += np.einsum("ij,ji->i", moments[:, dofs], moved)
         norms += np.sum(moved**2, axis=0)
     return along, np.sqrt(norms)
+
+
+def without_inertia(model: newton.Model) -> np.ndarray:
+    """Degrees of freedom that :func:`reference_matrices` says nothing of."""
+    known = [dofs for dofs, _ in reference_matrices(model)]
+    return np.setdiff1d(np.arange(model.joint_dof_count), np.concatenate([[], *known]))
 
 
 def rotation_matrix(rotation: np.ndarray) -> np.ndarray:

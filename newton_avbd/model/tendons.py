@@ -107,7 +107,30 @@ def tendons(model: newton.Model) -> list[Tendon]:
     return found
 
 
+def left_joints(model: newton.Model) -> list[tuple[int, int]]:
+    """Rows of fixed tendons that act, each with a joint of several axes that it goes without."""
+    fixed = [tendon.row for tendon in tendons(model) if tendon.is_fixed]
+    kinds = model.joint_type.numpy() if fixed else np.zeros(0)
+    return [
+        (row, joint)
+        for row in fixed
+        for joint, _ in _combined(model, row)
+        if kinds[joint] not in _ONE_AXIS
+    ]
+
+
 def _joints(model: newton.Model, row: int) -> list[Element]:
+    """Elements of a fixed tendon."""
+    kinds = model.joint_type.numpy()
+    return [
+        Element(int(rules.JOINT), joint, coefficient)
+        for joint, coefficient in _combined(model, row)
+        if kinds[joint] in _ONE_AXIS
+    ]
+
+
+def _combined(model: newton.Model, row: int) -> list[tuple[int, float]]:
+    """Joints that a fixed tendon combines, with their coefficients."""
     mujoco: Any = model.mujoco
     first, count = (int(getattr(mujoco, f"tendon_joint_{n}").numpy()[row]) for n in ("adr", "num"))
     if count <= 0:
@@ -119,12 +142,7 @@ def _joints(model: newton.Model, row: int) -> list[Element]:
             f"{tendon_name(model, row)} combines joints that do not exist: {joints}, of "
             f"{model.joint_count}. Correct mujoco:tendon_joint."
         )
-    kinds = model.joint_type.numpy()
-    return [
-        Element(int(rules.JOINT), joint, coefficient)
-        for joint, coefficient in zip(joints, coefficients, strict=True)
-        if kinds[joint] in _ONE_AXIS
-    ]
+    return list(zip(joints, coefficients, strict=True))
 
 
 def _path(model: newton.Model, row: int) -> list[Element]:

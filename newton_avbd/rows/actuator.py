@@ -15,7 +15,7 @@ and damping are never negative and the step stays stable, however large they are
 
 import warp as wp
 
-from ..data import ActuatorLaw, ActuatorModel, vec10
+from ..data import ActuatorLaw, ActuatorModel, JointModel, vec10
 from .motor import MOTOR, motor_law
 
 NO_DYNAMICS = wp.constant(0)
@@ -36,6 +36,14 @@ LIMITS_CONTROL = wp.constant(1)
 LIMITS_FORCE = wp.constant(2)
 LIMITS_ACTIVATION = wp.constant(4)
 """Bits of :attr:`.ActuatorModel.limits`."""
+BY_CONTROL = wp.constant(0)
+"""An actuator of a control of its own."""
+POSITION_TARGET = wp.constant(1)
+"""One that is a POSITION drive: ke (target_q - q) - kd v."""
+UNDAMPED_POSITION_TARGET = wp.constant(2)
+"""The first of a POSITION_VELOCITY drive: ke (target_q - q)."""
+VELOCITY_TARGET = wp.constant(3)
+"""The second of it, and a VELOCITY drive: kd (target_qd - v)."""
 AT_SITE = wp.constant(0)
 """Gear in the axes of a site, at the site."""
 AGAINST_SITE = wp.constant(1)
@@ -110,6 +118,12 @@ def control_of(actuators: wp.ref[ActuatorModel], row: int, ctrl: wp.array[float]
         )
     if is_sound == actuators.is_reported[row]:
         actuators.is_reported[row] = not is_sound
+    return within_range(actuators, row, control)
+
+
+@wp.func
+def within_range(actuators: wp.ref[ActuatorModel], row: int, control: float) -> float:
+    """A control, or the target of a drive, within the range of its actuator."""
     if (actuators.limits[row] & LIMITS_CONTROL) != 0:
         most = actuators.ctrlrange[row]
         # of numbers that are not finite clamping would make some that are
@@ -285,6 +299,49 @@ def law_in_step(
         most = actuators.forcerange[row]
         law.least = most[0]
         law.most = most[1]
+    return law
+
+
+@wp.func
+def drive_law(
+    actuators: wp.ref[ActuatorModel],
+    joints: wp.ref[JointModel],
+    row: int,
+    dof: int,
+    kind: int,
+    target: float,
+) -> ActuatorLaw:
+    """What an actuator that is a joint drive pushes its axis with, by the gains of the drive.
+
+    Args:
+        actuators: The actuators.
+        joints: The joints.
+        row: Row of what it authors, -1 for nothing.
+        dof: Its degree of freedom.
+        kind: What it takes from the drive.
+        target: Its target [m or rad, or m/s or rad/s], counted as the control of an actuator is.
+    """
+    law = ActuatorLaw()
+    law.least = -wp.inf
+    law.most = wp.inf
+    damping = joints.target_kd[dof]
+    if row >= 0:
+        target = within_range(actuators, row, target)
+        if (actuators.limits[row] & LIMITS_FORCE) != 0:
+            most = actuators.forcerange[row]
+            law.least = most[0]
+            law.most = most[1]
+        if damping == 0.0:
+            # by a damping ratio
+            damping = -actuators.velocity_bias[row]
+    if kind == VELOCITY_TARGET:
+        law.force = damping * target
+        law.damping = damping
+    else:
+        law.stiffness = joints.target_ke[dof]
+        law.force = law.stiffness * target
+        if kind == POSITION_TARGET:
+            law.damping = damping
     return law
 
 

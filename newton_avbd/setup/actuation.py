@@ -11,8 +11,18 @@ import warp as wp
 
 from .. import data
 from ..drivers.launch import Launcher
-from ..model.actuators import Actuators, compensating_axes, is_limited, reflected_armature
-from ..model.inertia import mobility_along, reference_mobility, reference_moments
+from ..model.actuators import (
+    Actuators,
+    compensating_axes,
+    has_damping_ratio,
+    is_limited,
+)
+from ..model.inertia import (
+    mobility_along,
+    reference_mobility,
+    reference_moments,
+    without_inertia,
+)
 from ..model.topology import Topology
 from ..rows import actuator as rules
 from ..rows.motor import MOTOR
@@ -57,18 +67,23 @@ class Actuation:
             before: What there was before the model changed, whose activations go on.
 
         Raises:
-            ValueError: If a muscle has no length range.
+            ValueError: If a muscle has no length range, or a damping ratio or the peak force of a
+                muscle goes by an inertia that is not known.
         """
         self._model, self._joints = model, joints
         self._has_limits = "effort_limits" in wanted
         found = Actuators.of_model(model)
         axes = found.axes if "actuators" in wanted else {}
+        drives = found.drives if "actuators" in wanted else []
+        items = [(dof, row, int(rules.BY_CONTROL)) for row, dof in axes.items()]
+        items += [(drive.dof, drive.row, drive.kind) for drive in drives]
         bodies = found.bodies if "body_actuators" in wanted else {}
         cords = topology.tendons
         pulling = found.tendons if cords else {}
         adhesive = found.adhesive if "adhesion" in wanted else {}
-        self.rows = sorted({*axes, *bodies, *pulling, *adhesive})
-        self.control_count = len(found.labels)
+        has_control = {*axes, *bodies, *pulling, *adhesive}
+        self.rows = sorted(has_control | {drive.row for drive in drives if drive.row >= 0})
+        self.control_count = len(found.labels) if has_control else 0
         with wp.ScopedDevice(model.device):
             self.law = data.ActuatorModel()
             self.tendons = data.TendonModel()
@@ -86,8 +101,8 @@ class Actuation:
                         self.law.motor = before.law.motor
             carried = compensating_axes(model) if ACTUATED <= wanted else {}
             self.compensates = frozenset(carried if self._has_limits else ())
-            self._make_axes(axes, carried)
-            count = self._rows.size if "force_ranges" in wanted else 0
+            self._make_axes(found.armature(model) if axes or drives else None, items, carried)
+            count = self.axes.rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
             servos = found.servos(model) if "servos" in wanted else {}
             self._make_bodies(bodies, servos, solved)
@@ -114,6 +129,7 @@ class Actuation:
         launch: Launcher,
         state: Any,
         ctrl: wp.array | None,
+        control: data.ControlInput,
         contacts: Any,
         dt: float,
     ) -> wp.array:
@@ -123,6 +139,7 @@ class Actuation:
             launch: Launches kernels.
             state: State at the start of the step.
             ctrl: Controls of actuators; None without any.
+            control: Has the targets of drives, and gets what pushes axes.
             contacts: The contacts that adhesion sees, a :class:`.data.ContactInput`; None for none.
             dt: Time step [s].
         """
@@ -137,19 +154,18 @@ class Actuation:
                 kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons, self.beside_tendons]
             )
         if self._carried is not None:
-            found = [self._dofs, *self._carried, self._compensated]
+            found = [self.axes.dof, *self._carried, self._compensated]
             compensate_axes(launch, model, state, self._joint_q, found)
-        if self._dofs.size:
+        if self.axes.dof.size:
             launch(
                 kernels.push_axes,
-                self._dofs.size,
+                self.axes.dof.size,
                 [
                     self.law,
                     self._joints,
                     model.mujoco.dof_ref,
-                    *(self._dofs, self._start, self._rows, self._coordinate),
-                    *(self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
-                    *(self._compensated, self.ranged, self.pushes, self.beside),
+                    *(self.axes, self._joint_q, self._joint_qd, ctrl, self._has_limits, dt),
+                    *(self._compensated, control, self.beside),
                 ],
             )
         if self.bodies.row is not None:
@@ -215,7 +231,7 @@ class Actuation:
             *((same, same) for same in _SAME),
         ):
             setattr(law, name, getattr(mujoco, f"actuator_{attribute}"))
-        limits = np.zeros(self.control_count, dtype=int)
+        limits = np.zeros(len(found.labels), dtype=int)
         for name, bit in (
             ("ctrl", rules.LIMITS_CONTROL),
             ("force", rules.LIMITS_FORCE),
@@ -233,35 +249,48 @@ class Actuation:
 
     def _make_axes(
         self,
-        axes: dict[int, int],
+        armature: np.ndarray | None,
+        items: list[tuple[int, int, int]],
         carried: dict[int, list[int]],
     ) -> None:
-        """Lists actuators by degree of freedom."""
+        """Lists actuators by degree of freedom.
+
+        Args:
+            armature: What they add to that of degrees of freedom; None for nothing.
+            items: Degree of freedom, row and kind of each.
+            carried: Links whose weight actuators compensate, by degree of freedom.
+        """
         model = self._model
-        dofs = np.unique(np.array([*axes.values(), *carried], dtype=int))
-        rows = [[row for row, dof in axes.items() if dof == known] for known in dofs]
+        dofs = np.unique(np.array([*(dof for dof, *_ in items), *carried], dtype=int))
+        place = {dof: i for i, dof in enumerate(dofs.tolist())}
+        rows: list[list[int]] = [[] for _ in place]
+        kinds: list[list[int]] = [[] for _ in place]
+        for dof, row, kind in items:
+            rows[place[dof]].append(row)
+            kinds[place[dof]].append(kind)
         # Axes without actuators keep the effort limit of their own drives.
         push = data.AxisPush()
         push.least, push.most = -np.inf, np.inf
         count = model.joint_dof_count if dofs.size else 0
         self.pushes = wp.full(count, push, dtype=data.AxisPush)
         self.beside = wp.zeros(count, dtype=wp.vec2)
-        self._dofs, self._coordinate = indices(dofs), indices(coordinates_of(model, dofs))
-        self._start, self._rows = lists(rows)
-        armature = reflected_armature(model, axes, model.joint_dof_count)
+        self.axes = data.AxisActuation()
+        self.axes.dof, self.axes.coordinate = indices(dofs), indices(coordinates_of(model, dofs))
+        self.axes.start, self.axes.rows = lists(rows)
+        self.axes.kind = lists(kinds)[1]
         self._armature = None
-        if np.any(armature):
+        if armature is not None and np.any(armature):
             self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)
         self._carried, self._compensated = None, wp.empty(0, dtype=float)
         if carried:
             joint = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
             links = lists([carried.get(dof, []) for dof in dofs.tolist()])
-            self._carried = (indices(joint), self._coordinate, *links)
+            self._carried = (indices(joint), self.axes.coordinate, *links)
             self._compensated = wp.zeros(dofs.size, dtype=float)
         self._measures_tendons = self.tendons.row is not None and self._cords.is_measured
         combines = self._measures_tendons and np.any(self.tendons.kind.numpy() == int(JOINT))
         self._is_measured = (
-            bool(combines) or bool(carried) or (bool(axes) and self._needs_motion(axes, rows))
+            bool(combines) or bool(carried) or (bool(items) and self._needs_motion(items, rows))
         )
         measures = int(self._is_measured)
         self._joint_q = wp.zeros(measures * model.joint_coord_count, dtype=float)
@@ -312,10 +341,10 @@ class Actuation:
         servos.links = wp.array([link[i] for items in of for i in items], dtype=wp.int32)
         servos.pushes = self.bodies.pushes
 
-    def _needs_motion(self, axes: dict[int, int], rows: list[list[int]]) -> bool:
+    def _needs_motion(self, items: list[tuple[int, int, int]], rows: list[list[int]]) -> bool:
         """Whether a force takes length and velocity at the start of the step."""
         mujoco: Any = self._model.mujoco
-        used = list(axes)
+        used = [row for _, row, kind in items if kind == rules.BY_CONTROL]
         gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy()[used] for n in ("gain", "bias"))
         curved = [getattr(mujoco, f"actuator_{n}type").numpy()[used] > 0 for n in ("gain", "bias")]
         needs = np.any(gain[:, 1:3] != 0.0, axis=1) & curved[0]
@@ -324,12 +353,16 @@ class Actuation:
             mujoco.actuator_gaintype.numpy()[used], (int(rules.MUSCLE_GAIN), int(MOTOR))
         )
         needs |= mujoco.actuator_biastype.numpy()[used] == int(rules.MUSCLE_BIAS)
-        needs |= np.any(mujoco.actuator_dampingpoly.numpy()[used] != 0.0, axis=1)
+        authored = [row for _, row, _ in items if row >= 0]
+        curls = np.any(mujoco.actuator_dampingpoly.numpy()[authored] != 0.0)
         limited = (self.law.limits.numpy() & int(rules.LIMITS_FORCE)) > 0
-        several = [of_dof for of_dof in rows if len(of_dof) > 1 and np.any(limited[of_dof])]
+        several = any(
+            len(of_dof) > 1 and any(row >= 0 and limited[row] for row in of_dof) for of_dof in rows
+        )
         driven = self._model.joint_target_mode.numpy() > 0
-        shared = any(limited[row] and driven[dof] for row, dof in axes.items())
-        return bool(np.any(needs)) or bool(several) or shared
+        driven[[dof for dof, _, kind in items if kind != rules.BY_CONTROL]] = False
+        shared = any(row >= 0 and limited[row] and driven[dof] for dof, row, _ in items)
+        return bool(np.any(needs)) or bool(curls) or several or shared
 
     def _length_ranges(self, found: Actuators) -> np.ndarray:
         """Length range of each actuator; of a muscle without one that of its joint's limits.
@@ -370,36 +403,57 @@ class Actuation:
         Args:
             found: What actuators push.
             pushing: Rows of those that push bodies.
+
+        Raises:
+            ValueError: If an actuator pushes what has no inertia of its own in that pose.
         """
         mujoco: Any = self._model.mujoco
         gain, bias = (getattr(mujoco, f"actuator_{n}prm").numpy() for n in ("gain", "bias"))
         velocity_bias, acc0 = bias[:, 2].copy(), np.zeros(len(bias))
+        stiffness, axes = gain[:, 0].copy(), dict(found.axes)
         is_servo = (bias[:, 2] > 0.0) & (gain[:, 0] == -bias[:, 1])
+        gear = np.abs(mujoco.actuator_gear.numpy()[:, 0].astype(float))
+        drives = [drive for drive in found.drives if drive.row >= 0]
+        if drives:
+            rows, dofs = np.array([(drive.row, drive.dof) for drive in drives]).T
+            velocity_bias[rows] = 0.0
+            is_servo[rows] = has_damping_ratio(self._model, rows, dofs)
+            stiffness[rows] = self._model.joint_target_ke.numpy()[dofs]
+            gear[rows] = 1.0
+            axes |= dict(zip(rows.tolist(), dofs.tolist(), strict=True))
         muscle = (gain[:, 2] < 0.0) & (mujoco.actuator_gaintype.numpy() == int(rules.MUSCLE_GAIN))
         needed = is_servo | muscle
-        gear = np.abs(mujoco.actuator_gear.numpy()[:, 0].astype(float))
         # how a unit force moves the transmission, and how it accelerates all, by row
         moved: dict[int, tuple[float, float]] = {}
-        if np.any(needed[list(found.axes)]):
+        if np.any(needed[list(axes)]):
             known = reference_mobility(self._model)
-            for row, dof in found.axes.items():
+            for row, dof in axes.items():
+                if needed[row] and dof not in known:
+                    raise _no_inertia(found, row)
                 along, norm = known.get(dof, (0.0, 0.0))
                 moved[row] = (gear[row] ** 2 * along, gear[row] * norm)
         if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
             number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
-            mobility, norms = mobility_along(self._model, self._cords.moments())
+            moments = self._cords.moments()
+            mobility, norms = mobility_along(self._model, moments)
+            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
             for row, cord in found.tendons.items():
                 i = number[cord]
+                if needed[row] and lost[i]:
+                    raise _no_inertia(found, row)
                 moved[row] = (gear[row] ** 2 * mobility[i], gear[row] * norms[i])
         if np.any(needed[pushing]):
             moments = reference_moments(self._model, self._push_rates)
             mobility, norms = mobility_along(self._model, moments)
+            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
             for i, row in enumerate(pushing):
+                if needed[row] and lost[i]:
+                    raise _no_inertia(found, row)
                 moved[row] = (mobility[i], norms[i])
         for row, (along, norm) in moved.items():
             if is_servo[row]:
                 mass = 1.0 / along if along > 0.0 else 0.0
-                velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(gain[row, 0] * mass)
+                velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(stiffness[row] * mass)
             acc0[row] = norm
         self.law.velocity_bias = wp.array(velocity_bias, dtype=float)
         self.law.acc0 = wp.array(acc0, dtype=float)
@@ -411,6 +465,17 @@ class Actuation:
         given = [self.law, *motion, none, 0.0, self.bodies]
         wp.launch(pushes.find_pushes, dim=self.bodies.row.size, inputs=given)
         return self.bodies.pushes.numpy()["velocity"].copy()
+
+
+def _no_inertia(found: Actuators, row: int) -> ValueError:
+    """What to say of an actuator whose strength goes by an inertia that is not known."""
+    return ValueError(
+        f"MuJoCo actuator {row} ('{found.labels[row]}') has a damping ratio, or is a muscle whose "
+        "peak force is to be found. Both go by the inertia of what it pushes, which a joint of no "
+        "articulation lacks. Put the joint into one with builder.add_articulation(), or write the "
+        "damping (actuator_biasprm[2] below zero, joint_target_kd) or the force "
+        "(actuator_gainprm[2])."
+    )
 
 
 def compensate_axes(

@@ -27,6 +27,7 @@ class ActuatorForce:
         model: The user's model.
         actuation: What MuJoCo's actuators act by; None without any.
         effects: The scene's effects.
+        target_mode: Modes of the drives that are no actuators.
         turns: Angles with their turns, as :attr:`.data.History.joint_angle`; None without angles.
     """
 
@@ -35,10 +36,12 @@ class ActuatorForce:
         model: newton.Model,
         actuation: Actuation | None,
         effects: Effects,
+        target_mode: wp.array,
         turns: wp.array | None,
     ) -> None:
         self._model, self._actuation = model, actuation
         self._joints = views.joint_model(model)
+        self._joints.target_mode = target_mode
         self._has_drives, self._has_limits = effects.drives, effects.effort_limits
         self._all_joints = views.AllJoints(model)
         with wp.ScopedDevice(model.device):

@@ -7,13 +7,23 @@ import warp as wp
 from ..data import (
     ActuatorLaw,
     ActuatorModel,
+    AxisActuation,
     AxisPush,
     BodyActuation,
+    ControlInput,
     JointModel,
     MotorState,
     TendonModel,
 )
-from ..rows.actuator import LIMITS_FORCE, at_limit, law_in_step, own_damping
+from ..rows.actuator import (
+    BY_CONTROL,
+    LIMITS_FORCE,
+    VELOCITY_TARGET,
+    at_limit,
+    drive_law,
+    law_in_step,
+    own_damping,
+)
 from ..rows.axis import POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
 from ..rows.joint import NO_LIMIT
 from ..rows.path import JOINT, PULLEY, double, find_path
@@ -256,6 +266,37 @@ def compensate_axes(
 
 
 @wp.func
+def has_force_range(actuators: wp.ref[ActuatorModel], row: int) -> bool:
+    """Whether the force of an actuator has a range; without a row it has none."""
+    if row < 0:
+        return False
+    return (actuators.limits[row] & LIMITS_FORCE) != 0
+
+
+@wp.func
+def drive_in_step(
+    item: int,
+    dof: int,
+    coordinate: int,
+    # Model:
+    actuators: wp.ref[ActuatorModel],
+    joints: wp.ref[JointModel],
+    ref: float,
+    # In:
+    work: wp.ref[AxisActuation],
+    control: wp.ref[ControlInput],
+) -> ActuatorLaw:
+    """What an actuator that is a drive pushes its axis with in the step."""
+    kind = work.kind[item]
+    target = ref
+    if kind == VELOCITY_TARGET:
+        target = control.target_qd[dof]
+    else:
+        target += control.target_q[coordinate]
+    return drive_law(actuators, joints, work.rows[item], dof, kind, target)
+
+
+@wp.func
 def push_axis(
     i: int,
     # Model:
@@ -263,10 +304,7 @@ def push_axis(
     joints: wp.ref[JointModel],
     ref: wp.array[float],
     # In:
-    dofs: wp.array[wp.int32],
-    start: wp.array[wp.int32],
-    rows: wp.array[wp.int32],
-    coordinate: wp.array[wp.int32],
+    work: wp.ref[AxisActuation],
     joint_q: wp.array[float],
     joint_qd: wp.array[float],
     ctrl: wp.array[float],
@@ -274,8 +312,7 @@ def push_axis(
     h: float,
     compensation: wp.array[float],
     # Out:
-    ranged: wp.array[ActuatorLaw],
-    pushes: wp.array[AxisPush],
+    control: wp.ref[ControlInput],
     beside: wp.array[wp.vec2],
 ):
     """Sums what actuators push a degree of freedom with.
@@ -290,19 +327,21 @@ def push_axis(
     ``beside`` gets what no actuator's force is of the part that nothing limits: the damping of
     actuators, and what is taken from the links.
     """
-    dof = dofs[i]
+    dof = work.dof[i]
+    first = work.start[i]
+    end = work.start[i + 1]
     q = 0.0
     qd = 0.0
     if joint_q.shape[0] > 0:
-        q = joint_q[coordinate[i]]
+        q = joint_q[work.coordinate[i]]
         qd = joint_qd[dof]
     at = ref[dof]
     has_effort = has_limits and joints.effort_limit[dof] < NO_LIMIT
     limited = int(0)
-    for k in range(start[i], start[i + 1]):
-        if has_limits and (actuators.limits[rows[k]] & LIMITS_FORCE) != 0:
+    for k in range(first, end):
+        if has_limits and has_force_range(actuators, work.rows[k]):
             limited += 1
-    shares = limited == 1 and start[i + 1] == start[i] + 1
+    shares = limited == 1 and end == first + 1
     shares = (shares or (limited == 1 and not has_effort)) and not is_driven(joints, dof)
     if compensation.shape[0] > 0 and has_effort:
         # the range of an actuator does not bound the compensation
@@ -311,30 +350,36 @@ def push_axis(
     push.least = -wp.inf
     push.most = wp.inf
     apart = wp.vec2(0.0)
-    for k in range(start[i], start[i + 1]):
-        row = rows[k]
-        gear = actuators.gear[row][0]
+    for k in range(first, end):
+        row = work.rows[k]
+        law = ActuatorLaw()
+        gear = 1.0
+        if work.kind[k] == BY_CONTROL:
+            gear = actuators.gear[row][0]
         length = gear * (q + at)
         velocity = gear * qd
-        law = law_in_step(actuators, row, ctrl, length, velocity, h)
-        is_limited = has_limits and (actuators.limits[row] & LIMITS_FORCE) != 0
-        if is_limited and not shares and ranged.shape[0] == 0:
+        if work.kind[k] == BY_CONTROL:
+            law = law_in_step(actuators, row, ctrl, length, velocity, h)
+        else:
+            law = drive_in_step(k, dof, work.coordinate[i], actuators, joints, at, work, control)
+        is_limited = has_limits and has_force_range(actuators, row)
+        if is_limited and not shares and control.ranged.shape[0] == 0:
             law = at_limit(law, length, velocity)
         stiffness = gear * gear * law.stiffness
         damping = gear * gear * law.damping
         force = gear * law.force - stiffness * at
-        if ranged.shape[0] > 0:
-            ranged[k] = ActuatorLaw()
-        if is_limited and not shares and ranged.shape[0] > 0:
+        if control.ranged.shape[0] > 0:
+            control.ranged[k] = ActuatorLaw()
+        if is_limited and not shares and control.ranged.shape[0] > 0:
             one = ActuatorLaw()
             one.force = force
             one.stiffness = stiffness
             one.damping = damping
             one.least = wp.min(gear * law.least, gear * law.most)
             one.most = wp.max(gear * law.least, gear * law.most)
-            ranged[k] = one
-            push.first = start[i]
-            push.count = start[i + 1] - start[i]
+            control.ranged[k] = one
+            push.first = first
+            push.count = end - first
         elif has_effort or (is_limited and shares):
             push.drive += force
             push.drive_stiffness += stiffness
@@ -346,7 +391,9 @@ def push_axis(
             push.force += force
             push.stiffness += stiffness
             push.damping += damping
-        own = gear * gear * own_damping(actuators, row, qd)
+        own = 0.0
+        if row >= 0:
+            own = gear * gear * own_damping(actuators, row, qd)
         push.force += gear * law.own_force
         push.damping += own + gear * gear * law.own_damping
         apart += wp.vec2(0.0, own)
@@ -354,7 +401,7 @@ def push_axis(
         push.force -= compensation[i]
         push.drive += compensation[i]
         apart -= wp.vec2(compensation[i], 0.0)
-    pushes[dof] = push
+    control.pushes[dof] = push
     beside[dof] = apart
 
 
@@ -365,10 +412,7 @@ def push_axes(
     joints: wp.array[JointModel],
     ref: wp.array[float],
     # In:
-    dofs: wp.array[wp.int32],
-    start: wp.array[wp.int32],
-    rows: wp.array[wp.int32],
-    coordinate: wp.array[wp.int32],
+    work: wp.array[AxisActuation],
     joint_q: wp.array[float],
     joint_qd: wp.array[float],
     ctrl: wp.array[float],
@@ -376,8 +420,7 @@ def push_axes(
     h: float,
     compensation: wp.array[float],
     # Out:
-    ranged: wp.array[ActuatorLaw],
-    pushes: wp.array[AxisPush],
+    control: wp.array[ControlInput],
     beside: wp.array[wp.vec2],
 ):
     """Pushes the degrees of freedom that actuators act on; one thread for each of them.
@@ -389,18 +432,14 @@ def push_axes(
         actuators[0],
         joints[0],
         ref,
-        dofs,
-        start,
-        rows,
-        coordinate,
+        work[0],
         joint_q,
         joint_qd,
         ctrl,
         has_limits,
         h,
         compensation,
-        ranged,
-        pushes,
+        control[0],
         beside,
     )
 

@@ -257,6 +257,7 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "actuator_gaintype": ("acts; SO3, PID and user are left out with a warning", "tests"),
     "actuator_biastype": ("acts; SO3, PID and user are left out with a warning", "tests"),
     "actuator_dyntype": ("acts; PID and user are left out with a warning", "tests"),
+    "actuator_gear": ("acts; 1 where the actuator is a joint drive", "tests"),
     "actuator_*": ("acts", "tests"),
     "tendon_type": ("acts: fixed and spatial ones", "tests"),
     "tendon_joint*": ("act", "tests"),
