@@ -17,6 +17,8 @@ import warp as wp
 
 from newton_avbd.rows.actuator import MUSCLE_BIAS, MUSCLE_GAIN
 
+from .masses import check_mjcf_masses
+
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that Newton's importer leaves out without a word."""
 
@@ -29,11 +31,15 @@ def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[
 
     Returns:
         What the user should know of it, a sentence each.
+
+    Raises:
+        ValueError: A mass or a moment of inertia is negative or not finite.
     """
     known = len(_values(builder, "label"))
     alone = ElementTree.parse(path).getroot()
     unread = _unread_actuators(path, alone)
     root, absent = read_mjcf(path)
+    check_mjcf_masses(root)
     source = root if absent else alone
     if _drop_pgs(source) or absent:
         text = ElementTree.tostring(source, encoding="unicode")
