@@ -333,3 +333,10 @@ def test_mass_that_a_massless_link_gets_counts_and_one_that_it_loses_does_not() 
         sim.step(5)
         force = wrench.body_parent_f.numpy()[middle, 2]
         assert force == pytest.approx(expected * 9.81, rel=1e-4)
+    model.body_mass.assign([0.0, 6.0])
+    model.body_inv_mass.assign([0.0, 1.0 / 6.0])
+    assert sim.solver.unnoticed_changes() == []
+    sim.step(5)  # the mass of the bob acts without a call
+    assert wrench.body_parent_f.numpy()[middle, 2] == pytest.approx(6.0 * 9.81, rel=1e-4)
+    model.body_mass.assign([3.0, 6.0])
+    assert sim.solver.unnoticed_changes() == ["topology"]
