@@ -316,6 +316,16 @@ class LinkModel:
     inertia: wp.array[wp.mat33]
     inv_mass: wp.array[float]
     inv_inertia: wp.array[wp.mat33]
+    flags: wp.array[wp.int32]
+    known_com: wp.array[wp.vec3]
+    """What bodies of several links were weighed by."""
+    known_mass: wp.array[float]
+    known_inertia: wp.array[wp.mat33]
+    token_mass: wp.array[float]
+    """By body: mass [kg] and moment of inertia [kg m^2] of one that has none, 0 without."""
+    token_moment: wp.array[float]
+    is_free: wp.array[wp.bool]
+    """By body: whether it may move."""
     leader: wp.array[wp.int32]
     """By body: the link whose frame is the body's."""
     member_start: wp.array[wp.int32]
@@ -336,6 +346,14 @@ class LinkModel:
     """The model's array of joints."""
     enabled: wp.array[wp.bool]
     """By joint that the solver knows."""
+    joint_parent: wp.array[wp.int32]
+    """The model's arrays of joints; empty without welds."""
+    joint_child: wp.array[wp.int32]
+    parent_frame_in: wp.array[wp.transform]
+    child_frame_in: wp.array[wp.transform]
+    parent_frame: wp.array[wp.transform]
+    """By joint that the solver knows: anchor frames on bodies."""
+    child_frame: wp.array[wp.transform]
     body_q: wp.array[wp.transform]
     """State of the bodies at the start of the step, and the external wrenches on them."""
     body_qd: wp.array[wp.spatial_vector]

@@ -150,8 +150,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         :meth:`register_custom_attributes`), and otherwise as said here.
 
         Args:
-            model: The model. Its arrays are read live in every step; after changing which bodies
-                move, masses, or materials call :meth:`notify_model_changed`.
+            model: The model. Its arrays are read live in every step; after a change that calls for
+                something new, as other bodies that move, call :meth:`notify_model_changed`.
             iterations: Most sweeps over the bodies in each step, 10 by default, with ``accuracy``
                 40: more for taller stacks and larger mass ratios. The first three steps after a
                 reset, and those in which impacts do not settle, take up to four times as many; the
@@ -353,6 +353,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
+        if isinstance(self._solved, SolvedModel) and not flags.welds:
+            self._solved.weigh(self._launch)  # with welds, what gathers the bodies does that
         needs_solve = flags.joints or flags.sleeping or flags.drag or flags.adaptive
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
@@ -938,6 +940,10 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         """
         if self._has_other_bodies():
             return ["topology"]
+        if isinstance(self._solved, SolvedModel):
+            if self._solved.has_other_masses():
+                return ["topology"]
+            self._solved.weigh(self._launch)
         _, topology, flags, _ = self._look_at_model()
         return [
             *self._flags.missing(flags),

@@ -203,6 +203,31 @@ def test_usd_asset_without_ground_comes_to_rest_on_one(tmp_path):
     _check_rest(tmp_path / "cube.usda", USD, "avbd")
 
 
+@pytest.mark.parametrize(
+    ("attribute", "message"),
+    [
+        ('mass="-2"', "<geom mass='-2'> of body 'cube' is negative"),
+        ('density="nan"', "<geom density='nan'> of body 'cube' is not finite"),
+    ],
+)
+def test_a_mass_of_an_mjcf_file_that_makes_no_sense_is_named(tmp_path, attribute, message):
+    """Newton's importer makes zero of it, and the body would stay in mid-air."""
+    path = tmp_path / "cube.xml"
+    text = MJCF.format(height=0.15).replace('density="1000"', attribute)
+    path.write_text(text.replace("<body", '<body name="cube"'))
+    with pytest.raises(UserError, match=message):
+        open_scene(str(path), Request("avbd"))
+
+
+def test_a_mass_of_a_usd_file_that_makes_no_sense_is_named(tmp_path):
+    pytest.importorskip("pxr")
+    path = tmp_path / "cube.usda"
+    text = USD.replace('["PhysicsRigidBodyAPI"', '["PhysicsMassAPI", "PhysicsRigidBodyAPI"')
+    path.write_text(text.replace("{\n", "{\n    float physics:mass = -3\n", 1))
+    with pytest.raises(UserError, match=r"physics:mass = -3.0 of prim /cube is negative"):
+        open_scene(str(path), Request("avbd"))
+
+
 def _check_rest(path: Path, text: str, solver: str) -> None:
     path.write_text(text)
     simulation = open_scene(str(path), Request(solver))

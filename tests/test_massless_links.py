@@ -120,11 +120,160 @@ def test_an_articulation_without_mass_is_refused() -> None:
     builder = newton.ModelBuilder()
     links = [builder.add_link(label="upper"), builder.add_link(label="lower")]
     y = (0.0, 1.0, 0.0)
-    joints = [builder.add_joint_revolute(-1, links[0], axis=y)]
-    joints.append(builder.add_joint_revolute(links[0], links[1], axis=y))
+    joints = [builder.add_joint_revolute(-1, links[0], axis=y, label="a")]
+    joints.append(builder.add_joint_revolute(links[0], links[1], axis=y, label="b"))
     builder.add_articulation(joints)
-    with pytest.raises(ValueError, match=r"'upper' has no mass at all \('upper', 'lower'\)"):
+    named = r"body 0 'upper' has no mass at all \(bodies 'upper', 'lower'; joints 'a', 'b'\)"
+    with pytest.raises(ValueError, match=named):
         Simulation(builder, collide=False)
+
+
+def test_a_floating_root_welded_to_links_without_mass_is_refused() -> None:
+    """Body and joints have the model's numbers and names, also behind other bodies and welds."""
+    builder = newton.ModelBuilder()
+    bob = add_bob(builder)
+    builder.add_articulation([builder.add_joint_free(bob)])
+    base, mast = builder.add_link(label="base"), builder.add_link(label="mast")
+    joints = [builder.add_joint_free(base, label="floats")]
+    joints.append(builder.add_joint_fixed(base, mast, label="weld"))
+    builder.add_articulation(joints)
+    named = r"body 1 'base' has no mass at all \(bodies 'base', 'mast'; joints 'floats', 'weld'\)"
+    with pytest.raises(ValueError, match=named):
+        Simulation(builder, collide=False)
+
+
+def bolted(armature: float) -> Simulation:
+    """A base bolted to the world that carries an arm, and a laser without mass on a hinge."""
+    builder = newton.ModelBuilder()
+    inertia = wp.mat33(0.05, 0.0, 0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.02)
+    base = builder.add_link(mass=2.0, inertia=inertia, label="base")
+    arm, laser = add_bob(builder), builder.add_link(label="laser")
+    builder.add_articulation(
+        [
+            builder.add_joint_fixed(-1, base),
+            builder.add_joint_revolute(base, arm, axis=(0.0, 1.0, 0.0)),
+            builder.add_joint_revolute(
+                base, laser, axis=(0.0, 0.0, 1.0), armature=armature, label="spin"
+            ),
+        ]
+    )
+    return Simulation(builder, collide=False)
+
+
+def test_a_massless_leaf_on_a_base_that_is_bolted_to_the_world_turns_by_its_armature() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sim = bolted(0.01)
+    sim.control.joint_f.assign([0.0, 0.5])
+    sim.step(12)
+    # w = tau t / I
+    assert sim.velocity[2, 5] == pytest.approx(0.5 * 12 * DT / 0.01, rel=1e-3)
+    with pytest.warns(UserWarning, match=r"Nothing resists .* 'spin' \(body 'laser'\)"):
+        bolted(0.0)
+
+
+def test_a_massless_cart_with_armature_moves_as_a_cart_of_that_mass() -> None:
+    builder = newton.ModelBuilder()
+    cart = builder.add_link()
+    slide = builder.add_joint_prismatic(-1, cart, axis=(1.0, 0.0, 0.0), armature=1.5)
+    builder.add_articulation([slide])
+    sim = Simulation(builder, collide=False)
+    sim.control.joint_f.assign([3.0])
+    sim.step(24)
+    assert sim.velocity[cart, 0] == pytest.approx(3.0 * 24 * DT / 1.5, rel=1e-4)
+
+
+def test_a_massless_follower_on_the_world_turns_with_its_leader() -> None:
+    builder = newton.ModelBuilder()
+    bob, dummy, y = add_bob(builder), builder.add_link(), (0.0, 1.0, 0.0)
+    joints = [builder.add_joint_revolute(-1, link, axis=y) for link in (bob, dummy)]
+    builder.add_articulation(joints)
+    builder.set_joint_mimic(joints[1], joints[0], coeffs=(0.0, 2.0))
+    builder.joint_q[:2] = [0.4, 0.8]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sim = Simulation(builder, collide=False)
+    newton.eval_fk(sim.model, sim.model.joint_q, sim.model.joint_qd, sim.state)
+    energy = sim.energy
+    sim.step(48)
+    assert sim.velocity[bob, 4] < -0.5
+    assert sim.velocity[dummy, 4] == pytest.approx(2.0 * sim.velocity[bob, 4], rel=1e-4)
+    assert sim.energy == pytest.approx(energy, abs=1e-3)
+
+
+def slider_crank(mass: float) -> Simulation:
+    """A crank on the world, closed by a loop to a rod that hangs on a slider."""
+    builder = newton.ModelBuilder()
+    y, radius, length, angle = (0.0, 1.0, 0.0), 0.2, 0.5, 0.5
+    crank = builder.add_link(mass=mass, inertia=wp.mat33(*(mass * 0.01 * np.eye(3)).ravel()))
+    builder.add_articulation([builder.add_joint_revolute(-1, crank, axis=y)])
+    slider = builder.add_link(mass=1.0, inertia=wp.mat33(*(0.01 * np.eye(3)).ravel()))
+    rod = builder.add_link(
+        mass=0.2, inertia=wp.mat33(*(0.002 * np.eye(3)).ravel()), com=wp.vec3(-0.25, 0.0, 0.0)
+    )
+    slide = builder.add_joint_prismatic(-1, slider, axis=(1.0, 0.0, 0.0))
+    builder.add_articulation([slide, builder.add_joint_revolute(slider, rod, axis=y)])
+    pin = {
+        "parent_xform": transform((0.0, 0.0, radius)),
+        "child_xform": transform((-length, 0.0, 0.0)),
+    }
+    builder.add_joint_revolute(crank, rod, axis=y, **pin)
+    x, z = radius * np.sin(angle), radius * np.cos(angle)
+    builder.joint_q[:3] = [angle, x + np.sqrt(length**2 - z**2), np.arcsin(z / length)]
+    sim = Simulation(builder, collide=False, keep_inertia=True)
+    newton.eval_fk(sim.model, sim.model.joint_q, sim.model.joint_qd, sim.state)
+    return sim
+
+
+def test_a_massless_crank_that_a_loop_closes_moves_as_one_of_a_milligram() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        massless = slider_crank(0.0)
+    light = slider_crank(1e-6)
+    start = massless.pose
+    for sim in (massless, light):
+        sim.step(48)
+    np.testing.assert_allclose(massless.pose[1:], light.pose[1:], atol=1e-5)
+    assert np.abs(massless.pose - start)[1, 0] > 5e-3
+
+
+@pytest.mark.parametrize("joint", ["hinge", "d6"])
+def test_an_axis_between_equal_limits_needs_no_mass(joint: str) -> None:
+    builder = newton.ModelBuilder()
+    bob, leaf, z = add_bob(builder), builder.add_link(), (0.0, 0.0, 1.0)
+    locked = {"limit_lower": 0.1, "limit_upper": 0.1}
+    first = builder.add_joint_revolute(-1, bob, axis=(0.0, 1.0, 0.0))
+    if joint == "hinge":
+        last = builder.add_joint_revolute(bob, leaf, axis=z, **locked)
+    else:
+        axes = [newton.ModelBuilder.JointDofConfig(axis=axis, **locked) for axis in (z, (1, 0, 0))]
+        last = builder.add_joint_d6(bob, leaf, angular_axes=axes)
+    builder.add_articulation([first, last])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Simulation(builder, collide=False)
+
+
+@pytest.mark.parametrize("pin", ["revolute", "ball"])
+def test_a_massless_rod_of_a_four_bar_is_named_only_where_it_can_turn_about_itself(
+    pin: str,
+) -> None:
+    builder = newton.ModelBuilder()
+    y, tip = (0.0, 1.0, 0.0), {"parent_xform": transform((0.0, 0.0, -0.5))}
+    first, second, rod = add_bob(builder), add_bob(builder), builder.add_link(label="rod")
+    joints = [builder.add_joint_revolute(-1, first, axis=y)]
+    joints.append(getattr(builder, f"add_joint_{pin}")(first, rod, label="pin", **tip))
+    builder.add_articulation(joints)
+    mount = transform((0.5, 0.0, 0.0))
+    builder.add_articulation([builder.add_joint_revolute(-1, second, axis=y, parent_xform=mount)])
+    closing = {"parent_xform": mount, "child_xform": transform((0.0, 0.0, -0.5))}
+    getattr(builder, f"add_joint_{pin}")(rod, second, **closing)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        Simulation(builder, collide=False)
+    said = [str(item.message) for item in caught]
+    assert len(said) == (pin == "ball")
+    assert all("Nothing resists the motion of joint 'pin' (body 'rod')" in text for text in said)
 
 
 def test_a_massless_root_that_floats_is_refused_where_nothing_resists_its_turns() -> None:
@@ -184,3 +333,10 @@ def test_mass_that_a_massless_link_gets_counts_and_one_that_it_loses_does_not() 
         sim.step(5)
         force = wrench.body_parent_f.numpy()[middle, 2]
         assert force == pytest.approx(expected * 9.81, rel=1e-4)
+    model.body_mass.assign([0.0, 6.0])
+    model.body_inv_mass.assign([0.0, 1.0 / 6.0])
+    assert sim.solver.unnoticed_changes() == []
+    sim.step(5)  # the mass of the bob acts without a call
+    assert wrench.body_parent_f.numpy()[middle, 2] == pytest.approx(6.0 * 9.81, rel=1e-4)
+    model.body_mass.assign([3.0, 6.0])
+    assert sim.solver.unnoticed_changes() == ["topology"]

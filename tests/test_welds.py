@@ -6,7 +6,7 @@ import newton
 import numpy as np
 import pytest
 import warp as wp
-from helpers import EPS, IDENTITY, G, Simulation, add_ground, surface
+from helpers import EPS, IDENTITY, G, Simulation, add_ground, add_mass, surface
 from newton import ModelFlags
 from scipy.spatial.transform import Rotation
 
@@ -205,20 +205,22 @@ def test_a_weld_that_is_switched_off_lets_go_once_the_solver_is_told() -> None:
     assert sim.solver.effects.flags.welds
 
 
-def test_a_change_of_mass_reaches_the_welded_body() -> None:
+def weigh_by(model: newton.Model, body: int, factor: float) -> None:
+    """Makes a body so many times as heavy."""
+    for name in ("mass", "inertia", "inv_mass", "inv_inertia"):
+        values = getattr(model, f"body_{name}").numpy()
+        values[body] *= 1.0 / factor if name.startswith("inv") else factor
+        getattr(model, f"body_{name}").assign(values)
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_change_of_mass_reaches_the_welded_body(is_told: bool) -> None:
     """The second box made three times as heavy: a force on the first turns them as one body."""
     sim = Simulation(beam(True, 3.0), collide=False)
     model = sim.model
-    for name, factor in (
-        ("mass", 3.0),
-        ("inertia", 3.0),
-        ("inv_mass", 1 / 3),
-        ("inv_inertia", 1 / 3),
-    ):
-        values = getattr(model, f"body_{name}").numpy()
-        values[1] *= factor
-        getattr(model, f"body_{name}").assign(values)
-    sim.solver.notify_model_changed(ModelFlags.BODY_INERTIAL_PROPERTIES)
+    weigh_by(model, 1, 3.0)
+    if is_told:
+        sim.solver.notify_model_changed(ModelFlags.BODY_INERTIAL_PROPERTIES)
     model.set_gravity((0.0, 0.0, 0.0))
     sim.push(0, (0.0, 0.0, 40.0))
     sim.step()
@@ -228,6 +230,43 @@ def test_a_change_of_mass_reaches_the_welded_body() -> None:
     arm = 0.75 * SIZE[0]
     reduced = 0.75 * MASS * SIZE[0] ** 2 + 4.0 * MASS * (SIZE[0] ** 2 + SIZE[2] ** 2) / 12.0
     assert sim.velocity[0, 4] == pytest.approx(arm * 40.0 * DT / reduced, rel=1e-4)
+
+
+def test_masses_beside_a_weld_act_in_a_captured_graph_and_what_is_not_finite_holds() -> None:
+    """A free body, and a welded one, that get ten times as heavy: v = F t / m."""
+    builder = beam(True, 3.0)
+    free = add_mass(builder, position=(3.0, 0.0, 0.0))
+    sim = Simulation(builder, collide=False)
+    sim.model.set_gravity((0.0, 0.0, 0.0))
+    with wp.ScopedCapture(device="cpu") as capture:
+        sim.step(2)
+    for body in range(3):
+        weigh_by(sim.model, body, 10.0)
+    sim.push(0, (30.0, 0.0, 0.0))
+    sim.push(free, (30.0, 0.0, 0.0))
+    wp.capture_launch(capture.graph)
+    for body, mass in ((0, 20.0 * MASS), (1, 20.0 * MASS), (free, 10.0)):
+        assert sim.velocity[body, 0] == pytest.approx(30.0 * 2 * DT / mass, rel=1e-5)
+    assert sim.solver.unnoticed_changes() == []
+    for body in (free, 1):
+        before, mass = sim.velocity, sim.model.body_mass.numpy().copy()
+        spoiled = mass.copy()
+        spoiled[body] = np.nan
+        sim.model.body_mass.assign(spoiled)
+        wp.capture_launch(capture.graph)
+        np.testing.assert_array_equal(sim.velocity[body], before[body])
+        sim.model.body_mass.assign(mass)
+
+
+def test_the_frame_of_a_joint_to_a_welded_link_can_move_without_a_call() -> None:
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    links = [builder.add_link(mass=1.0, inertia=wp.mat33(*np.eye(3).ravel())) for _ in range(2)]
+    hinge = builder.add_joint_revolute(-1, links[0], axis=(0.0, 1.0, 0.0))
+    builder.add_articulation([hinge, builder.add_joint_fixed(*links)])
+    sim = Simulation(builder, collide=False)
+    sim.model.joint_X_p.assign([transform((0.02, 0.0, 0.01)), transform()])
+    sim.step(60)
+    np.testing.assert_allclose(sim.pose[:, :3], [[0.02, 0.0, 0.01]] * 2, atol=1e-5)
 
 
 def test_a_kick_on_one_link_moves_all_of_its_body() -> None:

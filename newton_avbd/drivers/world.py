@@ -17,7 +17,7 @@ from ..step.energy import keep_start
 from ..step.finite import hold_world, is_solution_finite, make_is_world_finite
 from ..step.islands import join_islands
 from ..step.kernels import KERNEL, absent, uncollected
-from ..step.links import gather_body, gather_joint, place_fixed_links, scatter_body
+from ..step.links import gather_body, gather_joint, place_fixed_links, scatter_body, weigh_body
 from ..step.scale import (
     COLD_STEPS,
     RESTLESS_FACTOR,
@@ -246,6 +246,7 @@ def make_step_links(effects: Effects) -> wp.Kernel:
         for joint in range(s[0].links.joint.shape[0]):
             gather_joint(joint, s[0].links)
         for body in range(s[0].links.leader.shape[0]):
+            weigh_body(body, False, s[0].links, s[0].model)
             gather_body(body, s[0].model, s[0].links, step.control, link_q, link_qd, link_f)
         step_world(wp.tid(), step, s[0])
         for body in range(s[0].links.leader.shape[0]):

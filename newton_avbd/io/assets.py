@@ -18,6 +18,7 @@ from newton_avbd.scenes.robots import place
 from . import solvers
 from .controls import Controls
 from .errors import UserError, missing, require
+from .masses import check_usd_masses
 from .meshes import REMEDY, find_asset, read_urdf
 from .mjcf import add_mjcf
 from .orphans import find_orphans, rooted_stage
@@ -185,6 +186,7 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
         _collide_by_hulls(builder)
         filter_neighbors(builder)
         return builder, notes
+    check_usd_masses(path)
     builder.add_usd(str(path))
     orphans = find_orphans(builder)
     if orphans:

@@ -17,6 +17,7 @@ import warp as wp
 
 from newton_avbd.rows.actuator import MUSCLE_BIAS, MUSCLE_GAIN
 
+from .masses import check_mjcf_masses
 from .unread import refuse, unread
 
 
@@ -30,12 +31,14 @@ def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[
         What the user should know of it, a sentence each; what the importer leaves out among it.
 
     Raises:
-        ValueError: If the file has joints that the importer cannot read; and whatever that raises.
+        ValueError: If the file has joints that the importer cannot read, or a mass or moment of
+            inertia is negative or not finite; and whatever that raises.
     """
     known = len(_values(builder, "label"))
     alone = ElementTree.parse(path).getroot()
     root, absent = read_mjcf(path)
     refuse(root)
+    check_mjcf_masses(root)
     source = root if absent else alone
     if _drop_pgs(source) or absent:
         text = ElementTree.tostring(source, encoding="unicode")

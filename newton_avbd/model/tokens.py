@@ -8,19 +8,16 @@ nothing beside that, and keeps every formula of a body that moves.
 """
 
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import newton
 import numpy as np
 
-from ..rows.joint import KINDS
-from .inertia import inertia_root, rotation_matrix
+from .unresisted import armature_of, tied_links, unresisted_dofs
 
 SHARE = 1.0e-6
 """Token mass of a massless link, of the mass that hangs on it: float32 tells 6e-8."""
-_FLAT = 1.0e-5
-"""Joint speeds that move masses by less than this share of what each joint alone does with its
-speed are without resistance; the Jacobian rounds to 1e-7."""
 _MOST_NAMES = 3
 
 
@@ -43,8 +40,8 @@ def token_masses(
         body may move: it has mass, or such a token; three arrays of shape (bodies,).
 
     Raises:
-        ValueError: If an articulation has no mass at all, or a massless root floats and nothing
-            that hangs on it resists its motion.
+        ValueError: If an articulation has neither mass nor armature, or a massless root floats and
+            nothing that hangs on it resists its motion.
     """
     count = mass.size
     token_mass, token_moment = np.zeros(count), np.zeros(count)
@@ -61,8 +58,9 @@ def token_masses(
     linked[parent[(parent >= 0) & (is_free | is_rigid)]] = True
     floats = np.zeros(count, dtype=bool)
     floats[child[is_free]] = True
-    # a lone body, and a mount that no joint holds, are where the user puts them
-    moved = massless & (held | (floats & linked))
+    # a lone link, and a mount that no joint holds, are where the user puts them
+    is_welded = np.bincount(solved.welds.body[solved.welds.body >= 0], minlength=count) > 1
+    moved = massless & (held | (floats & (linked | is_welded)))
     if not np.any(moved):
         return token_mass, token_moment, mass > 0.0
 
@@ -70,32 +68,50 @@ def token_masses(
     joint = np.full(count, -1)
     for index in np.flatnonzero(~is_free)[::-1].tolist():
         up[child[index]], joint[child[index]] = parent[index], index
-    above = _ancestors(up)
     place = model.body_q.numpy()[solved.body_leader].astype(np.float64)[:, :3]
-    inertia = model.body_inertia.numpy()[solved.body_leader].astype(np.float64)
-    spread = np.trace(inertia, axis1=1, axis2=2) / 3.0
+    spread = _spread(model)[solved.body_leader]
     hung, moment = mass.copy(), np.zeros(count)
-    for level in above:
+    for level in _ancestors(up):
         below = np.flatnonzero(level >= 0)
         top = level[below]
         np.add.at(hung, top, mass[below])
         apart = np.sum((place[below] - place[top]) ** 2, axis=1)
         np.add.at(moment, top, spread[below] + mass[below] * apart)
-    root = np.arange(count)
-    for level in above:
-        root = np.where(level >= 0, level, root)
-    whole = np.bincount(root, mass, count)[root]
-    _refuse_empty(solved, moved, whole, root)
 
-    token_mass[moved] = SHARE * np.where(hung > 0.0, hung, whole)[moved]
-    # a leaf has nothing to compare with but its own armature, or the rest of the tree
-    size = np.bincount(root, spread + mass * np.sum((place - place[root]) ** 2, axis=1), count)
-    armature = _armature(model, solved, joint)
-    leaf = np.where(armature > 0.0, armature, SHARE * size[root])
+    armature, sets = armature_of(model), tied_links(model)
+    whole, size, added = (of[solved.body_leader] for of in _of_sets(model, sets, armature))
+    _refuse_empty(model, solved.body_leader[moved & (whole + added == 0.0)], sets)
+    # a leaf has nothing to compare with but its own armature, or what it is tied to
+    own = _armature(solved, joint, armature)
+    amount = np.where(hung > 0.0, hung, np.where(whole > 0.0, whole, added))
+    leaf = np.where(own > 0.0, own, np.where(size > 0.0, size, added))
+    token_mass[moved] = SHARE * amount[moved]
     token_moment[moved] = SHARE * np.where(moment > 0.0, moment, leaf)[moved]
     token_moment[moved] = np.maximum(token_moment[moved], 1.0e-4 * token_mass[moved])
     _report_unresisted(model, solved, np.flatnonzero(moved), floats & ~held)
     return token_mass, token_moment, (mass > 0.0) | moved
+
+
+def _spread(model: newton.Model) -> np.ndarray:
+    """Mean principal moment of inertia of each link [kg m^2]."""
+    return np.trace(model.body_inertia.numpy().astype(np.float64), axis1=1, axis2=2) / 3.0
+
+
+def _of_sets(
+    model: newton.Model, sets: np.ndarray, armature: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Mass, moment about the mean place, and armature of the set of each link."""
+    count = model.body_count
+    place = model.body_q.numpy().astype(np.float64)[:, :3]
+    mass = model.body_mass.numpy().astype(np.float64)
+    whole = np.bincount(sets, mass, count)
+    divisor = np.where(whole > 0.0, whole, 1.0)
+    mean = np.column_stack([np.bincount(sets, mass * axis, count) / divisor for axis in place.T])
+    apart = np.sum((place - mean[sets]) ** 2, axis=1)
+    size = np.bincount(sets, _spread(model) + mass * apart, count)
+    owner = np.repeat(model.joint_child.numpy(), np.diff(model.joint_qd_start.numpy()))
+    added = np.bincount(sets[owner], armature, count)
+    return whole[sets], size[sets], added[sets]
 
 
 def _ancestors(up: np.ndarray) -> list[np.ndarray]:
@@ -108,25 +124,28 @@ def _ancestors(up: np.ndarray) -> list[np.ndarray]:
     return levels
 
 
-def _armature(model: newton.Model, solved: Any, joint: np.ndarray) -> np.ndarray:
+def _armature(solved: Any, joint: np.ndarray, armature: np.ndarray) -> np.ndarray:
     """Most armature of the axes of a body's joint [kg or kg m^2], zero without."""
     most = np.zeros(joint.size)
-    start, armature = solved.joint_qd_start.numpy(), model.joint_armature.numpy()
+    start = solved.joint_qd_start.numpy()
     for body in np.flatnonzero(joint >= 0):
         axes = armature[start[joint[body]] : start[joint[body] + 1]]
         most[body] = axes.max(initial=0.0)
     return most
 
 
-def _refuse_empty(solved: Any, moved: np.ndarray, whole: np.ndarray, root: np.ndarray) -> None:
-    """Raises a ValueError where the tree of a massless link has no mass at all."""
-    empty = np.flatnonzero(moved & (whole == 0.0))
+def _refuse_empty(model: newton.Model, empty: np.ndarray, sets: np.ndarray) -> None:
+    """Raises a ValueError if there are links whose set has neither mass nor armature."""
     if empty.size:
-        names = _names(solved.body_label, np.flatnonzero(root == root[empty[0]]))
+        link = empty[0]
+        of_set = sets == sets[link]
+        joints = np.flatnonzero(of_set[model.joint_child.numpy()])
         raise ValueError(
-            f"The articulation of body {empty[0]} '{solved.body_label[empty[0]]}' has no mass at "
-            f"all ({names}), so that nothing says how it moves. Give its links mass (a shape with "
-            "density, or <inertial>), or make it kinematic (BodyFlags.KINEMATIC)."
+            f"The articulation of body {link} '{model.body_label[link]}' has no mass at all "
+            f"(bodies {_names(model.body_label, np.flatnonzero(of_set))}; joints "
+            f"{_names(model.joint_label, joints)}), so that nothing says how it moves. Give its "
+            "links mass (a shape with density, or <inertial>) or its joints armature, or make it "
+            "kinematic (BodyFlags.KINEMATIC)."
         )
 
 
@@ -139,7 +158,7 @@ def _report_unresisted(
         ValueError: If a massless root that floats has such a speed.
     """
     links = solved.body_leader[moved]
-    flat = _flat_dofs(model, links)
+    flat = unresisted_dofs(model, links)
     if not flat:
         return
     owner = np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
@@ -172,61 +191,6 @@ def _report_unresisted(
     )
 
 
-def _flat_dofs(model: newton.Model, links: np.ndarray) -> list[int]:
-    """Degrees of freedom of speeds that no mass resists, at two poses, where links are massless."""
-    first, second = model.state(), model.state()
-    q = model.joint_q.numpy().copy()
-    random, starts = np.random.default_rng(0), model.joint_q_start.numpy()
-    kinds = model.joint_type.numpy().tolist()
-    for joint in np.flatnonzero([KINDS[kind].has_axes for kind in kinds]):
-        axes = slice(starts[joint], starts[joint + 1])
-        q[axes] += random.uniform(0.1, 0.5, q[axes].size)
-    second.joint_q.assign(q)
-    newton.eval_fk(model, second.joint_q, second.joint_qd, second)
-    # at the model's pose axes can be parallel that are not elsewhere
-    found = [_flat_at(model, state, links) for state in (first, second)]
-    return sorted(set(found[0]) & set(found[1]))
-
-
-def _flat_at(model: newton.Model, state: newton.State, links: np.ndarray) -> list[int]:
-    jacobians = newton.eval_jacobian(model, state)
-    if jacobians is None:
-        return []
-    child, dofs = model.joint_child.numpy(), model.joint_qd_start.numpy()
-    mass, inertia = model.body_mass.numpy(), model.body_inertia.numpy()
-    armature, pose = model.joint_armature.numpy(), state.body_q.numpy()
-    gathered = jacobians.numpy()
-    found, known = [], set()
-    for articulation, (start, end) in enumerate(
-        zip(model.articulation_start.numpy(), model.articulation_end.numpy(), strict=False)
-    ):
-        members = child[start:end]
-        if not np.isin(links, members).any():
-            continue
-        count = dofs[end] - dofs[start]
-        motion = gathered[articulation, : 6 * members.size, :count].astype(np.float64)
-        own = armature[dofs[start] : dofs[end]]
-        content = (gathered[articulation], mass[members], inertia[members], own)
-        key = tuple(array.tobytes() for array in content)
-        if key in known:
-            continue  # another copy of the same robot
-        known.add(key)
-        rows = [np.diag(np.sqrt(own.astype(np.float64)))]
-        for i, link in enumerate(members):
-            if mass[link] > 0.0:
-                root = rotation_matrix(pose[link, 3:]) @ inertia_root(inertia[link].astype(float))
-                rows += [np.sqrt(float(mass[link])) * motion[6 * i : 6 * i + 3]]
-                rows += [root.T @ motion[6 * i + 3 : 6 * i + 6]]
-        weighted = np.vstack(rows)
-        scale = np.linalg.norm(weighted, axis=0)
-        alone = np.flatnonzero(scale <= 0.0)
-        weighted = weighted / np.where(scale > 0.0, scale, 1.0)
-        values, vectors = np.linalg.svd(weighted, full_matrices=False)[1:]
-        flat = np.abs(vectors[values < _FLAT]).max(axis=0, initial=0.0) > 0.1
-        found += [int(dofs[start] + dof) for dof in np.union1d(np.flatnonzero(flat), alone)]
-    return found
-
-
-def _names(labels: list[str], bodies: np.ndarray) -> str:
-    names = ", ".join(repr(labels[body]) for body in bodies[:_MOST_NAMES])
-    return names + (", ..." if bodies.size > _MOST_NAMES else "")
+def _names(labels: Sequence[str], items: np.ndarray) -> str:
+    names = ", ".join(repr(labels[item]) for item in items[:_MOST_NAMES])
+    return names + (", ..." if items.size > _MOST_NAMES else "")

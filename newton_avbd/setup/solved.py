@@ -15,7 +15,7 @@ from ..drivers.launch import Launcher
 from ..model.tokens import token_masses
 from ..model.welds import Welds
 from ..rows.joint import PUSHED_AT_COM
-from ..step.links import place_joints, weigh_bodies
+from ..step.links import gather_joints, weigh_bodies
 
 
 def solved_model(model: newton.Model, welds: Welds) -> "SolvedModel | None":
@@ -137,6 +137,10 @@ class SolvedModel:
         links.joint = _new(welds.joint)
         if model.joint_count:
             links.enabled = self.joint_enabled
+        if welds.any:
+            links.parent_frame, links.child_frame = self.joint_X_p, self.joint_X_c
+        for name, dtype in (("mass", float), ("com", wp.vec3), ("inertia", wp.mat33)):
+            setattr(links, f"known_{name}", wp.zeros(welds.body.size, dtype=dtype))
         for name, dtype in (
             ("body_q", wp.transform),
             ("body_qd", wp.spatial_vector),
@@ -165,9 +169,9 @@ class SolvedModel:
         links.push_sign = wp.array([sign for _, _, sign in flat], dtype=float)
         dof = self.joint_qd_start.numpy() if model.joint_count else np.zeros(1)
         links.push_dof = _new(dof[[joint for joint, _, _ in flat]])
-        self._token_mass = wp.zeros(count, dtype=float)
-        self._token_moment = wp.zeros(count, dtype=float)
-        self._is_free = wp.zeros(count, dtype=wp.bool)
+        links.token_mass = wp.zeros(count, dtype=float)
+        links.token_moment = wp.zeros(count, dtype=float)
+        links.is_free = wp.zeros(count, dtype=wp.bool)
         self.reread()
 
     def reread(self) -> None:
@@ -176,7 +180,7 @@ class SolvedModel:
         Raises:
             ValueError: If a body has no mass that its joints call for; see :mod:`.model.tokens`.
         """
-        model, welds, count = self._model, self.welds, self.body_count
+        model, welds = self._model, self.welds
         if welds.any:
             number = np.full(model.joint_count + 1, -1)
             number[welds.joint] = np.arange(welds.joint.size)
@@ -187,28 +191,47 @@ class SolvedModel:
                     ends = getattr(model, f"constraint_mimic_{name}").numpy()
                     getattr(self, f"constraint_mimic_{name}").assign(number[ends])
         self.body_flags.assign(model.body_flags.numpy()[self.body_leader])
-        member = np.flatnonzero(welds.body >= 0)
-        mass = np.bincount(welds.body[member], model.body_mass.numpy()[member], count)
+        mass = self._masses()
+        self._is_massless = mass == 0.0
         token_mass, token_moment, is_free = token_masses(model, self, mass)
         self.has_tokens = bool(np.any(token_mass > 0.0))
-        self._token_mass.assign(token_mass)
-        self._token_moment.assign(token_moment)
-        self._is_free.assign(is_free & ~welds.is_static[welds.leader])
+        self.links.token_mass.assign(token_mass)
+        self.links.token_moment.assign(token_moment)
+        self.links.is_free.assign(is_free & ~welds.is_static[welds.leader])
+
+    def _masses(self) -> np.ndarray:
+        """Mass of each body without its token [kg]."""
+        member = np.flatnonzero(self.welds.body >= 0)
+        mass = self._model.body_mass.numpy()[member]
+        return np.bincount(self.welds.body[member], mass, self.body_count)
+
+    def has_other_masses(self) -> bool:
+        """Whether other bodies are without mass than when the model was read, on the host."""
+        return not np.array_equal(self._masses() == 0.0, self._is_massless)
 
     def refresh(self, launch: Launcher) -> None:
-        """Reads masses, flags and joint frames of the model again, on the device."""
+        """Points to the model's arrays, and reads what each step reads again, on the device."""
         model, links = self._model, self.links
-        for name in ("com", "mass", "inertia", "inv_mass", "inv_inertia"):
+        for name in ("com", "mass", "inertia", "inv_mass", "inv_inertia", "flags"):
             setattr(links, name, getattr(model, f"body_{name}"))
         if model.joint_count:
             links.enabled_in = model.joint_enabled
-        if self.body_count:
-            tokens = [self._token_mass, self._token_moment, self._is_free]
-            launch(weigh_bodies, self.body_count, [links, model.body_flags, *tokens, self._bodies])
-        if self.welds.any and self.joint_count:
-            frames = [model.joint_X_p, model.joint_X_c, self.joint_X_p, self.joint_X_c]
-            ends = [model.joint_parent, model.joint_child]
-            launch(place_joints, self.joint_count, [links, *ends, *frames])
+        if self.welds.any:
+            links.joint_parent, links.joint_child = model.joint_parent, model.joint_child
+            links.parent_frame_in, links.child_frame_in = model.joint_X_p, model.joint_X_c
+        launch.forget()
+        self.weigh(launch, is_new=True)
+        if self.welds.any:
+            launch(gather_joints, self.joint_count, [links])
+
+    def weigh(self, launch: Launcher, *, is_new: bool = False) -> None:
+        """Reads masses and flags of the model again, on the device.
+
+        Args:
+            launch: Launches kernels.
+            is_new: Whether tokens may have changed, or what may move.
+        """
+        launch(weigh_bodies, self.body_count, [is_new, self.links, self._bodies])
 
     def loads(self) -> data.LinkLoads:
         """Buffers for what welds carry."""

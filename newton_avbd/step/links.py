@@ -28,6 +28,143 @@ APART = wp.constant(1.0e-4)
 make it: rounding is far below, what a user changes is above."""
 
 
+# What the solver sees of the model: as live as the model's arrays.
+
+
+@wp.func
+def is_reweighed(body: int, links: wp.ref[LinkModel]) -> bool:
+    """Whether a link of a body has another mass, COM or inertia than when it was weighed."""
+    for k in range(links.member_start[body], links.member_start[body + 1]):
+        link = nonnegative(links.members[k])
+        # comparisons that numbers which are not finite fail
+        if not (links.mass[link] == links.known_mass[link]):
+            return True
+        if not (links.com[link] == links.known_com[link]):
+            return True
+        if not (links.inertia[link] == links.known_inertia[link]):
+            return True
+    return False
+
+
+@wp.func
+def weigh_links(body: int, links: wp.ref[LinkModel], model: wp.ref[BodyModel]):
+    """Mass, COM and inertia of a body by those of its links, and where these are in it."""
+    start = nonnegative(links.member_start[body])
+    end = links.member_start[body + 1]
+    total = wp.float64(0.0)
+    center = wp.vec3d(wp.float64(0.0))
+    for k in range(start, end):
+        link = nonnegative(links.members[k])
+        at = wp.transform_point(links.frame[link], links.com[link])
+        total += wp.float64(links.mass[link])
+        center += wp.float64(links.mass[link]) * wp.vec3d(at)
+        links.known_mass[link] = links.mass[link]
+        links.known_com[link] = links.com[link]
+        links.known_inertia[link] = links.inertia[link]
+    tensor = wp.mat33d(wp.float64(0.0))
+    if total == wp.float64(0.0):
+        center = wp.vec3d(links.com[nonnegative(links.leader[body])])
+    else:
+        center = center / total
+        for k in range(start, end):
+            link = nonnegative(links.members[k])
+            at = wp.transform_point(links.frame[link], links.com[link])
+            arm = wp.vec3d(at) - center
+            turned = world_inertia(
+                wp.transform_get_rotation(links.frame[link]), links.inertia[link]
+            )
+            tensor += wp.mat33d(turned)
+            spread = wp.dot(arm, arm) * wp.identity(n=3, dtype=wp.float64)
+            tensor += wp.float64(links.mass[link]) * (spread - wp.outer(arm, arm))
+    mass = wp.float32(total)
+    com = wp.vec3(center)
+    inv_mass = float(0.0)
+    inv_inertia = wp.mat33(0.0)
+    if mass > 0.0:
+        inv_mass = 1.0 / mass
+    # the determinant of a millimetre's inertia would underflow
+    unit = wp.trace(tensor)
+    if unit > wp.float64(0.0):
+        if wp.determinant(tensor / unit) > wp.float64(1.0e-12):
+            inv_inertia = wp.mat33(wp.inverse(tensor / unit) / unit)
+    for k in range(start, end):
+        link = nonnegative(links.members[k])
+        links.arm[link] = wp.transform_point(links.frame[link], links.com[link]) - com
+    model.mass[body] = mass
+    model.com[body] = com
+    model.inertia[body] = wp.mat33(tensor)
+    model.inv_mass[body] = inv_mass
+    model.inv_inertia[body] = inv_inertia
+
+
+@wp.func
+def weigh_body(body: int, is_new: bool, links: wp.ref[LinkModel], model: wp.ref[BodyModel]):
+    """Flags, mass, COM and inertia of a body by those of its links, where they have changed.
+
+    A massless body between joints has a token mass. A body of one link is that link, to the bit.
+    ``is_new`` says that tokens may have changed, or what may move.
+    """
+    leader = nonnegative(links.leader[body])
+    model.flags[body] = links.flags[leader]
+    if links.member_start[body + 1] > links.member_start[body] + 1:
+        if not (is_new or is_reweighed(body, links)):
+            return
+        weigh_links(body, links, model)
+    else:
+        model.mass[body] = links.mass[leader]
+        model.com[body] = links.com[leader]
+        model.inertia[body] = links.inertia[leader]
+        model.inv_mass[body] = links.inv_mass[leader]
+        model.inv_inertia[body] = links.inv_inertia[leader]
+    if links.token_mass[body] > 0.0 and model.mass[body] == 0.0:
+        model.mass[body] = links.token_mass[body]
+        model.inertia[body] = wp.diag(wp.vec3(links.token_moment[body]))
+        model.inv_mass[body] = 1.0 / links.token_mass[body]
+        model.inv_inertia[body] = wp.diag(wp.vec3(1.0 / links.token_moment[body]))
+    if not links.is_free[body]:
+        model.inv_mass[body] = 0.0
+        model.inv_inertia[body] = wp.mat33(0.0)
+
+
+@wp.kernel(**KERNEL)
+def weigh_bodies(is_new: bool, links: wp.array[LinkModel], model: wp.array[BodyModel]):
+    """Flags, mass, COM and inertia of each body by those of its links; one thread a body."""
+    weigh_body(wp.tid(), is_new, links[0], model[0])
+
+
+@wp.func
+def gather_joint(i: int, links: wp.ref[LinkModel]):
+    """Whether a joint that the solver knows is enabled, and its anchor frames on bodies."""
+    joint = nonnegative(links.joint[i])
+    links.enabled[i] = links.enabled_in[joint]
+    parent = links.joint_parent[joint]
+    frame = links.parent_frame_in[joint]
+    if parent >= 0:
+        frame = placed_on(parent, frame, links)
+    links.parent_frame[i] = frame
+    child = nonnegative(links.joint_child[joint])
+    links.child_frame[i] = placed_on(child, links.child_frame_in[joint], links)
+
+
+@wp.func
+def placed_on(link: int, frame: wp.transform, links: wp.ref[LinkModel]) -> wp.transform:
+    """A frame on a link, in the frame of its body."""
+    body = links.body[link]
+    if body >= 0:
+        if links.leader[body] == link:
+            return frame
+    return links.frame[link] * frame
+
+
+@wp.kernel(**KERNEL)
+def gather_joints(links: wp.array[LinkModel]):
+    """What the solver sees of the joints that it knows; one thread a joint."""
+    gather_joint(wp.tid(), links[0])
+
+
+# States of links and bodies.
+
+
 @wp.func
 def is_known(pose: wp.transform, velocity: wp.spatial_vector) -> bool:
     """Whether a state is finite."""
@@ -228,12 +365,6 @@ def place_fixed_links(
         link_qd_out[link] = wp.spatial_vector()
 
 
-@wp.func
-def gather_joint(joint: int, links: wp.ref[LinkModel]):
-    """Whether a joint that the solver knows is enabled in the model."""
-    links.enabled[joint] = links.enabled_in[links.joint[joint]]
-
-
 @wp.kernel(**KERNEL)
 def gather_bodies(
     # Model:
@@ -250,6 +381,7 @@ def gather_bodies(
     if i < links[0].joint.shape[0]:
         gather_joint(i, links[0])
     if i < links[0].leader.shape[0]:
+        weigh_body(i, False, links[0], model[0])
         gather_body(i, model[0], links[0], control, link_q, link_qd, link_f)
 
 
@@ -284,123 +416,6 @@ def scatter_links(
         link_q_out,
         link_qd_out,
     )
-
-
-# What the solver sees of the model, made anew where the model changes.
-
-
-@wp.kernel(**KERNEL)
-def weigh_bodies(
-    # Model:
-    links: LinkModel,
-    link_flags: wp.array[wp.int32],
-    # In:
-    token_mass: wp.array[float],
-    token_moment: wp.array[float],
-    is_free: wp.array[wp.bool],
-    # Model out:
-    model: BodyModel,
-):
-    """Mass, COM and inertia of each body by those of its links; one thread a body.
-
-    A massless body between joints has a token mass. A body of one link is that link, to the bit.
-    """
-    body = wp.tid()
-    leader = links.leader[body]
-    start = links.member_start[body]
-    end = links.member_start[body + 1]
-    model.flags[body] = link_flags[leader]
-    links.arm[leader] = wp.vec3(0.0)
-    mass = links.mass[leader]
-    com = links.com[leader]
-    inertia = links.inertia[leader]
-    inv_mass = links.inv_mass[leader]
-    inv_inertia = links.inv_inertia[leader]
-    if end > start + 1:
-        total = wp.float64(0.0)
-        center = wp.vec3d(wp.float64(0.0))
-        for k in range(start, end):
-            link = links.members[k]
-            at = wp.transform_point(links.frame[link], links.com[link])
-            total += wp.float64(links.mass[link])
-            center += wp.float64(links.mass[link]) * wp.vec3d(at)
-        tensor = wp.mat33d(wp.float64(0.0))
-        if total > wp.float64(0.0):
-            center = center / total
-            for k in range(start, end):
-                link = links.members[k]
-                at = wp.transform_point(links.frame[link], links.com[link])
-                arm = wp.vec3d(at) - center
-                turned = world_inertia(
-                    wp.transform_get_rotation(links.frame[link]), links.inertia[link]
-                )
-                tensor += wp.mat33d(turned)
-                spread = wp.dot(arm, arm) * wp.identity(n=3, dtype=wp.float64)
-                tensor += wp.float64(links.mass[link]) * (spread - wp.outer(arm, arm))
-        else:
-            center = wp.vec3d(com)
-        mass = wp.float32(total)
-        com = wp.vec3(center)
-        inertia = wp.mat33(tensor)
-        inv_mass = float(0.0)
-        inv_inertia = wp.mat33(0.0)
-        if mass > 0.0:
-            inv_mass = 1.0 / mass
-        # the determinant of a millimetre's inertia would underflow
-        unit = wp.trace(tensor)
-        if unit > wp.float64(0.0):
-            if wp.determinant(tensor / unit) > wp.float64(1.0e-12):
-                inv_inertia = wp.mat33(wp.inverse(tensor / unit) / unit)
-        for k in range(start, end):
-            link = links.members[k]
-            links.arm[link] = wp.transform_point(links.frame[link], links.com[link]) - com
-    if token_mass[body] > 0.0:
-        mass = token_mass[body]
-        inertia = wp.diag(wp.vec3(token_moment[body]))
-        inv_mass = 1.0 / mass
-        inv_inertia = wp.diag(wp.vec3(1.0 / token_moment[body]))
-    if not is_free[body]:
-        inv_mass = 0.0
-        inv_inertia = wp.mat33(0.0)
-    model.mass[body] = mass
-    model.com[body] = com
-    model.inertia[body] = inertia
-    model.inv_mass[body] = inv_mass
-    model.inv_inertia[body] = inv_inertia
-
-
-@wp.kernel(**KERNEL)
-def place_joints(
-    # Model:
-    links: LinkModel,
-    parent: wp.array[wp.int32],
-    child: wp.array[wp.int32],
-    parent_frame: wp.array[wp.transform],
-    child_frame: wp.array[wp.transform],
-    # Model out:
-    parent_frame_out: wp.array[wp.transform],
-    child_frame_out: wp.array[wp.transform],
-):
-    """Anchor frames on bodies by those on links; one thread a joint that the solver knows."""
-    i = wp.tid()
-    joint = links.joint[i]
-    frame_p = parent_frame[joint]
-    frame_c = child_frame[joint]
-    link_p = parent[joint]
-    if link_p >= 0:
-        frame_p = placed_on(link_p, frame_p, links)
-    parent_frame_out[i] = frame_p
-    child_frame_out[i] = placed_on(child[joint], frame_c, links)
-
-
-@wp.func
-def placed_on(link: int, frame: wp.transform, links: wp.ref[LinkModel]) -> wp.transform:
-    """A frame on a link, in the frame of its body."""
-    body = links.body[link]
-    if body >= 0:
-        if links.leader[body] == link:
-            return frame
-    return links.frame[link] * frame
 
 
 @wp.kernel(**KERNEL)
