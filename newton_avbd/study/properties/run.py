@@ -52,7 +52,12 @@ A solver that ignores a property mostly does so by documented choice; it is no d
 honours a property only with an option, the option was set ([Settings](#settings)). This page and
 the numbers behind it, [properties.json](properties.json), are written by
 
-    newton-avbd properties --json docs/properties.json --output docs/properties.md"""
+    newton-avbd properties --json docs/properties.json --output docs/properties.md
+
+Choose a group of properties; below are the same results as tables.
+
+```{study-plot} properties
+```"""
 
 
 ATTRIBUTES_INTRODUCTION = """\

@@ -47,6 +47,14 @@ and contact forces, is the force of the law. (Two simulators need not make the s
 robot: a foot sticks in one and creeps in the other, and what falls over falls at another time.)
 """
 
+_PLOT = """\
+Choose what was measured.
+
+```{study-plot} robots
+```
+"""
+"""What the site shows as a plot with a menu."""
+
 _TIMES = """\
 Times are of one step while the robot holds its first pose, without collision detection, in
 microseconds: replayed from a graph for SolverAVBD, SolverXPBD and SolverVBD, bare calls for
@@ -131,6 +139,8 @@ def write_page(
     timed = [solver for solver in SOLVERS if any(solver in report.times for report in reports)]
     if timed:
         parts.insert(2, _TIMES)
+    if not is_usd:
+        parts.append(_PLOT)
     for package in dict.fromkeys(report.package for report in reports):
         rows = [_row(folder, report, timed) for report in reports if report.package == package]
         titles = [PEERS[solver].title if solver in PEERS else "`mj_step`" for solver in timed]
