@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command line reports what happened, and says in a sentence what it cannot do."""
 
+import html
 import importlib.metadata
 import importlib.util
 import json
@@ -212,14 +213,20 @@ def test_actuators_that_no_importer_reads_are_named(tmp_path, capsys):
 
 def test_compare_prints_a_table_and_plots(tmp_path, capsys):
     pytest.importorskip("matplotlib")
-    path = tmp_path / "fall.png"
-    assert main(["compare", "fall", "--against", "xpbd", "--frames", "2", "--png", str(path)]) == 0
+    path, page = tmp_path / "fall.png", tmp_path / "fall.html"
+    files = ["--png", str(path), "--html", str(page)]
+    assert main(["compare", "fall", "--against", "xpbd", "--frames", "2", *files]) == 0
     text = capsys.readouterr().out
     assert rows(text)["step"].split() == ["4.167", "ms", "4.167", "ms"]
     # SolverXPBD falls g h t/2 farther than along the parabola, which SolverAVBD keeps to.
     ahead = 1.0e3 * 0.5 * 9.81 / 240.0 / 30.0
     assert float(rows(text)["0.0333 s"].split()[0]) == pytest.approx(ahead, rel=1.0e-3)
     assert path.read_bytes().startswith(PNG)
+    # The page needs no other file, and says the same.
+    written = page.read_text()
+    assert html.escape(text.strip()) in written
+    assert written.count("<svg") == written.count("</svg>") == 1
+    assert "processor: " in written
 
 
 def test_compare_opens_an_example_with_both_solvers(capsys):

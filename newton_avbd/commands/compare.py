@@ -5,10 +5,12 @@
 
 import argparse
 import dataclasses
+import html
+import io
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.overlaps import describe_overlaps
 from newton_avbd.measure.state import Probe, deepest_penetration, distances
+from newton_avbd.study.bench.run import describe_machine
 
 from ..io.options import add_scene_arguments, check_writable, device_notes, use_device
 from ..io.output import length, table
@@ -33,12 +36,34 @@ from ..io.terminal import (
     say_notes,
 )
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 COLORS = ("#0072b2", "#d55e00")
 """Colors of the two solvers in a plot, told apart by every kind of color vision."""
 ACTUATED = ("avbd", "mujoco")
 """Solvers that read ``control.mujoco.ctrl``."""
 PASSED = 1.0e-4
 """How far a joint has to be past its limits to be named [m or rad]."""
+_PAGE = """\
+<!doctype html>
+<html lang="en">
+<meta charset="utf-8">
+<title>{title}</title>
+<style>
+body {{ font: 15px/1.4 sans-serif; margin: 2em auto; max-width: 75em; padding: 0 1em; }}
+svg {{ max-width: 100%; height: auto; }}
+</style>
+<h1>{title}</h1>
+<pre>
+{report}
+</pre>
+{plot}
+<pre>
+{machine}
+</pre>
+</html>
+"""
 
 
 @dataclass
@@ -156,14 +181,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="drive the actuators of an MJCF file, with the same controls for both",
     )
     parser.add_argument("--png", type=Path, metavar="FILE", help="plot over time")
+    parser.add_argument(
+        "--html",
+        type=Path,
+        metavar="FILE",
+        help="page for a browser: table, plots over time",
+    )
     parser.add_argument("--json", action="store_true", help="print all numbers instead of a table")
 
 
 def main(args: argparse.Namespace) -> int:
     """Simulate with both solvers, print a table or JSON, draw; returns the exit status."""
-    check_writable(args.png)
+    check_writable(args.png, args.html)
     use_device(args.device)
-    if args.png:
+    if args.png or args.html:
         require("matplotlib")
     against = args.against or _rival(args)
     names = (args.solver, against)
@@ -204,7 +235,9 @@ def main(args: argparse.Namespace) -> int:
     else:
         print(_report(comparison))
     if args.png:
-        _plot(comparison, args.png)
+        _write(args.png, _picture(comparison, "png"))
+    if args.html:
+        _write(args.html, _page(comparison).encode())
     return interruption.status(0)
 
 
@@ -368,12 +401,40 @@ def _reasons(comparison: Comparison) -> list[str]:
     return ["\n".join(lines)]
 
 
-def _plot(comparison: Comparison, path: Path) -> None:
-    """Draw both courses over time.
+def _page(comparison: Comparison) -> str:
+    """The report as an HTML page: the table, plots over time, and what it ran on."""
+    machine = describe_machine(None)
+    picture = _picture(comparison, "svg").decode()
+    solvers = " and ".join(course.solver for course in comparison.courses)
+    return _PAGE.format(
+        title=html.escape(f"{comparison.scene}: {solvers}"),
+        report=html.escape(_report(comparison)),
+        plot=picture[picture.index("<svg") :],
+        machine=html.escape("\n".join(f"{name}: {value}" for name, value in machine.items())),
+    )
+
+
+def _picture(comparison: Comparison, kind: str) -> bytes:
+    """Both courses over time, as an image file of a kind: png or svg."""
+    image = io.BytesIO()
+    _draw(comparison).savefig(image, format=kind, dpi=120)
+    return image.getvalue()
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file.
 
     Raises:
-        UserError: The file cannot be written.
+        UserError: It cannot be written.
     """
+    try:
+        path.write_bytes(content)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error}") from error
+
+
+def _draw(comparison: Comparison) -> "Figure":
+    """Draw both courses over time."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 6.5), layout="constrained")
@@ -403,7 +464,4 @@ def _plot(comparison: Comparison, path: Path) -> None:
     cost.invert_yaxis()
     cost.margins(x=0.15)
     cost.set_xlabel("solver, median of a step [ms]")
-    try:
-        figure.savefig(path, dpi=120)
-    except (OSError, ValueError) as error:
-        raise UserError(f"cannot write {path}: {error}") from error
+    return figure
