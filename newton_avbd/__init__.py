@@ -22,10 +22,15 @@ _HOMES = {
 }
 """Modules of the public names. They need Newton, which the command line imports only to work."""
 
+_MODULES = ("coupling", "effects", "report", "settings", "solver")
+"""Modules that hold more that is public, as attributes of the package."""
+
 if not TYPE_CHECKING:
 
     def __getattr__(name: str) -> object:
         """Import a public name when it is first asked for."""
+        if name in _MODULES:
+            return importlib.import_module(f"{__name__}.{name}")
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
         value = getattr(importlib.import_module(f"{__name__}.{_HOMES[name]}"), name)
@@ -35,4 +40,4 @@ if not TYPE_CHECKING:
 
 def __dir__() -> list[str]:
     """All names, imported or not."""
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, *_MODULES})

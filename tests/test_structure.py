@@ -92,6 +92,7 @@ def test_public_names_are_listed_before_they_are_imported() -> None:
         "import sys, newton_avbd as package\n"
         "assert set(package.__all__) <= set(dir(package)) and 'newton' not in sys.modules\n"
         "assert not hasattr(package, 'Solver')\n"
+        "assert package.settings.SCENE_SETTINGS and package.coupling.RigidCoupling\n"
         "from newton_avbd import *\n"
         "assert SolverAVBD is package.SolverAVBD is package.solver.SolverAVBD\n"
         "assert all(hasattr(package, name) for name in package.__all__)"
