@@ -139,8 +139,8 @@ def compiles(
 ) -> None:
     """Compiles the module of a kernel for a GPU that need not be there.
 
-    To PTX. The assembler, which gives registers to it, takes two thirds of the time: it is asked for
-    a large world, and with COMPILE_ALL=1 for all, as once a week.
+    To PTX. The assembler, which gives registers to it, takes two thirds of the time: it is asked
+    for a large world, and with COMPILE_ALL=1 for all, as once a week.
     """
     if wp.get_cuda_toolkit_version() is None:
         pytest.skip("this build of Warp has no CUDA compiler")
