@@ -33,7 +33,9 @@ def test_a_scene_of_the_benchmark_moves_as_it_asks(name: str) -> None:
 
 ALONE = """
 import dataclasses
+import warp as wp
 
+wp.config.cpu_compiler_flags = "-ffp-contract=on"
 from newton_avbd.scenes import robots
 from newton_avbd.study.bench import run as bench
 
@@ -48,7 +50,7 @@ def test_worlds_move_as_one_alone() -> None:
     """Four ants for 1 s, each as one by itself: the same bits.
 
     The step of one world and that of many are two kernels. Which products and sums the compiler
-    fuses depends on the kernel by default; tests have it fuse within expressions only.
+    fuses depends on the kernel by default; here it is told to fuse within expressions only.
     """
     done = subprocess.run([sys.executable, "-c", ALONE], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -208,7 +208,7 @@ def test_actuators_that_no_importer_reads_are_named(tmp_path, capsys):
     for driven in ([], ["--ctrl", "sine"]):
         arguments = ["compare", str(path), "--against", "mujoco", "--frames", "1", *driven]
         assert main(arguments) == 0
-        assert "without the actuator 'piston' (<cylinder>)" in capsys.readouterr().err
+        assert "without 1 actuator ('piston' (<cylinder>))" in capsys.readouterr().err
 
 
 def test_compare_prints_a_table_and_plots(tmp_path, capsys):

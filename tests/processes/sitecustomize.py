@@ -62,7 +62,6 @@ wp.config.enable_backward = False
 wp.config.cpu_compiler_flags = " ".join(
     [
         "-march=native",
-        "-ffp-contract=on",  # within expressions only: the same in kernels that differ
         "-fno-vectorize",
         "-fno-slp-vectorize",
         "-disable-lifetime-markers",
