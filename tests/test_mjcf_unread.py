@@ -33,7 +33,7 @@ FOUND = (
     r"1 actuator \('glue' \(<adhesion>\)\)",
     r"the timeconst of 1 position actuator \(that of first\)",
     r"the range of 1 ball joint \('swivel'\)",
-    r"the damping of 1 free joint \(that of body free\)",
+    r"the damping of 1 free joint \(that of body 'free'\)",
     r"the pos of 1 joint \('second'\)",
     r"the order of the joints of 1 body \('arm'\)",
     r"the joints after the ball joint of 1 body \('ball'\)",
