@@ -80,7 +80,7 @@ def test_what_is_read_is_not_named(tmp_path: Path) -> None:
     ("joint", "message"),
     [
         ('name="o" damping=".1 .3"', r"joint 'o' has damping=\"\.1 \.3\", a polynomial"),
-        ('stiffness="1 5"', "a joint of b has stiffness"),
+        ('stiffness="1 5"', "a joint of body 'b' has stiffness"),
         ('name="s" type="slide"/><joint name="b" type="ball"', "joint 'b' is a ball after another"),
     ],
 )
@@ -94,6 +94,20 @@ def test_a_joint_that_the_importer_fails_at_is_named(
     )
     with pytest.raises(UserError, match=message):
         read_asset(path, "avbd", floating=True)
+
+
+@pytest.mark.parametrize(
+    "joint",
+    ['type="free" damping="0 1"', 'type="ball"/><joint type="slide" damping="0 1"'],
+)
+def test_a_polynomial_that_the_importer_does_not_read_is_not_refused(
+    tmp_path: Path, joint: str
+) -> None:
+    """It stops at the first free or ball joint of a body."""
+    body = f'<body><joint {joint}/><geom size="0.1"/></body>'
+    path = write(tmp_path, f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    mujoco.MjModel.from_xml_path(str(path))
+    assert read_asset(path, "avbd", floating=True)[0].body_count == 1
 
 
 def test_the_remedy_for_a_time_constant_is_the_same_actuator() -> None:

@@ -35,18 +35,23 @@ def refuse(root: ElementTree.Element) -> None:
     """
     for body in bodies(root):
         for number, joint in enumerate(body.joints):
-            label = f"joint '{joint['name']}'" if "name" in joint else f"a joint of {body.name}"
+            kind = joint.get("type", "hinge")
+            if kind == "free":  # the importer reads no number of it, and no joint after it
+                break
+            label = f"joint '{joint['name']}'" if joint.get("name") else f"a joint of {body.called}"
             for name in ("damping", "stiffness"):
                 if len(joint.get(name, "").split()) > 1:
                     raise ValueError(
                         f'{label} has {name}="{joint[name]}", a polynomial, and Newton\'s '
                         "importer reads one number. Write the first one alone."
                     )
-            if number and joint.get("type") == "ball":
-                raise ValueError(
-                    f"{label} is a ball after another joint of its body, and Newton's "
-                    "importer takes a ball alone. Give it a body of its own."
-                )
+            if kind == "ball":
+                if number:
+                    raise ValueError(
+                        f"{label} is a ball after another joint of its body, and Newton's "
+                        "importer takes a ball alone. Give it a body of its own."
+                    )
+                break  # it reads none after it
 
 
 def unread(name: str, root: ElementTree.Element, builder: newton.ModelBuilder) -> Iterator[str]:
