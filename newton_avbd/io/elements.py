@@ -13,7 +13,7 @@ Attributes = dict[str, str]
 
 _OWNERS = ("joint", "tendon", "site", "body", "site1", "body1")
 """Attributes that say whose an element without a name is."""
-_MAIN = ""
+MAIN = ""
 """The default class of what names none."""
 
 
@@ -26,7 +26,8 @@ class Body:
         parent: The body that it is in; None where that is the world.
         is_mocap: Whether the file says so.
         inertial: Its ``<inertial>``; None where it has none.
-        joints: Its joints.
+        joints: Its joints, but for those in a ``<frame>``.
+        framed: Its joints in a ``<frame>``.
         geoms: Its geoms.
     """
 
@@ -35,6 +36,7 @@ class Body:
     is_mocap: bool
     inertial: Attributes | None
     joints: list[Attributes] = field(default_factory=list)
+    framed: list[Attributes] = field(default_factory=list)
     geoms: list[Attributes] = field(default_factory=list)
 
     def label(self, item: Attributes) -> str:
@@ -44,12 +46,17 @@ class Body:
     @property
     def called(self) -> str:
         """What to call it."""
-        return f"body {self.name!r}" if self.name else "a body without a name"
+        return called(self.name)
+
+    @property
+    def among(self) -> str:
+        """What to call it in a list of bodies."""
+        return f"'{self.name}'" if self.name else "one without a name"
 
     @property
     def moves(self) -> bool:
         """Whether it or a body that it is in has a joint."""
-        return bool(self.joints) or (self.parent is not None and self.parent.moves)
+        return bool(self.joints or self.framed) or (self.parent is not None and self.parent.moves)
 
 
 def bodies(root: ElementTree.Element) -> list[Body]:
@@ -57,25 +64,28 @@ def bodies(root: ElementTree.Element) -> list[Body]:
     classes = _classes(root)
     found: list[Body] = []
 
-    def walk(parent: ElementTree.Element, body: Body | None, ambient: str) -> None:
+    def walk(
+        parent: ElementTree.Element, body: Body | None, ambient: str, joints: list[Attributes]
+    ) -> None:
         for item in parent:
             inner = item.get("childclass", ambient)
             if item.tag == "body":
                 inertial = item.find("inertial")
                 said = None if inertial is None else inertial.attrib
                 is_mocap = item.get("mocap", "false") == "true"
-                walk(item, child := Body(item.get("name", ""), body, is_mocap, said), inner)
+                child = Body(item.get("name", ""), body, is_mocap, said)
+                walk(item, child, inner, child.joints)
                 found.append(child)
             elif item.tag == "frame":
-                walk(item, body, inner)
-            elif body is not None and item.tag == "freejoint":
-                body.joints.append(item.attrib | {"type": "free"})
+                walk(item, body, inner, body.framed if body else joints)
+            elif item.tag == "freejoint":
+                joints.append(item.attrib | {"type": "free"})
             elif body is not None and item.tag in ("joint", "geom"):
                 own = classes.get(item.get("class", ambient), {}).get(item.tag, {})
-                (body.joints if item.tag == "joint" else body.geoms).append(own | item.attrib)
+                (joints if item.tag == "joint" else body.geoms).append(own | item.attrib)
 
     for world in root.iter("worldbody"):
-        walk(world, None, _MAIN)
+        walk(world, None, MAIN, [])
     return found
 
 
@@ -84,7 +94,9 @@ def _classes(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
     found: dict[str, dict[str, Attributes]] = {}
 
     def walk(default: ElementTree.Element, inherited: dict[str, Attributes], name: str) -> None:
-        own = found[name] = found.get(name, {}) | inherited
+        own = found.setdefault(name, {})
+        for tag, attributes in inherited.items():
+            own[tag] = attributes | own.get(tag, {})
         for item in default:
             if item.tag != "default":
                 own[item.tag] = own.get(item.tag, {}) | item.attrib
@@ -93,9 +105,40 @@ def _classes(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
                 walk(item, own, item.get("class", ""))
 
     for default in root.findall("default"):
-        walk(default, {}, _MAIN)
-        found.setdefault(default.get("class", "main"), found[_MAIN])
-    return found
+        walk(default, {}, MAIN)
+    return found | {"main": found.get(MAIN, {})}
+
+
+def unclassed(root: ElementTree.Element) -> Iterator[tuple[str, str, Attributes]]:
+    """Tags in default classes, labels and attributes of elements that have no default class."""
+
+    def walk(parent: ElementTree.Element, owner: str) -> Iterator[tuple[str, str, Attributes]]:
+        for item in parent:
+            if item.tag in ("body", "frame"):
+                inner = called(item.get("name", "")) if item.tag == "body" else owner
+                yield from () if "childclass" in item.attrib else walk(item, inner)
+            elif "class" not in item.attrib:
+                yield item.tag, label(item.attrib, owner), item.attrib
+
+    for group in root:
+        if group.tag != "default":
+            own = group.tag if group.tag in ("equality", "tendon") else ""
+            for tag, name, attributes in walk(group, "the file"):
+                yield own or tag, name, attributes
+
+
+def in_tree(root: ElementTree.Element, tag: str) -> Iterator[str]:
+    """Labels of elements in the tree of bodies: by their names, or by the body that has them."""
+
+    def walk(parent: ElementTree.Element, owner: str) -> Iterator[str]:
+        for item in parent:
+            if item.tag == tag:
+                names = (item.get(key) for key in ("name", "model", "prefix"))
+                yield label({"name": next(filter(None, names), "")}, owner)
+            yield from walk(item, called(item.get("name", "")) if item.tag == "body" else owner)
+
+    for world in root.iter("worldbody"):
+        yield from walk(world, "the world")
 
 
 def of_group(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[str, Attributes]]:
@@ -103,9 +146,14 @@ def of_group(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[
     classes = _classes(root)
     for parent in root.iter(group):
         for item in parent.findall(tag):
-            attributes = classes.get(item.get("class", _MAIN), {}).get(tag, {}) | item.attrib
+            attributes = classes.get(item.get("class", MAIN), {}).get(tag, {}) | item.attrib
             owner = next((attributes[key] for key in _OWNERS if key in attributes), "the file")
             yield label(attributes, owner), attributes
+
+
+def called(name: str) -> str:
+    """What to call a body of a name, which may be empty."""
+    return f"body '{name}'" if name else "a body without a name"
 
 
 def label(attributes: Attributes, owner: str) -> str:

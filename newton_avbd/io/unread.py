@@ -13,7 +13,7 @@ import warp as wp
 
 from newton_avbd.model.welds import inverse, multiply
 
-from .elements import Attributes, Body, bodies, numbers, of_group
+from .elements import Attributes, Body, bodies, in_tree, numbers, of_group, unclassed
 
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that it leaves out."""
@@ -22,8 +22,18 @@ _MOST_NAMES = 3
 _APART = 1.0e-4
 """From which distance [m], and half of the angle [rad], on two sites do not meet: files round to a
 few digits."""
+_MOVED = 1.0e-6
+"""By how much the axis of a hinge is elsewhere [m]: files round."""
 _OF_FREE = ("damping", "armature", "frictionloss", "stiffness")
 """What a free joint may have in MuJoCo."""
+_SEEN = frozenset({"group", "material", "rgba", "user"})
+"""Attributes that move nothing."""
+_SHOWN = ("camera", "light", "material", "site", "texture")
+"""Elements that move nothing."""
+_SAVE = 'Load the file that mujoco.mj_saveLastXML("FILE", model) writes'
+_SOFT = "SolverVBD simulates what builder.add_cloth_grid() and add_soft_grid() make"
+_OF_TREE = {"replicate": _SAVE, "attach": _SAVE, "composite": _SAVE, "flexcomp": _SOFT}
+"""Elements in the tree of bodies that are left out with all that they stand for, and remedies."""
 
 
 def refuse(root: ElementTree.Element) -> None:
@@ -63,7 +73,8 @@ def unread(name: str, root: ElementTree.Element, builder: newton.ModelBuilder) -
         builder: Has read it.
     """
     found = bodies(root)
-    for kind in (*_of_actuators(root), *_of_joints(found), *_of_bodies(root, found, builder)):
+    of_bodies = _of_bodies(root, found, builder)
+    for kind in (*_of_tree(root, found), *_of_actuators(root), *_of_joints(found), *of_bodies):
         if kind.names:
             yield f"{name} goes on without {kind}"
     yield from _other_gravity(name, root, builder)
@@ -91,6 +102,29 @@ class _Kind:
             f"{what} {nouns} ({names}), which Newton's importer does not read: {self.instead}. "
             f"{self.remedy}."
         )
+
+
+def _of_tree(root: ElementTree.Element, bodies: list[Body]) -> Iterator[_Kind]:
+    """What is left out with all that is in it, and defaults."""
+    for tag, remedy in _OF_TREE.items():
+        names = [*in_tree(root, tag)]
+        yield _Kind("", f"<{tag}> element", names, "nothing of it is there", remedy)
+    names = [f"{body.label(joint)} (in a <frame>)" for body in bodies for joint in body.framed]
+    instead = "a body without another joint is fixed"
+    yield _Kind("", "joint", names, instead, "Write it in the body, outside of the <frame>")
+    main: dict[str, set[str]] = {}
+    for default in root.findall("default"):
+        for item in default if "class" in default.attrib else ():
+            if item.tag not in _SHOWN:
+                main.setdefault(item.tag, set()).update(item.attrib.keys() - _SEEN)
+    names = [
+        f"{label} (<{tag}>)"
+        for tag, label, said in unclassed(root)
+        if main.get(tag, set()) - said.keys()
+    ]
+    instead = "it acts on elements that have a class"
+    remedy = "Write <default> without class"
+    yield _Kind('<default class="main">', "element", names, instead, remedy)
 
 
 def _of_actuators(root: ElementTree.Element) -> Iterator[_Kind]:
@@ -121,9 +155,9 @@ def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
     for body in bodies:
         kinds = [joint.get("type", "hinge") for joint in body.joints]
         if len(kinds) > 1 and kinds[0] == "ball":
-            beside.append(f"'{body.name}'")
+            beside.append(body.among)
         if "hinge" in kinds and "slide" in kinds[kinds.index("hinge") :]:
-            turned.append(f"'{body.name}'")
+            turned.append(body.among)
         for joint, kind in zip(body.joints, kinds, strict=True):
             label = body.label(joint)
             if kind == "ball" and _is_limited(joint, "range"):
@@ -131,8 +165,7 @@ def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
             if kind == "free" and (has := [key for key in _OF_FREE if numbers(joint, key).any()]):
                 free.append(label)
                 of_free |= dict.fromkeys(has)
-            first = body.joints[0]
-            if kind == "hinge" and np.any(numbers(joint, "pos") != numbers(first, "pos")):
+            if kind == "hinge" and _is_moved(joint, body.joints[0]):
                 moved.append(label)
             is_sided = kind in ("hinge", "slide") and numbers(joint, "actuatorfrcrange").sum()
             if is_sided and _is_limited(joint, "actuatorfrcrange", "actuatorfrclimited"):
@@ -162,7 +195,7 @@ def _of_bodies(
     ]
     instead = "the drag is that of boxes which have the inertia of the bodies"
     yield _Kind("fluidshape", "geom", found, instead, "SolverAVBD has no other drag")
-    found = [f"'{body.name}'" for body in bodies if body.is_mocap]
+    found = [body.among for body in bodies if body.is_mocap]
     remedy = (
         "A program sets builder.body_flags[body] to int(newton.BodyFlags.KINEMATIC) before "
         "finalize(), and writes body_q in each step"
@@ -172,6 +205,13 @@ def _of_bodies(
     instead = "site1 is held to where it is on the second body in the file"
     remedy = "Let the two sites meet there"
     yield _Kind("frame of site2", "equality constraint", found, instead, remedy)
+
+
+def _is_moved(hinge: Attributes, first: Attributes) -> bool:
+    """Whether a hinge turns about another line where it has the pos of another joint."""
+    axis = np.array(hinge.get("axis", "0 0 1").split(), dtype=float)
+    off = np.cross(numbers(hinge, "pos") - numbers(first, "pos"), axis)
+    return bool(np.linalg.norm(off) > _MOVED * np.linalg.norm(axis))
 
 
 def _is_limited(said: Attributes, name: str, limited: str = "limited") -> bool:
@@ -199,11 +239,12 @@ def _open_ties(root: ElementTree.Element, builder: newton.ModelBuilder) -> list[
         return multiply(np.array([pose]), np.array([builder.shape_transform[sites[site]]]))
 
     found = []
-    for tag, count in (("connect", 3), ("weld", 6)):
+    for tag in ("connect", "weld"):
         for label, said in of_group(root, "equality", tag):
             ends = [said.get(f"site{end}", "") for end in (1, 2)]
-            if all(end in sites for end in ends):
-                apart = multiply(inverse(where(ends[0])), where(ends[1]))[0, :count]
+            if said.get("active") != "false" and all(end in sites for end in ends):
+                turns = tag == "weld" and float(said.get("torquescale", "1")) != 0.0
+                apart = multiply(inverse(where(ends[0])), where(ends[1]))[0, : 6 if turns else 3]
                 if np.abs(apart).max() > _APART:
                     found.append(label)
     return found
