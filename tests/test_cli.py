@@ -291,19 +291,31 @@ def test_every_command_lists_examples_that_its_parser_takes():
         ("run --pn", "--png"),
         ("falls --scheme gen", "generalized_alpha"),
         ("run domino_s", "domino_spiral"),
-        ("compare newton:py", "newton:pyramid"),
-        ("effects robot:nv_a", "robot:nv_ant"),
+        ("compare newton:py", "pyramid"),  # readline keeps what stands before a colon
+        ("effects robot:nv_a", "nv_ant"),
+        ("falls --scheme=gen", "generalized_alpha"),
+        ("run pyramid.", ""),  # the shell completes files where nothing else fits
+        ("run heavy", "heavy_on_light heavy.xml"),
+        ("run --png heavy", ""),
+        ("accuracy heavy", "heavy_on_light"),
+        ("properties fri", "friction"),
         ("falls nv_a", "nv_ant"),
         ("learning gymnasium/Ant", "gymnasium/Ant-v5"),
         ("x y", ""),
     ],
 )
-def test_the_tab_key_completes(typed, completed, capfd):
+def test_the_tab_key_completes(typed, completed, tmp_path, capfd):
+    (tmp_path / "heavy.xml").touch()
     assert main(["--completion"]) == 0
-    words = f"COMP_WORDS=(newton-avbd {typed}); COMP_CWORD={len(typed.split())}; _newton_avbd"
-    shell = f'{capfd.readouterr().out}\n{words}; echo "${{COMPREPLY[*]}}"'
-    run = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, check=True)
-    assert (run.stdout.strip(), run.stderr) == (completed, "")
+    line = f"newton-avbd {typed}"
+    words = f"COMP_WORDS=({line}) COMP_CWORD={len(typed.split())} COMP_LINE={line!r}"
+    shell = f"""breaks=$COMP_WORDBREAKS
+{capfd.readouterr().out}
+{words} COMP_POINT={len(line)}; _newton_avbd; echo "${{COMPREPLY[*]}}"
+[ "$breaks" = "$COMP_WORDBREAKS" ] || echo "other word breaks" """
+    arguments = {"capture_output": True, "text": True, "check": True, "cwd": tmp_path}
+    run = subprocess.run(["bash", "-c", shell], **arguments)
+    assert (" ".join(run.stdout.split()), run.stderr) == (completed, "")
 
 
 def test_without_a_command_they_are_listed(capsys):
