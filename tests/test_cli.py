@@ -13,6 +13,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import newton
 import newton.viewer
@@ -22,6 +23,7 @@ import pytest
 import newton_avbd
 from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS, view
+from newton_avbd.commands.compare import Comparison, Course
 from newton_avbd.commands.program import parse
 from newton_avbd.io.errors import UserError
 from newton_avbd.io.opening import open_scene
@@ -227,6 +229,25 @@ def test_compare_prints_a_table_and_plots(tmp_path, capsys):
     assert html.escape(text.strip()) in written
     assert written.count("<svg") == written.count("</svg>") == 1
     assert "processor: " in written
+
+
+@pytest.mark.parametrize(("name", "start"), [("a.svg", b"<?xml"), ("a.PDF", b"%PDF"), ("a", PNG)])
+def test_the_ending_says_which_kind_of_plot(name, start, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    course = Course("avbd", *([0.0, 0.0] for _ in range(3)))
+    comparison = Comparison(
+        "fall", 1, (0.1, 0.1), [0.0, 0.1], (course, course), [0.0] * 2, [0.0] * 2
+    )
+    done = (comparison, SimpleNamespace(happened=False, status=int))
+    monkeypatch.setattr("newton_avbd.commands.compare._compare", lambda *_: done)
+    assert main(["compare", "fall", "--png", str(tmp_path / name)]) == 0
+    assert (tmp_path / name).read_bytes().startswith(start)
+
+
+def test_a_kind_of_plot_that_there_is_not_is_told_before_the_work(capsys):
+    pytest.importorskip("matplotlib")
+    assert main(["compare", "fall", "--png", "a.docx"]) == 2
+    assert "cannot draw a.docx: its ending is none of" in capsys.readouterr().err
 
 
 def test_compare_opens_an_example_with_both_solvers(capsys):
