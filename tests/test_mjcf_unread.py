@@ -64,7 +64,9 @@ OF_TREE_FOUND = (
     r'the <default class="main"> of 2 elements '
     r"\('framed' \(<joint>\), that of body 'b' \(<joint>\)\)",
 )
-PLAIN = """<mujoco><option gravity="0 0 -9.81"/><worldbody><site name="hook"/>
+PLAIN = """<mujoco><option gravity="0 0 -9.81"/>
+<default><default class="off"><equality active="false"/></default></default>
+<worldbody><site name="hook"/>
 <body name="ball"><joint type="ball" limited="false" range="0 20"/><geom size="0.1"/></body>
 <body name="arm"><joint name="rail" type="slide" pos="0.1 0 0" actuatorfrcrange="-5 5"/>
 <joint name="first" axis="0 1 0" pos="0.1000000001 0.3 0" damping="1"/>
@@ -72,6 +74,7 @@ PLAIN = """<mujoco><option gravity="0 0 -9.81"/><worldbody><site name="hook"/>
 <site name="tip"/><site name="turned" euler="90 0 0"/><site name="far" pos="1 0 0"/></body>
 </worldbody>
 <equality><connect site1="hook" site2="tip"/><connect site1="hook" site2="far" active="false"/>
+<connect class="off" site1="hook" site2="far"/>
 <weld site1="hook" site2="turned" torquescale="0"/></equality>
 <actuator><position joint="first" kp="3"/></actuator></mujoco>"""
 """The same elements, of which nothing is lost."""

@@ -13,8 +13,10 @@ Attributes = dict[str, str]
 
 _OWNERS = ("joint", "tendon", "site", "body", "site1", "body1")
 """Attributes that say whose an element without a name is."""
-MAIN = ""
+_MAIN = ""
 """The default class of what names none."""
+_SHARED = ("equality", "tendon")
+"""Groups whose elements share one element in a default class, of the group's name."""
 
 
 @dataclass
@@ -85,7 +87,7 @@ def bodies(root: ElementTree.Element) -> list[Body]:
                 (joints if item.tag == "joint" else body.geoms).append(own | item.attrib)
 
     for world in root.iter("worldbody"):
-        walk(world, None, MAIN, [])
+        walk(world, None, _MAIN, [])
     return found
 
 
@@ -105,8 +107,8 @@ def _classes(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
                 walk(item, own, item.get("class", ""))
 
     for default in root.findall("default"):
-        walk(default, {}, MAIN)
-    return found | {"main": found.get(MAIN, {})}
+        walk(default, {}, _MAIN)
+    return found | {"main": found.get(_MAIN, {})}
 
 
 def unclassed(root: ElementTree.Element) -> Iterator[tuple[str, str, Attributes]]:
@@ -122,7 +124,7 @@ def unclassed(root: ElementTree.Element) -> Iterator[tuple[str, str, Attributes]
 
     for group in root:
         if group.tag != "default":
-            own = group.tag if group.tag in ("equality", "tendon") else ""
+            own = group.tag if group.tag in _SHARED else ""
             for tag, name, attributes in walk(group, "the file"):
                 yield own or tag, name, attributes
 
@@ -144,9 +146,10 @@ def in_tree(root: ElementTree.Element, tag: str) -> Iterator[str]:
 def of_group(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[str, Attributes]]:
     """Labels and attributes of elements that are in no body."""
     classes = _classes(root)
+    shared = group if group in _SHARED else tag
     for parent in root.iter(group):
         for item in parent.findall(tag):
-            attributes = classes.get(item.get("class", MAIN), {}).get(tag, {}) | item.attrib
+            attributes = classes.get(item.get("class", _MAIN), {}).get(shared, {}) | item.attrib
             owner = next((attributes[key] for key in _OWNERS if key in attributes), "the file")
             yield label(attributes, owner), attributes
 
