@@ -13,6 +13,7 @@ import subprocess
 import sys
 import warnings
 from pathlib import Path
+from types import SimpleNamespace
 
 import newton
 import newton.viewer
@@ -22,6 +23,7 @@ import pytest
 import newton_avbd
 from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS, view
+from newton_avbd.commands.compare import Comparison, Course
 from newton_avbd.commands.program import parse
 from newton_avbd.io.errors import UserError
 from newton_avbd.io.opening import open_scene
@@ -229,6 +231,25 @@ def test_compare_prints_a_table_and_plots(tmp_path, capsys):
     assert "processor: " in written
 
 
+@pytest.mark.parametrize(("name", "start"), [("a.svg", b"<?xml"), ("a.PDF", b"%PDF"), ("a", PNG)])
+def test_the_ending_says_which_kind_of_plot(name, start, tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    course = Course("avbd", *([0.0, 0.0] for _ in range(3)))
+    comparison = Comparison(
+        "fall", 1, (0.1, 0.1), [0.0, 0.1], (course, course), [0.0] * 2, [0.0] * 2
+    )
+    done = (comparison, SimpleNamespace(happened=False, status=int))
+    monkeypatch.setattr("newton_avbd.commands.compare._compare", lambda *_: done)
+    assert main(["compare", "fall", "--png", str(tmp_path / name)]) == 0
+    assert (tmp_path / name).read_bytes().startswith(start)
+
+
+def test_a_kind_of_plot_that_there_is_not_is_told_before_the_work(capsys):
+    pytest.importorskip("matplotlib")
+    assert main(["compare", "fall", "--png", "a.docx"]) == 2
+    assert "cannot draw a.docx: its ending is none of" in capsys.readouterr().err
+
+
 def test_compare_opens_an_example_with_both_solvers(capsys):
     pyramid = ["--", "--num-pyramids", "1", "--pyramid-size", "2"]
     arguments = ["compare", "newton:pyramid", "--against", "xpbd", "--frames", "2", *pyramid]
@@ -291,19 +312,31 @@ def test_every_command_lists_examples_that_its_parser_takes():
         ("run --pn", "--png"),
         ("falls --scheme gen", "generalized_alpha"),
         ("run domino_s", "domino_spiral"),
-        ("compare newton:py", "newton:pyramid"),
-        ("effects robot:nv_a", "robot:nv_ant"),
+        ("compare newton:py", "pyramid"),  # readline keeps what stands before a colon
+        ("effects robot:nv_a", "nv_ant"),
+        ("falls --scheme=gen", "generalized_alpha"),
+        ("run pyramid.", ""),  # the shell completes files where nothing else fits
+        ("run heavy", "heavy_on_light heavy.xml"),
+        ("run --png heavy", ""),
+        ("accuracy heavy", "heavy_on_light"),
+        ("properties fri", "friction"),
         ("falls nv_a", "nv_ant"),
         ("learning gymnasium/Ant", "gymnasium/Ant-v5"),
         ("x y", ""),
     ],
 )
-def test_the_tab_key_completes(typed, completed, capfd):
+def test_the_tab_key_completes(typed, completed, tmp_path, capfd):
+    (tmp_path / "heavy.xml").touch()
     assert main(["--completion"]) == 0
-    words = f"COMP_WORDS=(newton-avbd {typed}); COMP_CWORD={len(typed.split())}; _newton_avbd"
-    shell = f'{capfd.readouterr().out}\n{words}; echo "${{COMPREPLY[*]}}"'
-    run = subprocess.run(["bash", "-c", shell], capture_output=True, text=True, check=True)
-    assert (run.stdout.strip(), run.stderr) == (completed, "")
+    line = f"newton-avbd {typed}"
+    words = f"COMP_WORDS=({line}) COMP_CWORD={len(typed.split())} COMP_LINE={line!r}"
+    shell = f"""breaks=$COMP_WORDBREAKS
+{capfd.readouterr().out}
+{words} COMP_POINT={len(line)}; _newton_avbd; echo "${{COMPREPLY[*]}}"
+[ "$breaks" = "$COMP_WORDBREAKS" ] || echo "other word breaks" """
+    arguments = {"capture_output": True, "text": True, "check": True, "cwd": tmp_path}
+    run = subprocess.run(["bash", "-c", shell], **arguments)
+    assert (" ".join(run.stdout.split()), run.stderr) == (completed, "")
 
 
 def test_without_a_command_they_are_listed(capsys):

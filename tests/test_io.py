@@ -219,6 +219,45 @@ def test_a_mass_of_an_mjcf_file_that_makes_no_sense_is_named(tmp_path, attribute
         open_scene(str(path), Request("avbd"))
 
 
+INERTIAL = '<inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/>'
+
+
+@pytest.mark.parametrize(
+    ("before", "body"),
+    [
+        ("", INERTIAL + '<geom size="0.1" density="-1"/>'),
+        ("", INERTIAL + '<geom size="0.1" mass="-1"/>'),
+        ('<worldbody><geom size="0.1" density="-1"/></worldbody>', INERTIAL),
+        ('<default><default class="a"><geom density="-1"/></default></default>', INERTIAL),
+        (
+            '<compiler inertiafromgeom="true"/>',
+            INERTIAL.replace('"2"', '"-2"') + '<geom size="0.1" mass="2"/>',
+        ),
+        ('<compiler boundmass="2"/>', INERTIAL.replace('"2"', '"-2"')),
+        ('<compiler boundinertia="1"/>', INERTIAL.replace('"1 ', '"-1 ')),
+        (
+            '<compiler inertiagrouprange="0 2"/>',
+            '<geom size="0.1" mass="-1" group="3"/><geom size="0.1" mass="2"/>',
+        ),
+        ("", '<geom size="0.1" density="-1" mass="2"/>'),
+    ],
+)
+def test_what_weighs_no_body_may_be_negative(tmp_path, before, body):
+    """As in MuJoCo, which finds the same mass."""
+    path = tmp_path / "scene.xml"
+    text = f"{before}<worldbody><body><freejoint/>{body}</body></worldbody>"
+    path.write_text(f"<mujoco>{text}</mujoco>")
+    assert read_asset(path, "avbd", floating=True)[0].body_mass == pytest.approx([2.0])
+    assert mujoco.MjModel.from_xml_path(str(path)).body_mass[1] == pytest.approx(2.0)
+
+
+def test_the_inertial_of_a_body_that_is_fixed_may_be_negative(tmp_path):
+    path = tmp_path / "scene.xml"
+    inertial = INERTIAL.replace('"2"', '"-2"')
+    path.write_text(f"<mujoco><worldbody><body>{inertial}</body></worldbody></mujoco>")
+    assert read_asset(path, "avbd", floating=True)[0].body_count == 1
+
+
 def test_a_mass_of_a_usd_file_that_makes_no_sense_is_named(tmp_path):
     pytest.importorskip("pxr")
     path = tmp_path / "cube.usda"
@@ -226,6 +265,24 @@ def test_a_mass_of_a_usd_file_that_makes_no_sense_is_named(tmp_path):
     path.write_text(text.replace("{\n", "{\n    float physics:mass = -3\n", 1))
     with pytest.raises(UserError, match=r"physics:mass = -3.0 of prim /cube is negative"):
         open_scene(str(path), Request("avbd"))
+
+
+@pytest.mark.parametrize(
+    ("api", "values", "mass"),
+    [
+        ('"PhysicsMassAPI", ', "float physics:mass = 2\n    float physics:density = -1\n", 2.0),
+        ("", "float physics:mass = -3\n", 8.0),
+    ],
+)
+def test_what_weighs_no_prim_may_be_negative(tmp_path, api, values, mass):
+    """A density beside a mass, a mass without the schema, a material that nothing has."""
+    pytest.importorskip("pxr")
+    path = tmp_path / "cube.usda"
+    text = USD.replace('["PhysicsRigidBodyAPI"', f'[{api}"PhysicsRigidBodyAPI"')
+    material = 'def Material "m" (prepend apiSchemas = ["PhysicsMaterialAPI"])\n'
+    text = text.replace("{\n", "{\n    " + values, 1)
+    path.write_text(f"{text}{material}{{\n    float physics:density = -1\n}}\n")
+    assert read_asset(path, "avbd", floating=True)[0].body_mass == pytest.approx([mass])
 
 
 def _check_rest(path: Path, text: str, solver: str) -> None:

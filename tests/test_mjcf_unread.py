@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import mujoco
+import newton
 import numpy as np
 import pytest
 
@@ -21,7 +22,7 @@ SCENE = """<mujoco><option gravity="0 0 -1.6" density="1000"/>
 <body name="free"><joint type="free"/><geom size="0.1"/></body>
 <body name="plain" pos="1 0 0"><freejoint/><geom size="0.1"/></body>
 <body name="arm" pos="2 0 0" childclass="arm"><joint name="first" axis="0 1 0"/>
-<joint name="second" axis="1 0 0" pos="0.1 0 0"/><joint name="rail" type="slide"/>
+<joint name="second" axis="1 0 0" pos="0 0.1 0"/><joint name="rail" type="slide"/>
 <geom size="0.1"/><site name="tip"/></body>
 <body name="hand" mocap="true"><geom size="0.1"/></body></worldbody>
 <equality><connect name="rope" site1="hook" site2="tip"/></equality>
@@ -33,7 +34,7 @@ FOUND = (
     r"1 actuator \('glue' \(<adhesion>\)\)",
     r"the timeconst of 1 position actuator \(that of first\)",
     r"the range of 1 ball joint \('swivel'\)",
-    r"the damping of 1 free joint \(that of body free\)",
+    r"the damping of 1 free joint \(that of body 'free'\)",
     r"the pos of 1 joint \('second'\)",
     r"the order of the joints of 1 body \('arm'\)",
     r"the joints after the ball joint of 1 body \('ball'\)",
@@ -43,13 +44,38 @@ FOUND = (
     r"the frame of site2 of 1 equality constraint \('rope'\)",
     r"its gravity \(0, 0, -1\.6\).*\(0, 0, -9\.81\)",
 )
-PLAIN = """<mujoco><option gravity="0 0 -9.81"/><worldbody><site name="hook"/>
+OF_TREE = """<mujoco><default class="main"><joint damping="3"/><site size="1"/>
+<geom rgba="1 0 0 1"/><default class="inner"/></default>
+<asset><model name="other" file="other.xml"/></asset><worldbody>
+<body name="a"><frame><joint name="framed"/></frame><geom size="0.1"/></body>
+<body><joint damping="1"/><geom size="0.1"/><site name="tip"/></body>
+<body name="b"><joint/><geom size="0.1"/><attach model="other" body="c" prefix="p"/></body>
+<body name="c" childclass="inner"><joint/><geom size="0.1"/>
+<body name="d"><joint class="main"/><geom size="0.1"/></body></body>
+<replicate count="2"><body><joint/><geom size="0.1"/></body></replicate>
+<frame><flexcomp name="cloth"/><composite prefix="rope"/></frame></worldbody></mujoco>"""
+"""A file of which the most is lost."""
+OF_TREE_FOUND = (
+    r"1 <replicate> element \(that of the world\).* mujoco.mj_saveLastXML",
+    r"1 <attach> element \('other'\)",
+    r"1 <composite> element \('rope'\)",
+    r"1 <flexcomp> element \('cloth'\)",
+    r"1 joint \('framed' \(in a <frame>\)\).*: a body without another joint is fixed",
+    r'the <default class="main"> of 2 elements '
+    r"\('framed' \(<joint>\), that of body 'b' \(<joint>\)\)",
+)
+PLAIN = """<mujoco><option gravity="0 0 -9.81"/>
+<default><default class="off"><equality active="false"/></default></default>
+<worldbody><site name="hook"/>
 <body name="ball"><joint type="ball" limited="false" range="0 20"/><geom size="0.1"/></body>
 <body name="arm"><joint name="rail" type="slide" pos="0.1 0 0" actuatorfrcrange="-5 5"/>
-<joint name="first" axis="0 1 0" pos="0.1 0 0" damping="1"/>
+<joint name="first" axis="0 1 0" pos="0.1000000001 0.3 0" damping="1"/>
 <geom size="0.1" fluidshape="ellipsoid"/>
-<site name="tip"/></body></worldbody>
-<equality><connect site1="hook" site2="tip"/></equality>
+<site name="tip"/><site name="turned" euler="90 0 0"/><site name="far" pos="1 0 0"/></body>
+</worldbody>
+<equality><connect site1="hook" site2="tip"/><connect site1="hook" site2="far" active="false"/>
+<connect class="off" site1="hook" site2="far"/>
+<weld site1="hook" site2="turned" torquescale="0"/></equality>
 <actuator><position joint="first" kp="3"/></actuator></mujoco>"""
 """The same elements, of which nothing is lost."""
 
@@ -72,6 +98,38 @@ def test_each_kind_is_named_once(tmp_path: Path) -> None:
         assert re.search(pattern, note), note
 
 
+def test_what_is_lost_with_all_that_is_in_it_is_named(tmp_path: Path) -> None:
+    """Newton's importer says nothing, and makes five bodies of eight or more."""
+    builder, notes = read_asset(write(tmp_path, OF_TREE), "avbd", floating=True)
+    assert len(notes) == len(OF_TREE_FOUND)
+    for note, pattern in zip(notes, OF_TREE_FOUND, strict=True):
+        assert re.search(pattern, note), note
+    assert builder.body_count == 5
+    assert builder.joint_type[0] == newton.JointType.FIXED
+    # joints that say it, of a class inside, that name the class
+    assert builder.joint_damping == [1.0, 0.0, 3.0, 3.0]
+
+
+def test_the_file_that_mujoco_saves_has_what_is_replicated(tmp_path: Path) -> None:
+    body = '<body name="a"><joint/><geom size="0.1"/></body>'
+    world = f'<worldbody><replicate count="2" offset="1 0 0">{body}</replicate></worldbody>'
+    text = f'<mujoco><default class="main"><joint damping="3"/></default>{world}</mujoco>'
+    model = mujoco.MjModel.from_xml_string(text)
+    mujoco.mj_saveLastXML(str(tmp_path / "scene.xml"), model)
+    builder, notes = read_asset(tmp_path / "scene.xml", "avbd", floating=True)
+    assert (builder.joint_damping, notes) == ([3.0, 3.0], ())
+
+
+def test_a_second_default_adds_to_the_first(tmp_path: Path) -> None:
+    """As in MuJoCo, also where the class is called by its name."""
+    joint = '<joint class="main" actuatorfrcrange="-1 5"/><joint name="s" pos="0.1 0 0"/>'
+    text = (
+        '<default><joint actuatorfrclimited="false"/></default><default><joint pos="0.1 0 0"/>'
+        f'</default><worldbody><body>{joint}<geom size="0.1"/></body></worldbody>'
+    )
+    assert read_asset(write(tmp_path, f"<mujoco>{text}</mujoco>"), "avbd", floating=True)[1] == ()
+
+
 def test_what_is_read_is_not_named(tmp_path: Path) -> None:
     assert read_asset(write(tmp_path, PLAIN), "avbd", floating=True)[1] == ()
 
@@ -80,7 +138,7 @@ def test_what_is_read_is_not_named(tmp_path: Path) -> None:
     ("joint", "message"),
     [
         ('name="o" damping=".1 .3"', r"joint 'o' has damping=\"\.1 \.3\", a polynomial"),
-        ('stiffness="1 5"', "a joint of b has stiffness"),
+        ('stiffness="1 5"', "a joint of body 'b' has stiffness"),
         ('name="s" type="slide"/><joint name="b" type="ball"', "joint 'b' is a ball after another"),
     ],
 )
@@ -94,6 +152,31 @@ def test_a_joint_that_the_importer_fails_at_is_named(
     )
     with pytest.raises(UserError, match=message):
         read_asset(path, "avbd", floating=True)
+
+
+def test_a_body_without_a_name_is_called_so(tmp_path: Path) -> None:
+    text = '<mujoco><worldbody><body mocap="true"><joint {}/><geom size="0.1"/></body></worldbody>'
+    path = write(tmp_path, text.format('stiffness="1 5"') + "</mujoco>")
+    with pytest.raises(UserError, match="a joint of a body without a name has stiffness"):
+        read_asset(path, "avbd", floating=True)
+    path = write(tmp_path, text.format('type="ball" range="0 20"') + "</mujoco>")
+    ball, mocap = read_asset(path, "avbd", floating=True)[1]
+    assert "(that of a body without a name)" in ball
+    assert "(one without a name)" in mocap
+
+
+@pytest.mark.parametrize(
+    "joint",
+    ['type="free" damping="0 1"', 'type="ball"/><joint type="slide" damping="0 1"'],
+)
+def test_a_polynomial_that_the_importer_does_not_read_is_not_refused(
+    tmp_path: Path, joint: str
+) -> None:
+    """It stops at the first free or ball joint of a body."""
+    body = f'<body><joint {joint}/><geom size="0.1"/></body>'
+    path = write(tmp_path, f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    mujoco.MjModel.from_xml_path(str(path))
+    assert read_asset(path, "avbd", floating=True)[0].body_count == 1
 
 
 def test_the_remedy_for_a_time_constant_is_the_same_actuator() -> None:

@@ -228,6 +228,22 @@ def test_a_choice_of_mujoco_s_pgs_solver_is_read_over(tmp_path: Path):
     assert builder.body_count == 1
 
 
+def test_a_robot_that_fails_is_told_with_what_its_file_loses(tmp_path: Path, monkeypatch, capfd):
+    path = tmp_path / "arm.xml"
+    body = '<body><joint type="ball" range="0 20"/><geom size="0.1"/></body>'
+    path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    chosen = [robots.Robot("arm", "package", path, bolted=False)]
+    monkeypatch.setattr("newton_avbd.commands.robots.chosen_robots", lambda names: chosen)
+
+    def fail(report, load, *args, **options):
+        load()
+        report.failures.append("no")
+
+    monkeypatch.setattr("newton_avbd.commands.robots.try_robot", fail)
+    assert main(["robots"]) == 1
+    assert "arm.xml goes on without the range of 1 ball joint" in capfd.readouterr().out
+
+
 def test_missing_converters_are_named_with_what_installs_them(monkeypatch, capsys):
     monkeypatch.setitem(converted.CONVERTERS, ".urdf", "no_such_converter")
     assert main(["robots", "--usd"]) == 2

@@ -180,7 +180,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=CONTROLS,
         help="drive the actuators of an MJCF file, with the same controls for both",
     )
-    parser.add_argument("--png", type=Path, metavar="FILE", help="plot over time")
+    parser.add_argument(
+        "--png",
+        type=Path,
+        metavar="FILE",
+        help="plot over time; the file's ending says of which kind: .png, .svg, .pdf, ...",
+    )
     parser.add_argument(
         "--html",
         type=Path,
@@ -196,6 +201,7 @@ def main(args: argparse.Namespace) -> int:
     use_device(args.device)
     if args.png or args.html:
         require("matplotlib")
+    kind = _kind(args.png)
     against = args.against or _rival(args)
     names = (args.solver, against)
     if args.ctrl and not set(names) <= set(ACTUATED):
@@ -235,7 +241,7 @@ def main(args: argparse.Namespace) -> int:
     else:
         print(_report(comparison))
     if args.png:
-        _write(args.png, _picture(comparison, "png"))
+        _write(args.png, _picture(comparison, kind))
     if args.html:
         _write(args.html, _page(comparison).encode())
     return interruption.status(0)
@@ -414,8 +420,25 @@ def _page(comparison: Comparison) -> str:
     )
 
 
+def _kind(path: Path | None) -> str:
+    """What kind of image the ending of a file's name asks for: png where it has none.
+
+    Raises:
+        UserError: Matplotlib writes no such images.
+    """
+    kind = path.suffix[1:].lower() if path else ""
+    if not kind:
+        return "png"
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    known = FigureCanvasBase.get_supported_filetypes()
+    if kind not in known:
+        raise UserError(f"cannot draw {path}: its ending is none of {', '.join(sorted(known))}")
+    return kind
+
+
 def _picture(comparison: Comparison, kind: str) -> bytes:
-    """Both courses over time, as an image file of a kind: png or svg."""
+    """Both courses over time, as an image file of a kind: png, svg, ..."""
     image = io.BytesIO()
     _draw(comparison).savefig(image, format=kind, dpi=120)
     return image.getvalue()

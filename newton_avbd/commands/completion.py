@@ -6,6 +6,39 @@
 import argparse
 import shlex
 from collections.abc import Mapping
+from pathlib import Path
+
+_FUNCTION = r"""  COMPREPLY=()
+  local line="${COMP_LINE:0:COMP_POINT}"
+  local typed="${line##*[[:space:]]}"
+  local before="${line%"$typed"}"
+  before="${before%"${before##*[![:space:]]}"}"
+  local previous="${before##*[[:space:]]}"
+  case "$typed" in
+    --*=*) previous="${typed%%=*}" typed="${typed#*=}" ;;
+  esac
+  case " $paths " in
+    *" $previous "*) return ;;
+  esac
+  COMPREPLY=($(compgen -W "$words" -- "$typed"))
+  if [ -n "$files" ] && [ "${#COMPREPLY[@]}" -gt 0 ]; then
+    local IFS=$'\n'
+    local -a found
+    found=($(compgen -f -- "$typed"))
+    if [ "${#found[@]}" -gt 0 ]; then
+      COMPREPLY+=("${found[@]}")
+      compopt -o filenames 2>/dev/null
+    fi
+  fi
+  case "$COMP_WORDBREAKS" in
+    *:*) COMPREPLY=("${COMPREPLY[@]#"${typed%"${typed##*:}"}"}") ;;
+  esac
+}
+complete -o default -F _newton_avbd newton-avbd"""
+"""What a press of the Tab key does with what a command may be given.
+
+The shell completes names of files where ``COMPREPLY`` stays empty. In bash a word begins after a
+colon, and what stands before that is not replaced."""
 
 
 def script(parsers: Mapping[str, argparse.ArgumentParser]) -> str:
@@ -16,30 +49,33 @@ def script(parsers: Mapping[str, argparse.ArgumentParser]) -> str:
     Args:
         parsers: A parser for each command.
     """
-    cases = [f"    {name}) words={shlex.quote(_words(parsers[name]))} ;;" for name in parsers]
     return "\n".join(
         [
             '[ -n "$ZSH_VERSION" ] && autoload -U compinit bashcompinit && compinit',
             '[ -n "$ZSH_VERSION" ] && bashcompinit',
-            "COMP_WORDBREAKS=${COMP_WORDBREAKS//:/}",  # robot:NAME is one word
             "_newton_avbd() {",
-            f"  local words={shlex.quote(' '.join(parsers))}",
+            f"  local words={shlex.quote(' '.join(parsers))} paths= files=",
             '  [ "$COMP_CWORD" -gt 1 ] && case "${COMP_WORDS[1]}" in',
-            *cases,
+            *(f"    {name}) {_known(parsers[name])} ;;" for name in parsers),
             '    *) words="" ;;',
             "  esac",
-            '  COMPREPLY=($(compgen -W "$words" -- "${COMP_WORDS[COMP_CWORD]}"))',
-            "}",
-            "complete -o default -F _newton_avbd newton-avbd",
+            _FUNCTION,
         ]
     )
 
 
-def _words(parser: argparse.ArgumentParser) -> str:
-    """Long options of a command, and the choices and names of all its arguments."""
+def _known(parser: argparse.ArgumentParser) -> str:
+    """Sets what a command may be given: words, options before a path, whether files as well."""
     words: list[str] = []
+    paths: list[str] = []
+    files = False
     for action in parser._actions:
-        words += [option for option in action.option_strings if option.startswith("--")]
+        options = [option for option in action.option_strings if option.startswith("--")]
+        words += options
         words += map(str, action.choices or ())
         words += getattr(action, "names", tuple)()  # see io.options.offer
-    return " ".join(dict.fromkeys(words))
+        if action.type is Path:
+            paths += options
+        files |= getattr(action, "or_files", False)
+    said = shlex.quote(" ".join(dict.fromkeys(words)))
+    return f"words={said} paths={shlex.quote(' '.join(paths))} files={'yes' * files}"

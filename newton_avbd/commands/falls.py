@@ -50,6 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             help=f"robots, packages of them, or files ({', '.join(SUFFIXES)}); default: all robots",
         ),
         robot_names,
+        or_files=True,
     )
     parser.add_argument(
         "--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="what happens (default: all)"

@@ -152,7 +152,8 @@ def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:
     robot = source()
     with showing(f"reading {robot.name}"):
         builder, found = read_robot(robot)
-    notes += [note for note in found if note.startswith(f"{robot.path.name}:")]
+    file = robot.path.name
+    notes += [note for note in found if note.startswith((f"{file}:", f"{file} goes on without"))]
     return builder
 
 

@@ -21,6 +21,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
     offer(
         parser.add_argument("scene", metavar="SCENE", help="a scene or a file, see below"),
         scene_names,
+        or_files=True,
     )
     parser.add_argument(
         "--solver", choices=solvers, default="avbd", help="solver (default: %(default)s)"
@@ -45,14 +46,18 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
     parser.epilog = f"{list_scenes()}\nArguments after -- go to a Newton example."
 
 
-def offer(action: argparse.Action, names: Callable[[], Iterable[str]]) -> None:
+def offer(
+    action: argparse.Action, names: Callable[[], Iterable[str]], *, or_files: bool = False
+) -> None:
     """Let the Tab key offer names for an argument that may be something else, too.
 
     Args:
         action: The argument.
         names: Finds them; called where the script for the Tab key is made, and nowhere else.
+        or_files: Whether the argument may also be a file.
     """
     action.names = names  # type: ignore[attr-defined]
+    action.or_files = or_files  # type: ignore[attr-defined]
 
 
 def positive(kind: type[int] | type[float]) -> "type[int] | type[float]":

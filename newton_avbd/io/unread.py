@@ -4,7 +4,7 @@
 """What Newton's importer of MJCF files leaves out without a word: a sentence for each kind."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from xml.etree import ElementTree
 
 import newton
@@ -13,6 +13,8 @@ import warp as wp
 
 from newton_avbd.model.welds import inverse, multiply
 
+from .elements import Attributes, Body, bodies, in_tree, numbers, of_group, unclassed
+
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that it leaves out."""
 _MOST_NAMES = 3
@@ -20,27 +22,18 @@ _MOST_NAMES = 3
 _APART = 1.0e-4
 """From which distance [m], and half of the angle [rad], on two sites do not meet: files round to a
 few digits."""
+_MOVED = 1.0e-6
+"""By how much the axis of a hinge is elsewhere [m]: files round."""
 _OF_FREE = ("damping", "armature", "frictionloss", "stiffness")
 """What a free joint may have in MuJoCo."""
-
-_OWNERS = ("joint", "tendon", "site", "body", "site1", "body1")
-"""Attributes that say whose an element without a name is."""
-
-_Attributes = dict[str, str]
-
-
-@dataclass
-class _Body:
-    """A body of a file, with attributes of what it has, those of default classes among them."""
-
-    name: str
-    is_mocap: bool
-    joints: list[_Attributes] = field(default_factory=list)
-    geoms: list[_Attributes] = field(default_factory=list)
-
-    def label(self, joint: _Attributes) -> str:
-        """What to call one of its joints."""
-        return _label(joint, f"body {self.name}")
+_SEEN = frozenset({"group", "material", "rgba", "user"})
+"""Attributes that move nothing."""
+_SHOWN = ("camera", "light", "material", "site", "texture")
+"""Elements that move nothing."""
+_SAVE = 'Load the file that mujoco.mj_saveLastXML("FILE", model) writes'
+_SOFT = "SolverVBD simulates what builder.add_cloth_grid() and add_soft_grid() make"
+_OF_TREE = {"replicate": _SAVE, "attach": _SAVE, "composite": _SAVE, "flexcomp": _SOFT}
+"""Elements in the tree of bodies that are left out with all that they stand for, and remedies."""
 
 
 def refuse(root: ElementTree.Element) -> None:
@@ -50,20 +43,25 @@ def refuse(root: ElementTree.Element) -> None:
         ValueError: If a joint's damping or stiffness is a polynomial, or a ball joint comes after
             another joint of its body.
     """
-    for body in _bodies(root):
+    for body in bodies(root):
         for number, joint in enumerate(body.joints):
-            label = f"joint '{joint['name']}'" if "name" in joint else f"a joint of {body.name}"
+            kind = joint.get("type", "hinge")
+            if kind == "free":  # the importer reads no number of it, and no joint after it
+                break
+            label = f"joint '{joint['name']}'" if joint.get("name") else f"a joint of {body.called}"
             for name in ("damping", "stiffness"):
                 if len(joint.get(name, "").split()) > 1:
                     raise ValueError(
                         f'{label} has {name}="{joint[name]}", a polynomial, and Newton\'s '
                         "importer reads one number. Write the first one alone."
                     )
-            if number and joint.get("type") == "ball":
-                raise ValueError(
-                    f"{label} is a ball after another joint of its body, and Newton's "
-                    "importer takes a ball alone. Give it a body of its own."
-                )
+            if kind == "ball":
+                if number:
+                    raise ValueError(
+                        f"{label} is a ball after another joint of its body, and Newton's "
+                        "importer takes a ball alone. Give it a body of its own."
+                    )
+                break  # it reads none after it
 
 
 def unread(name: str, root: ElementTree.Element, builder: newton.ModelBuilder) -> Iterator[str]:
@@ -74,8 +72,9 @@ def unread(name: str, root: ElementTree.Element, builder: newton.ModelBuilder) -
         root: Its root element, with what it includes.
         builder: Has read it.
     """
-    bodies = list(_bodies(root))
-    for kind in (*_of_actuators(root), *_of_joints(bodies), *_of_bodies(root, bodies, builder)):
+    found = bodies(root)
+    of_bodies = _of_bodies(root, found, builder)
+    for kind in (*_of_tree(root, found), *_of_actuators(root), *_of_joints(found), *of_bodies):
         if kind.names:
             yield f"{name} goes on without {kind}"
     yield from _other_gravity(name, root, builder)
@@ -105,14 +104,37 @@ class _Kind:
         )
 
 
+def _of_tree(root: ElementTree.Element, bodies: list[Body]) -> Iterator[_Kind]:
+    """What is left out with all that is in it, and defaults."""
+    for tag, remedy in _OF_TREE.items():
+        names = [*in_tree(root, tag)]
+        yield _Kind("", f"<{tag}> element", names, "nothing of it is there", remedy)
+    names = [f"{body.label(joint)} (in a <frame>)" for body in bodies for joint in body.framed]
+    instead = "a body without another joint is fixed"
+    yield _Kind("", "joint", names, instead, "Write it in the body, outside of the <frame>")
+    main: dict[str, set[str]] = {}
+    for default in root.findall("default"):
+        for item in default if "class" in default.attrib else ():
+            if item.tag not in _SHOWN:
+                main.setdefault(item.tag, set()).update(item.attrib.keys() - _SEEN)
+    names = [
+        f"{label} (<{tag}>)"
+        for tag, label, said in unclassed(root)
+        if main.get(tag, set()) - said.keys()
+    ]
+    instead = "it acts on elements that have a class"
+    remedy = "Write <default> without class"
+    yield _Kind('<default class="main">', "element", names, instead, remedy)
+
+
 def _of_actuators(root: ElementTree.Element) -> Iterator[_Kind]:
     """What is left out of actuators."""
-    found = [f"{label} (<{tag}>)" for tag in UNREAD for label, _ in _said(root, "actuator", tag)]
+    found = [f"{label} (<{tag}>)" for tag in UNREAD for label, _ in of_group(root, "actuator", tag)]
     yield _Kind("", "actuator", found, "nothing acts", "Write a <general> one of the same law")
     found = [
         label
-        for label, said in _said(root, "actuator", "position")
-        if _numbers(said, "timeconst").any()
+        for label, said in of_group(root, "actuator", "position")
+        if numbers(said, "timeconst").any()
     ]
     remedy = (
         'Write <general dyntype="filterexact" dynprm="timeconst" gainprm="kp" biastype="affine" '
@@ -121,7 +143,7 @@ def _of_actuators(root: ElementTree.Element) -> Iterator[_Kind]:
     yield _Kind("timeconst", "position actuator", found, "ctrl acts at once", remedy)
 
 
-def _of_joints(bodies: list[_Body]) -> Iterator[_Kind]:
+def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
     """What is left out of joints."""
     balls: list[str] = []
     free: list[str] = []
@@ -133,20 +155,19 @@ def _of_joints(bodies: list[_Body]) -> Iterator[_Kind]:
     for body in bodies:
         kinds = [joint.get("type", "hinge") for joint in body.joints]
         if len(kinds) > 1 and kinds[0] == "ball":
-            beside.append(f"'{body.name}'")
+            beside.append(body.among)
         if "hinge" in kinds and "slide" in kinds[kinds.index("hinge") :]:
-            turned.append(f"'{body.name}'")
+            turned.append(body.among)
         for joint, kind in zip(body.joints, kinds, strict=True):
             label = body.label(joint)
             if kind == "ball" and _is_limited(joint, "range"):
                 balls.append(label)
-            if kind == "free" and (has := [key for key in _OF_FREE if _numbers(joint, key).any()]):
+            if kind == "free" and (has := [key for key in _OF_FREE if numbers(joint, key).any()]):
                 free.append(label)
                 of_free |= dict.fromkeys(has)
-            first = body.joints[0]
-            if kind == "hinge" and np.any(_numbers(joint, "pos") != _numbers(first, "pos")):
+            if kind == "hinge" and _is_moved(joint, body.joints[0]):
                 moved.append(label)
-            is_sided = kind in ("hinge", "slide") and _numbers(joint, "actuatorfrcrange").sum()
+            is_sided = kind in ("hinge", "slide") and numbers(joint, "actuatorfrcrange").sum()
             if is_sided and _is_limited(joint, "actuatorfrcrange", "actuatorfrclimited"):
                 sided.append(label)
     own = "Give each joint a body of its own, of little mass"
@@ -163,18 +184,18 @@ def _of_joints(bodies: list[_Body]) -> Iterator[_Kind]:
 
 
 def _of_bodies(
-    root: ElementTree.Element, bodies: list[_Body], builder: newton.ModelBuilder
+    root: ElementTree.Element, bodies: list[Body], builder: newton.ModelBuilder
 ) -> Iterator[_Kind]:
     """What is left out of geoms, bodies and what ties them."""
     found = [
-        _label(geom, f"body {body.name}")
+        body.label(geom)
         for body in bodies
         for geom in body.geoms
         if geom.get("fluidshape") == "ellipsoid" and _has_fluid(root)
     ]
     instead = "the drag is that of boxes which have the inertia of the bodies"
     yield _Kind("fluidshape", "geom", found, instead, "SolverAVBD has no other drag")
-    found = [f"'{body.name}'" for body in bodies if body.is_mocap]
+    found = [body.among for body in bodies if body.is_mocap]
     remedy = (
         "A program sets builder.body_flags[body] to int(newton.BodyFlags.KINEMATIC) before "
         "finalize(), and writes body_q in each step"
@@ -186,80 +207,22 @@ def _of_bodies(
     yield _Kind("frame of site2", "equality constraint", found, instead, remedy)
 
 
-def _bodies(root: ElementTree.Element) -> Iterator[_Body]:
-    """The bodies of a file."""
-    classes = _classes(root)
-
-    def walk(parent: ElementTree.Element, body: _Body | None, ambient: str) -> Iterator[_Body]:
-        for item in parent:
-            inner = item.get("childclass", ambient)
-            if item.tag == "body":
-                is_mocap = item.get("mocap", "false") == "true"
-                yield from walk(item, child := _Body(item.get("name", ""), is_mocap), inner)
-                yield child
-            elif item.tag == "frame":
-                yield from walk(item, body, inner)
-            elif body is not None and item.tag in ("joint", "geom"):
-                own = classes.get(item.get("class", ambient), {}).get(item.tag, {})
-                (body.joints if item.tag == "joint" else body.geoms).append(own | item.attrib)
-
-    for world in root.iter("worldbody"):
-        yield from walk(world, None, _MAIN)
+def _is_moved(hinge: Attributes, first: Attributes) -> bool:
+    """Whether a hinge turns about another line where it has the pos of another joint."""
+    axis = np.array(hinge.get("axis", "0 0 1").split(), dtype=float)
+    off = np.cross(numbers(hinge, "pos") - numbers(first, "pos"), axis)
+    return bool(np.linalg.norm(off) > _MOVED * np.linalg.norm(axis))
 
 
-_MAIN = ""
-"""The default class of what names none."""
-
-
-def _classes(root: ElementTree.Element) -> dict[str, dict[str, _Attributes]]:
-    """Attributes by default class and tag, with those that a class inherits."""
-    found: dict[str, dict[str, _Attributes]] = {}
-
-    def walk(default: ElementTree.Element, inherited: dict[str, _Attributes], name: str) -> None:
-        own = found[name] = found.get(name, {}) | inherited
-        for item in default:
-            if item.tag != "default":
-                own[item.tag] = own.get(item.tag, {}) | item.attrib
-        for item in default:
-            if item.tag == "default":
-                walk(item, own, item.get("class", ""))
-
-    for default in root.findall("default"):
-        walk(default, {}, _MAIN)
-        found.setdefault(default.get("class", "main"), found[_MAIN])
-    return found
-
-
-def _said(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[str, _Attributes]]:
-    """Names and attributes of elements that are in no body."""
-    classes = _classes(root)
-    for parent in root.iter(group):
-        for item in parent.findall(tag):
-            own = classes.get(item.get("class", _MAIN), {}).get(tag, {})
-            said = own | item.attrib
-            owner = next((said[key] for key in _OWNERS if key in said), "the file")
-            yield _label(said, owner), said
-
-
-def _label(said: _Attributes, owner: str) -> str:
-    """What to call an element: by its name, or by whose it is."""
-    return f"'{said['name']}'" if said.get("name") else f"that of {owner}"
-
-
-def _numbers(said: _Attributes, name: str) -> np.ndarray:
-    """Numbers of an attribute, zeros where it is not there."""
-    return np.array(said.get(name, "0 0 0").split(), dtype=float)
-
-
-def _is_limited(said: _Attributes, name: str, limited: str = "limited") -> bool:
+def _is_limited(said: Attributes, name: str, limited: str = "limited") -> bool:
     """Whether a range holds."""
-    return said.get(limited, "auto") != "false" and bool(_numbers(said, name).any())
+    return said.get(limited, "auto") != "false" and bool(numbers(said, name).any())
 
 
 def _has_fluid(root: ElementTree.Element) -> bool:
     """Whether there is a fluid around the bodies."""
     options = [item.attrib for item in root.iter("option")]
-    return any(_numbers(said, name).any() for said in options for name in ("density", "viscosity"))
+    return any(numbers(said, name).any() for said in options for name in ("density", "viscosity"))
 
 
 def _open_ties(root: ElementTree.Element, builder: newton.ModelBuilder) -> list[str]:
@@ -276,11 +239,12 @@ def _open_ties(root: ElementTree.Element, builder: newton.ModelBuilder) -> list[
         return multiply(np.array([pose]), np.array([builder.shape_transform[sites[site]]]))
 
     found = []
-    for tag, numbers in (("connect", 3), ("weld", 6)):
-        for label, said in _said(root, "equality", tag):
+    for tag in ("connect", "weld"):
+        for label, said in of_group(root, "equality", tag):
             ends = [said.get(f"site{end}", "") for end in (1, 2)]
-            if all(end in sites for end in ends):
-                apart = multiply(inverse(where(ends[0])), where(ends[1]))[0, :numbers]
+            if said.get("active") != "false" and all(end in sites for end in ends):
+                turns = tag == "weld" and float(said.get("torquescale", "1")) != 0.0
+                apart = multiply(inverse(where(ends[0])), where(ends[1]))[0, : 6 if turns else 3]
                 if np.abs(apart).max() > _APART:
                     found.append(label)
     return found
@@ -294,7 +258,7 @@ def _other_gravity(
     is_off = any(flag.get("gravity") == "disable" for flag in root.iter("flag"))
     if not said or is_off:
         return
-    own, has = _numbers({"gravity": said[-1] or ""}, "gravity"), np.array(builder.gravity) + 0.0
+    own, has = numbers({"gravity": said[-1] or ""}, "gravity"), np.array(builder.gravity) + 0.0
     if np.abs(own - has).max() > 1.0e-3:
         values = ", ".join(f"{value:g}" for value in own)
         yield (

@@ -9,6 +9,7 @@ CPU, at 240 steps a second.
 
 import argparse
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
@@ -78,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar="NAME",
             help="properties, by the start of their names, see below (default: all)",
         ),
-        lambda: PROPERTIES,
+        lambda: (re.split("[ ,:]", name)[0] for name in PROPERTIES),  # a space ends a word
     )
     parser.add_argument(
         "--solvers",
