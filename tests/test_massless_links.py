@@ -3,12 +3,15 @@
 """Massless links between joints move with what hangs on them; where nothing does, that is said."""
 
 import warnings
+from typing import Any
 
 import newton
 import numpy as np
 import pytest
 import warp as wp
-from helpers import IDENTITY, Simulation
+from helpers import IDENTITY, Array, Simulation
+
+from newton_avbd import SolverAVBD
 
 DT = 1.0 / 240.0
 
@@ -21,6 +24,14 @@ def add_bob(builder: newton.ModelBuilder) -> int:
     """A body whose moments of inertia differ, half a meter below its joint."""
     inertia = wp.mat33(0.05, 0.0, 0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.02)
     return builder.add_link(mass=2.0, inertia=inertia, com=wp.vec3(0.0, 0.0, -0.5))
+
+
+def is_solved(builder: newton.ModelBuilder, **settings: Any) -> Array:
+    """Which links the solver moves; a warning is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solver = SolverAVBD(builder.finalize(device="cpu"), **settings)
+    return solver._solved.body_inv_mass.numpy() > 0.0
 
 
 def universal(crossed: bool) -> Simulation:
@@ -181,6 +192,20 @@ def test_a_massless_cart_with_armature_moves_as_a_cart_of_that_mass() -> None:
     sim.control.joint_f.assign([3.0])
     sim.step(24)
     assert sim.velocity[cart, 0] == pytest.approx(3.0 * 24 * DT / 1.5, rel=1e-4)
+
+
+def test_massless_links_of_sets_without_a_degree_of_freedom_are_solved() -> None:
+    """A lone one on a hinge with armature beside an articulation; a mount, where welds are off."""
+    builder = newton.ModelBuilder()
+    builder.add_articulation([builder.add_joint_revolute(-1, add_bob(builder), axis=(0, 1, 0))])
+    rotor = builder.add_link()
+    builder.add_joint_revolute(-1, rotor, axis=(0.0, 1.0, 0.0), armature=0.1)
+    assert is_solved(builder)[rotor]
+    builder = newton.ModelBuilder()
+    mount, bob = builder.add_link(), add_bob(builder)
+    joints = [builder.add_joint_fixed(-1, mount), builder.add_joint_fixed(mount, bob)]
+    builder.add_articulation(joints)
+    assert is_solved(builder, effects={"welds": False})[mount]
 
 
 def test_a_massless_follower_on_the_world_turns_with_its_leader() -> None:

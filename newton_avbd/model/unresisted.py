@@ -145,6 +145,8 @@ class _Search:
         for articulations, loops in self.groups:
             spans = [(self.dofs[self.start[i]], self._end(i)) for i in articulations]
             dofs = np.concatenate([np.arange(*span) for span in spans] or [np.zeros(0, dtype=int)])
+            if dofs.size == 0:
+                continue
             members = [self._members(i) for i in articulations]
             links = np.concatenate(members or [np.zeros(0, dtype=int)])
             held = np.array([*self._held(links, loops, dofs)]).reshape(-1, dofs.size)
