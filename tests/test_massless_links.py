@@ -226,6 +226,50 @@ def test_a_massless_follower_on_the_world_turns_with_its_leader() -> None:
     assert sim.energy == pytest.approx(energy, abs=1e-3)
 
 
+@pytest.mark.parametrize("armature", [0.0, 0.1])
+def test_a_leader_of_no_articulation_holds_its_massless_follower(armature: float) -> None:
+    """By its mass, or where it has none, by its armature."""
+    builder = newton.ModelBuilder()
+    y = (0.0, 1.0, 0.0)
+    lead = builder.add_link() if armature else add_bob(builder)
+    leader = builder.add_joint_revolute(-1, lead, axis=y, armature=armature)
+    follower = builder.add_joint_revolute(-1, builder.add_link(), axis=y)
+    builder.add_articulation([follower])
+    builder.set_joint_mimic(follower, leader, coeffs=(0.0, 2.0))
+    assert np.all(is_solved(builder))
+
+
+def test_a_leader_that_closes_a_loop_is_refused_by_name() -> None:
+    builder = newton.ModelBuilder()
+    y = (0.0, 1.0, 0.0)
+    for _ in range(2):
+        builder.add_articulation([builder.add_joint_revolute(-1, add_bob(builder), axis=y)])
+    closing = builder.add_joint_revolute(0, 1, axis=y, label="closing")
+    follower = builder.add_joint_revolute(-1, builder.add_link(), axis=y, label="follows")
+    builder.add_articulation([follower])
+    builder.set_joint_mimic(follower, closing)
+    with pytest.raises(NotImplementedError, match=r"\(follows\) mimics joint 2 \(closing\)"):
+        is_solved(builder)
+
+
+def hanging(axis: tuple[float, float, float]) -> newton.ModelBuilder:
+    """A massless link that turns about z, and a body on it by a hinge of no articulation."""
+    builder = newton.ModelBuilder()
+    bob, link, body = add_bob(builder), builder.add_link(), add_bob(builder)
+    first = builder.add_joint_revolute(-1, bob, axis=(0.0, 1.0, 0.0))
+    spin = builder.add_joint_revolute(bob, link, axis=(0.0, 0.0, 1.0), label="spin")
+    builder.add_articulation([first, spin])
+    builder.add_joint_revolute(body, link, axis=axis)
+    return builder
+
+
+def test_a_body_of_no_articulation_resists_by_its_mass() -> None:
+    """It holds nothing as the world would: about its own hinge its carrier turns freely."""
+    assert np.all(is_solved(hanging((1.0, 0.0, 0.0))))
+    with pytest.warns(UserWarning, match="Nothing resists the motion of joint 'spin'"):
+        SolverAVBD(hanging((0.0, 0.0, 1.0)).finalize(device="cpu"))
+
+
 def slider_crank(mass: float) -> Simulation:
     """A crank on the world, closed by a loop to a rod that hangs on a slider."""
     builder = newton.ModelBuilder()
