@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import warp as wp
 from helpers import IDENTITY, Array, Simulation
+from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
 
@@ -192,6 +193,34 @@ def test_a_massless_cart_with_armature_moves_as_a_cart_of_that_mass() -> None:
     sim.control.joint_f.assign([3.0])
     sim.step(24)
     assert sim.velocity[cart, 0] == pytest.approx(3.0 * 24 * DT / 1.5, rel=1e-4)
+
+
+@pytest.mark.parametrize("ctrl_direct", [False, True])
+def test_armature_that_an_actuator_authors_moves_a_massless_cart_and_resists_a_leaf(
+    ctrl_direct: bool,
+) -> None:
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(
+        """
+        <mujoco>
+          <worldbody>
+            <body><joint name="x" type="slide" axis="1 0 0"/></body>
+            <body>
+              <joint axis="0 1 0"/>
+              <inertial pos="0 0 -0.5" mass="2" diaginertia="0.05 0.03 0.02"/>
+              <body><joint name="leaf" axis="0 0 1"/></body>
+            </body>
+          </worldbody>
+          <actuator>
+            <position joint="x" kp="10" kv="1" armature="1.5"/>
+            <position joint="leaf" kp="10" kv="1" armature="1.5"/>
+          </actuator>
+        </mujoco>
+        """,
+        ctrl_direct=ctrl_direct,
+    )
+    assert np.all(is_solved(builder))
 
 
 def test_massless_links_of_sets_without_a_degree_of_freedom_are_solved() -> None:

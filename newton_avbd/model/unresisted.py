@@ -9,7 +9,7 @@ import newton
 import numpy as np
 
 from ..rows.joint import KINDS
-from .actuators import Actuators, reflected_armature
+from .actuators import Actuators
 from .equalities import equalities
 from .inertia import inertia_root, rotation_matrix
 from .topology import mimics
@@ -21,8 +21,7 @@ speed are without resistance; the Jacobian rounds to 1e-7."""
 
 def armature_of(model: newton.Model) -> np.ndarray:
     """Armature of each degree of freedom, that of actuators included [kg or kg m^2]."""
-    along = Actuators.of_model(model).axes
-    return model.joint_armature.numpy() + reflected_armature(model, along, model.joint_dof_count)
+    return model.joint_armature.numpy() + Actuators.of_model(model).armature(model)
 
 
 def tied_dofs(model: newton.Model) -> list[tuple[int, int, float]]:
