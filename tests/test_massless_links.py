@@ -374,6 +374,42 @@ def test_a_massless_rod_of_a_four_bar_is_named_only_where_it_can_turn_about_itse
     assert all("Nothing resists the motion of joint 'pin' (body 'rod')" in text for text in said)
 
 
+def test_a_joint_whose_equality_row_is_disabled_holds_no_massless_link() -> None:
+    """The closing pin of a four-bar: without it its rod turns freely about the other one. And the
+    weld of a plate to an arm: without it the plate is where the user puts it."""
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    arm = """
+        <body name="%s" pos="%s">
+          <joint axis="0 1 0"/>
+          <inertial pos="0 0 -0.5" mass="2" diaginertia="0.05 0.03 0.02"/>
+          %s
+        </body>"""
+    rod = '<body name="rod" pos="0 0 -0.5"><joint name="pin" axis="0 1 0"/></body>'
+    builder.add_mjcf(
+        f"""
+        <mujoco>
+          <worldbody>
+            {arm % ("a", "0 0 0", rod)}
+            {arm % ("b", "0.5 0 0", "")}
+            <body name="plate"><freejoint/></body>
+          </worldbody>
+          <equality>
+            <connect body1="rod" body2="b" anchor="0.5 0 0"/>
+            <weld body1="a" body2="plate"/>
+          </equality>
+        </mujoco>
+        """
+    )
+    assert np.all(is_solved(builder))
+    model = builder.finalize(device="cpu")
+    model.mujoco.equality_constraint_enabled.assign([False, False])
+    with pytest.warns(UserWarning, match=r"Nothing resists the motion of joint '[^']*pin' \("):
+        solver = SolverAVBD(model)
+    plate = model.body_label.index("worldbody/plate")
+    assert solver._solved.body_inv_mass.numpy()[solver._solved.body_of_link[plate]] == 0.0
+
+
 def test_a_massless_root_that_floats_is_refused_where_nothing_resists_its_turns() -> None:
     builder = newton.ModelBuilder()
     root = builder.add_link(label="pelvis")

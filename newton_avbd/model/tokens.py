@@ -14,6 +14,7 @@ from typing import Any
 import newton
 import numpy as np
 
+from .equalities import may_hold
 from .unresisted import armature_of, tied_links, unresisted_dofs
 
 SHARE = 1.0e-6
@@ -53,7 +54,8 @@ def token_masses(
     child, parent = solved.joint_child.numpy(), solved.joint_parent.numpy()
     held, linked = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     # a rod leaves all axes free: what it ends at without mass is where the user holds it
-    is_rigid = ~is_free & (solved.joint_type.numpy() != int(newton.JointType.ROD))
+    is_tie = ~is_free & may_hold(model)[solved.welds.joint]
+    is_rigid = is_tie & (solved.joint_type.numpy() != int(newton.JointType.ROD))
     held[child[is_rigid]] = True
     linked[parent[(parent >= 0) & (is_free | is_rigid)]] = True
     floats = np.zeros(count, dtype=bool)
@@ -66,7 +68,7 @@ def token_masses(
 
     up = np.full(count, -1)
     joint = np.full(count, -1)
-    for index in np.flatnonzero(~is_free)[::-1].tolist():
+    for index in np.flatnonzero(is_tie)[::-1].tolist():
         up[child[index]], joint[child[index]] = parent[index], index
     place = model.body_q.numpy()[solved.body_leader].astype(np.float64)[:, :3]
     spread = _spread(model)[solved.body_leader]

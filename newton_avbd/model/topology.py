@@ -11,7 +11,7 @@ import newton
 import numpy as np
 
 from ..rows.joint import KINDS
-from .equalities import Equality, equalities, mimic_laws, switched_off
+from .equalities import Equality, equalities, may_hold, mimic_laws
 from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 
 _DISTANCE = int(newton.JointType.DISTANCE)
@@ -253,7 +253,7 @@ class Topology:
         flipped = []
         free = int(newton.JointType.FREE)
         numbers = solved_joints(model)
-        off = {numbers[index] for index in switched_off(model).tolist()}
+        off = {numbers[index] for index in np.flatnonzero(~may_hold(model)).tolist()}
         for index, kind in enumerate(kinds):
             parent, child = parents[index], children[index]
             if kind == free or index in off:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..rows.joint import KINDS
 from .actuators import Actuators
-from .equalities import equalities
+from .equalities import equalities, may_hold
 from .inertia import inertia_root, rotation_matrix
 from .topology import mimics
 
@@ -52,7 +52,7 @@ def tied_links(model: newton.Model) -> np.ndarray:
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
     articulation = model.joint_articulation.numpy()
     count = model.body_count
-    inner, owned = parent >= 0, articulation >= 0
+    inner, owned = (parent >= 0) & may_hold(model), articulation >= 0
     dofs = np.array([tie[:2] for tie in tied_dofs(model) if tie[1] >= 0], dtype=int).reshape(-1, 2)
     ties = child[_joint_of_dof(model)[dofs]]
     a = np.concatenate([child[inner], child[owned], ties[:, 0]])
@@ -151,7 +151,7 @@ class _Search:
         model = self.model
         start, end = model.articulation_start.numpy(), model.articulation_end.numpy()
         is_loop = (model.joint_articulation.numpy() < 0) & (self.dims.sum(axis=1) < 6)
-        loops = np.flatnonzero(is_loop & model.joint_enabled.numpy())
+        loops = np.flatnonzero(is_loop & may_hold(model) & model.joint_enabled.numpy())
         is_loose = (self.articulation < 0) & ~self.is_led & (self.mass > 0.0)
         # what no joint holds has no mass to move by: it is where the user puts it
         is_loose[self.child[loops][self.articulation[self.child[loops]] < 0]] = True
