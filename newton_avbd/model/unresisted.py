@@ -11,7 +11,8 @@ import numpy as np
 from ..rows.joint import KINDS
 from .actuators import Actuators
 from .equalities import equalities, may_hold
-from .inertia import inertia_root, rotation_matrix
+from .inertia import inertia_root
+from .rotations import rotation_matrix
 from .topology import mimics
 
 _FLAT = 1.0e-5
@@ -88,13 +89,14 @@ def unresisted_dofs(model: newton.Model, links: np.ndarray) -> list[int]:
         links: Massless links; only articulations with some, and what is tied to these, count.
     """
     first, second = model.state(), model.state()
-    q = model.joint_q.numpy().copy()
-    random, starts = np.random.default_rng(0), model.joint_q_start.numpy()
-    kinds = model.joint_type.numpy().tolist()
-    for joint in np.flatnonzero([KINDS[kind].has_axes for kind in kinds]):
-        axes = slice(starts[joint], starts[joint + 1])
-        q[axes] += random.uniform(0.1, 0.5, q[axes].size)
-    second.joint_q.assign(q)
+    starts, owner = model.joint_q_start.numpy(), model.joint_articulation.numpy()
+    count = np.diff(starts)
+    has_axes = np.repeat([KINDS[kind].has_axes for kind in model.joint_type.numpy()], count)
+    # the same in copies of an articulation
+    root = np.append(model.articulation_start.numpy(), 0)[owner]
+    place = np.arange(has_axes.size) - np.repeat(np.where(owner < 0, 0, starts[root]), count)
+    shift = np.random.default_rng(0).uniform(0.1, 0.5, has_axes.size)
+    second.joint_q.assign(model.joint_q.numpy() + np.where(has_axes, shift[place], 0.0))
     newton.eval_fk(model, second.joint_q, second.joint_qd, second)
     # at the model's pose axes can be parallel that are not elsewhere
     search = _Search(model, links)

@@ -21,7 +21,6 @@ from ..model.inertia import (
     mobility_along,
     reference_mobility,
     reference_moments,
-    without_inertia,
 )
 from ..model.topology import Topology
 from ..rows import actuator as rules
@@ -435,8 +434,7 @@ class Actuation:
         if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
             number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
             moments = self._cords.moments()
-            mobility, norms = mobility_along(self._model, moments)
-            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
+            mobility, norms, lost = mobility_along(self._model, moments)
             for row, cord in found.tendons.items():
                 i = number[cord]
                 if needed[row] and lost[i]:
@@ -444,8 +442,7 @@ class Actuation:
                 moved[row] = (gear[row] ** 2 * mobility[i], gear[row] * norms[i])
         if np.any(needed[pushing]):
             moments = reference_moments(self._model, self._push_rates)
-            mobility, norms = mobility_along(self._model, moments)
-            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
+            mobility, norms, lost = mobility_along(self._model, moments)
             for i, row in enumerate(pushing):
                 if needed[row] and lost[i]:
                     raise _no_inertia(found, row)
