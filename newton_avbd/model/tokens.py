@@ -15,6 +15,7 @@ import newton
 import numpy as np
 
 from .equalities import may_hold
+from .topology import joint_of_dof
 from .unresisted import armature_of, tied_links, unresisted_dofs
 
 SHARE = 1.0e-6
@@ -111,7 +112,7 @@ def _of_sets(
     mean = np.column_stack([np.bincount(sets, mass * axis, count) / divisor for axis in place.T])
     apart = np.sum((place - mean[sets]) ** 2, axis=1)
     size = np.bincount(sets, _spread(model) + mass * apart, count)
-    owner = np.repeat(model.joint_child.numpy(), np.diff(model.joint_qd_start.numpy()))
+    owner = model.joint_child.numpy()[joint_of_dof(model)]
     added = np.bincount(sets[owner], armature, count)
     return whole[sets], size[sets], added[sets]
 
@@ -163,8 +164,7 @@ def _report_unresisted(
     flat = unresisted_dofs(model, links)
     if not flat:
         return
-    owner = np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
-    joints = np.unique(owner[flat])
+    joints = np.unique(joint_of_dof(model)[flat])
     child = model.joint_child.numpy()[joints]
     roots = [
         (joint, link)

@@ -33,6 +33,11 @@ def moving(model: newton.Model) -> np.ndarray:
     return (model.body_inv_mass.numpy() > 0.0) & ~is_kinematic
 
 
+def joint_of_dof(model: newton.Model) -> np.ndarray:
+    """Joint of each degree of freedom, shape (joint_dof_count,)."""
+    return np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
+
+
 @dataclass(frozen=True)
 class ClosureOf:
     """A joint or tendon whose rows are solved with the tree that they are within."""

@@ -13,7 +13,7 @@ from .actuators import Actuators
 from .equalities import equalities, may_hold
 from .inertia import inertia_root
 from .rotations import rotation_matrix
-from .topology import mimics
+from .topology import joint_of_dof, mimics
 
 _FLAT = 1.0e-5
 """Joint speeds that move masses by less than this share of what each joint alone does with its
@@ -55,7 +55,7 @@ def tied_links(model: newton.Model) -> np.ndarray:
     count = model.body_count
     inner, owned = (parent >= 0) & may_hold(model), articulation >= 0
     dofs = np.array([tie[:2] for tie in tied_dofs(model) if tie[1] >= 0], dtype=int).reshape(-1, 2)
-    ties = child[_joint_of_dof(model)[dofs]]
+    ties = child[joint_of_dof(model)[dofs]]
     a = np.concatenate([child[inner], child[owned], ties[:, 0]])
     b = np.concatenate([parent[inner], count + articulation[owned], ties[:, 1]])
     return _sets(count + model.articulation_count, a, b)[:count]
@@ -73,10 +73,6 @@ def _sets(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         if np.array_equal(new, label):
             return label
         label = new
-
-
-def _joint_of_dof(model: newton.Model) -> np.ndarray:
-    return np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
 
 
 def unresisted_dofs(model: newton.Model, links: np.ndarray) -> list[int]:
@@ -141,7 +137,7 @@ class _Search:
         inner = np.flatnonzero(owner >= 0)
         self.articulation[self.child[inner]] = owner[inner]
         self.row[self.child[inner]] = inner - start[owner[inner]]
-        joint = _joint_of_dof(model)
+        joint = joint_of_dof(model)
         self.articulation_of_dof = owner[joint]
         has_axes = np.array([KINDS[kind].has_axes for kind in model.joint_type.numpy().tolist()])
         self.locked = has_axes[joint]
@@ -158,7 +154,7 @@ class _Search:
         # what no joint holds has no mass to move by: it is where the user puts it
         is_loose[self.child[loops][self.articulation[self.child[loops]] < 0]] = True
         loose, ties = np.flatnonzero(is_loose & ~self.is_led), tied_dofs(model)
-        sets, joint = tied_links(model), _joint_of_dof(model)
+        sets, joint = tied_links(model), joint_of_dof(model)
         wanted = np.unique(sets[links])
         first = self.child[joint[np.array([tie[0] for tie in ties], dtype=int)]]
         members = (self.child[start[: model.articulation_count]], loose, self.child[loops], first)
