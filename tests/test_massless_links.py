@@ -135,7 +135,10 @@ def test_an_articulation_without_mass_is_refused() -> None:
     joints = [builder.add_joint_revolute(-1, links[0], axis=y, label="a")]
     joints.append(builder.add_joint_revolute(links[0], links[1], axis=y, label="b"))
     builder.add_articulation(joints)
-    named = r"body 0 'upper' has no mass at all \(bodies 'upper', 'lower'; joints 'a', 'b'\)"
+    named = (
+        r"body 0 'upper' has neither mass nor armature "
+        r"\(bodies 'upper', 'lower'; joints 'a', 'b'\)"
+    )
     with pytest.raises(ValueError, match=named):
         Simulation(builder, collide=False)
 
@@ -149,7 +152,10 @@ def test_a_floating_root_welded_to_links_without_mass_is_refused() -> None:
     joints = [builder.add_joint_free(base, label="floats")]
     joints.append(builder.add_joint_fixed(base, mast, label="weld"))
     builder.add_articulation(joints)
-    named = r"body 1 'base' has no mass at all \(bodies 'base', 'mast'; joints 'floats', 'weld'\)"
+    named = (
+        r"body 1 'base' has neither mass nor armature "
+        r"\(bodies 'base', 'mast'; joints 'floats', 'weld'\)"
+    )
     with pytest.raises(ValueError, match=named):
         Simulation(builder, collide=False)
 

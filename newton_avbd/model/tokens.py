@@ -144,8 +144,8 @@ def _refuse_empty(model: newton.Model, empty: np.ndarray, sets: np.ndarray) -> N
         of_set = sets == sets[link]
         joints = np.flatnonzero(of_set[model.joint_child.numpy()])
         raise ValueError(
-            f"The articulation of body {link} '{model.body_label[link]}' has no mass at all "
-            f"(bodies {_names(model.body_label, np.flatnonzero(of_set))}; joints "
+            f"The articulation of body {link} '{model.body_label[link]}' has neither mass nor "
+            f"armature (bodies {_names(model.body_label, np.flatnonzero(of_set))}; joints "
             f"{_names(model.joint_label, joints)}), so that nothing says how it moves. Give its "
             "links mass (a shape with density, or <inertial>) or its joints armature, or make it "
             "kinematic (BodyFlags.KINEMATIC)."

@@ -469,9 +469,9 @@ def _no_inertia(found: Actuators, row: int) -> ValueError:
     return ValueError(
         f"MuJoCo actuator {row} ('{found.labels[row]}') has a damping ratio, or is a muscle whose "
         "peak force is to be found. Both go by the inertia of what it pushes, which a joint of no "
-        "articulation lacks. Put the joint into one with builder.add_articulation(), or write the "
-        "damping (actuator_biasprm[2] below zero, joint_target_kd) or the force "
-        "(actuator_gainprm[2])."
+        "articulation lacks. Write the damping (actuator_biasprm[2] below zero, joint_target_kd) "
+        "or the force (actuator_gainprm[2]). Or put the joint into an articulation with "
+        "builder.add_articulation(), unless it closes a loop."
     )
 
 
