@@ -12,7 +12,8 @@ import warp as wp
 from newton import ModelFlags
 from newton.solvers.experimental.coupled import CouplingInterface
 
-from .model.inertia import inertia_root, rotation_matrix
+from .model.inertia import inertia_root
+from .model.rotations import rotation_matrix
 from .step.proxies import harvest_momentum
 
 _HELD = 1.0e-4

@@ -3,12 +3,16 @@
 """Massless links between joints move with what hangs on them; where nothing does, that is said."""
 
 import warnings
+from typing import Any
 
 import newton
 import numpy as np
 import pytest
 import warp as wp
-from helpers import IDENTITY, Simulation
+from helpers import IDENTITY, Array, Simulation
+from newton.solvers import SolverMuJoCo
+
+from newton_avbd import SolverAVBD
 
 DT = 1.0 / 240.0
 
@@ -21,6 +25,14 @@ def add_bob(builder: newton.ModelBuilder) -> int:
     """A body whose moments of inertia differ, half a meter below its joint."""
     inertia = wp.mat33(0.05, 0.0, 0.0, 0.0, 0.03, 0.0, 0.0, 0.0, 0.02)
     return builder.add_link(mass=2.0, inertia=inertia, com=wp.vec3(0.0, 0.0, -0.5))
+
+
+def is_solved(builder: newton.ModelBuilder, **settings: Any) -> Array:
+    """Which links the solver moves; a warning is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solver = SolverAVBD(builder.finalize(device="cpu"), **settings)
+    return solver._solved.body_inv_mass.numpy() > 0.0
 
 
 def universal(crossed: bool) -> Simulation:
@@ -123,7 +135,10 @@ def test_an_articulation_without_mass_is_refused() -> None:
     joints = [builder.add_joint_revolute(-1, links[0], axis=y, label="a")]
     joints.append(builder.add_joint_revolute(links[0], links[1], axis=y, label="b"))
     builder.add_articulation(joints)
-    named = r"body 0 'upper' has no mass at all \(bodies 'upper', 'lower'; joints 'a', 'b'\)"
+    named = (
+        r"body 0 'upper' has neither mass nor armature "
+        r"\(bodies 'upper', 'lower'; joints 'a', 'b'\)"
+    )
     with pytest.raises(ValueError, match=named):
         Simulation(builder, collide=False)
 
@@ -137,7 +152,10 @@ def test_a_floating_root_welded_to_links_without_mass_is_refused() -> None:
     joints = [builder.add_joint_free(base, label="floats")]
     joints.append(builder.add_joint_fixed(base, mast, label="weld"))
     builder.add_articulation(joints)
-    named = r"body 1 'base' has no mass at all \(bodies 'base', 'mast'; joints 'floats', 'weld'\)"
+    named = (
+        r"body 1 'base' has neither mass nor armature "
+        r"\(bodies 'base', 'mast'; joints 'floats', 'weld'\)"
+    )
     with pytest.raises(ValueError, match=named):
         Simulation(builder, collide=False)
 
@@ -183,6 +201,48 @@ def test_a_massless_cart_with_armature_moves_as_a_cart_of_that_mass() -> None:
     assert sim.velocity[cart, 0] == pytest.approx(3.0 * 24 * DT / 1.5, rel=1e-4)
 
 
+@pytest.mark.parametrize("ctrl_direct", [False, True])
+def test_armature_that_an_actuator_authors_moves_a_massless_cart_and_resists_a_leaf(
+    ctrl_direct: bool,
+) -> None:
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(
+        """
+        <mujoco>
+          <worldbody>
+            <body><joint name="x" type="slide" axis="1 0 0"/></body>
+            <body>
+              <joint axis="0 1 0"/>
+              <inertial pos="0 0 -0.5" mass="2" diaginertia="0.05 0.03 0.02"/>
+              <body><joint name="leaf" axis="0 0 1"/></body>
+            </body>
+          </worldbody>
+          <actuator>
+            <position joint="x" kp="10" kv="1" armature="1.5"/>
+            <position joint="leaf" kp="10" kv="1" armature="1.5"/>
+          </actuator>
+        </mujoco>
+        """,
+        ctrl_direct=ctrl_direct,
+    )
+    assert np.all(is_solved(builder))
+
+
+def test_massless_links_of_sets_without_a_degree_of_freedom_are_solved() -> None:
+    """A lone one on a hinge with armature beside an articulation; a mount, where welds are off."""
+    builder = newton.ModelBuilder()
+    builder.add_articulation([builder.add_joint_revolute(-1, add_bob(builder), axis=(0, 1, 0))])
+    rotor = builder.add_link()
+    builder.add_joint_revolute(-1, rotor, axis=(0.0, 1.0, 0.0), armature=0.1)
+    assert is_solved(builder)[rotor]
+    builder = newton.ModelBuilder()
+    mount, bob = builder.add_link(), add_bob(builder)
+    joints = [builder.add_joint_fixed(-1, mount), builder.add_joint_fixed(mount, bob)]
+    builder.add_articulation(joints)
+    assert is_solved(builder, effects={"welds": False})[mount]
+
+
 def test_a_massless_follower_on_the_world_turns_with_its_leader() -> None:
     builder = newton.ModelBuilder()
     bob, dummy, y = add_bob(builder), builder.add_link(), (0.0, 1.0, 0.0)
@@ -199,6 +259,50 @@ def test_a_massless_follower_on_the_world_turns_with_its_leader() -> None:
     assert sim.velocity[bob, 4] < -0.5
     assert sim.velocity[dummy, 4] == pytest.approx(2.0 * sim.velocity[bob, 4], rel=1e-4)
     assert sim.energy == pytest.approx(energy, abs=1e-3)
+
+
+@pytest.mark.parametrize("armature", [0.0, 0.1])
+def test_a_leader_of_no_articulation_holds_its_massless_follower(armature: float) -> None:
+    """By its mass, or where it has none, by its armature."""
+    builder = newton.ModelBuilder()
+    y = (0.0, 1.0, 0.0)
+    lead = builder.add_link() if armature else add_bob(builder)
+    leader = builder.add_joint_revolute(-1, lead, axis=y, armature=armature)
+    follower = builder.add_joint_revolute(-1, builder.add_link(), axis=y)
+    builder.add_articulation([follower])
+    builder.set_joint_mimic(follower, leader, coeffs=(0.0, 2.0))
+    assert np.all(is_solved(builder))
+
+
+def test_a_leader_that_closes_a_loop_is_refused_by_name() -> None:
+    builder = newton.ModelBuilder()
+    y = (0.0, 1.0, 0.0)
+    for _ in range(2):
+        builder.add_articulation([builder.add_joint_revolute(-1, add_bob(builder), axis=y)])
+    closing = builder.add_joint_revolute(0, 1, axis=y, label="closing")
+    follower = builder.add_joint_revolute(-1, builder.add_link(), axis=y, label="follows")
+    builder.add_articulation([follower])
+    builder.set_joint_mimic(follower, closing)
+    with pytest.raises(NotImplementedError, match=r"\(follows\) mimics joint 2 \(closing\)"):
+        is_solved(builder)
+
+
+def hanging(axis: tuple[float, float, float]) -> newton.ModelBuilder:
+    """A massless link that turns about z, and a body on it by a hinge of no articulation."""
+    builder = newton.ModelBuilder()
+    bob, link, body = add_bob(builder), builder.add_link(), add_bob(builder)
+    first = builder.add_joint_revolute(-1, bob, axis=(0.0, 1.0, 0.0))
+    spin = builder.add_joint_revolute(bob, link, axis=(0.0, 0.0, 1.0), label="spin")
+    builder.add_articulation([first, spin])
+    builder.add_joint_revolute(body, link, axis=axis)
+    return builder
+
+
+def test_a_body_of_no_articulation_resists_by_its_mass() -> None:
+    """It holds nothing as the world would: about its own hinge its carrier turns freely."""
+    assert np.all(is_solved(hanging((1.0, 0.0, 0.0))))
+    with pytest.warns(UserWarning, match="Nothing resists the motion of joint 'spin'"):
+        SolverAVBD(hanging((0.0, 0.0, 1.0)).finalize(device="cpu"))
 
 
 def slider_crank(mass: float) -> Simulation:
@@ -274,6 +378,42 @@ def test_a_massless_rod_of_a_four_bar_is_named_only_where_it_can_turn_about_itse
     said = [str(item.message) for item in caught]
     assert len(said) == (pin == "ball")
     assert all("Nothing resists the motion of joint 'pin' (body 'rod')" in text for text in said)
+
+
+def test_a_joint_whose_equality_row_is_disabled_holds_no_massless_link() -> None:
+    """The closing pin of a four-bar: without it its rod turns freely about the other one. And the
+    weld of a plate to an arm: without it the plate is where the user puts it."""
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    arm = """
+        <body name="%s" pos="%s">
+          <joint axis="0 1 0"/>
+          <inertial pos="0 0 -0.5" mass="2" diaginertia="0.05 0.03 0.02"/>
+          %s
+        </body>"""
+    rod = '<body name="rod" pos="0 0 -0.5"><joint name="pin" axis="0 1 0"/></body>'
+    builder.add_mjcf(
+        f"""
+        <mujoco>
+          <worldbody>
+            {arm % ("a", "0 0 0", rod)}
+            {arm % ("b", "0.5 0 0", "")}
+            <body name="plate"><freejoint/></body>
+          </worldbody>
+          <equality>
+            <connect body1="rod" body2="b" anchor="0.5 0 0"/>
+            <weld body1="a" body2="plate"/>
+          </equality>
+        </mujoco>
+        """
+    )
+    assert np.all(is_solved(builder))
+    model = builder.finalize(device="cpu")
+    model.mujoco.equality_constraint_enabled.assign([False, False])
+    with pytest.warns(UserWarning, match=r"Nothing resists the motion of joint '[^']*pin' \("):
+        solver = SolverAVBD(model)
+    plate = model.body_label.index("worldbody/plate")
+    assert solver._solved.body_inv_mass.numpy()[solver._solved.body_of_link[plate]] == 0.0
 
 
 def test_a_massless_root_that_floats_is_refused_where_nothing_resists_its_turns() -> None:

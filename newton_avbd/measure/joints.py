@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from newton_avbd.measure.state import Array, rotate, transform
-from newton_avbd.model.equalities import switched_off
+from newton_avbd.model.equalities import may_hold
 
 _UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.ROD)
 _LEAST = 1e-9
@@ -82,8 +82,7 @@ class Joints:
     def of(cls, model: newton.Model) -> "Joints":
         """Read the joints of ``model``."""
         kind = model.joint_type.numpy()
-        is_watched = model.joint_enabled.numpy() & ~np.isin(kind, _UNLIMITED)
-        is_watched[switched_off(model)] = False
+        is_watched = model.joint_enabled.numpy() & may_hold(model) & ~np.isin(kind, _UNLIMITED)
         chosen = np.flatnonzero(is_watched)
         count = len(chosen)
         slide, locked = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))

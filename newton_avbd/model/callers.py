@@ -13,7 +13,7 @@ from .actuators import Actuators, compensated_links, compensating_axes
 from .condim import Condims
 from .limits import has_authored_limit
 from .tendons import Tendon
-from .topology import Topology, moving
+from .topology import Topology, joint_of_dof, moving
 
 _FREE = int(newton.JointType.FREE)
 _LIGHT = 1.0e-5
@@ -262,7 +262,7 @@ class _Axes:
         if model.joint_count == 0:
             return cls(model, np.zeros(0, dtype=int), np.zeros(0, dtype=int))
         unlisted = (_FREE, int(newton.JointType.ROD), int(newton.JointType.DISTANCE))
-        owner = np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
+        owner = joint_of_dof(model)
         dofs = np.flatnonzero(~np.isin(model.joint_type.numpy()[owner], unlisted))
         return cls(model, dofs, owner[dofs])
 

@@ -86,14 +86,18 @@ def mimic_laws(model: newton.Model) -> dict[int, tuple[float, float] | None]:
     }
 
 
-def switched_off(model: newton.Model) -> np.ndarray:
-    """Joints of the user's model that stand for equality constraints whose rows are disabled."""
+def may_hold(model: newton.Model) -> np.ndarray:
+    """Which joints of the user's model hold something where ``joint_enabled`` says so.
+
+    All but those that stand for equality constraints whose rows are disabled.
+    """
     model = getattr(model, "user_model", model)
-    if not row_count(model):
-        return np.zeros(0, dtype=int)
-    mujoco: Any = model.mujoco
-    is_off = _converted(model, _TO_JOINT) & ~mujoco.equality_constraint_enabled.numpy()
-    return mujoco.equality_constraint_target.numpy()[is_off]
+    found = np.ones(model.joint_count, dtype=bool)
+    if row_count(model):
+        mujoco: Any = model.mujoco
+        is_off = _converted(model, _TO_JOINT) & ~mujoco.equality_constraint_enabled.numpy()
+        found[mujoco.equality_constraint_target.numpy()[is_off]] = False
+    return found
 
 
 def unheard_rows(model: newton.Model) -> np.ndarray:

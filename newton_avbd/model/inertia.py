@@ -10,7 +10,7 @@ import warp as wp
 
 from ..rows.joint import KINDS
 from .actuators import Actuators
-from .lone_joints import lone_joints, lone_matrix, lone_rates, place_lone
+from .lone_joints import LoneJoints
 
 
 def reference_state(model: newton.Model) -> newton.State:
@@ -37,7 +37,7 @@ def _posed_state(
         joint_q[at] = coordinates[at]
     state.joint_q.assign(joint_q)
     newton.eval_fk(model, state.joint_q, model.joint_qd, state)
-    place_lone(model, state)
+    LoneJoints(model).place(state)
     return state
 
 
@@ -48,9 +48,10 @@ def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.nda
     """
     armature = Actuators.of_model(model).armature(model)
     state, starts = reference_state(model), model.joint_qd_start.numpy()
-    for joint in lone_joints(model):
-        dofs = np.arange(starts[joint], starts[joint + 1])
-        yield dofs, lone_matrix(model, joint, state.body_q.numpy()) + np.diag(armature[dofs])
+    poses, lone = state.body_q.numpy(), LoneJoints(model)
+    for joint in lone.joints:
+        dofs = lone.dofs(joint)
+        yield dofs, lone.matrix(joint, poses) + np.diag(armature[dofs])
     if not model.articulation_count:
         return
     matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
@@ -92,15 +93,15 @@ def reference_moments(
         Derivatives, shape (lengths, joint_dof_count) [m/m, m/rad, ...].
     """
     state, found = reference_state(model), []
-    poses, starts = state.body_q.numpy(), model.joint_qd_start.numpy()
-    lone: dict[int, tuple[int, np.ndarray]] = {}
-    for joint in lone_joints(model):
-        for i, moved in enumerate(lone_rates(model, joint, poses)):
-            lone[int(starts[joint]) + i] = (model.joint_child.numpy()[joint], moved)
+    poses, lone = state.body_q.numpy(), LoneJoints(model)
+    motion_of: dict[int, tuple[int, np.ndarray]] = {}
+    for joint in lone.joints:
+        for dof, moved in zip(lone.dofs(joint), lone.rates(joint, poses), strict=True):
+            motion_of[int(dof)] = (lone.child[joint], moved)
     for dof in range(model.joint_dof_count):
         motion = np.zeros((model.body_count, 6), dtype=np.float32)
-        if dof in lone:
-            body, moved = lone[dof]
+        if dof in motion_of:
+            body, moved = motion_of[dof]
             motion[body] = moved
         state.body_qd.assign(motion)
         rates = np.zeros(model.joint_dof_count, dtype=np.float32)
@@ -112,29 +113,23 @@ def reference_moments(
     return np.array(found).T
 
 
-def mobility_along(model: newton.Model, moments: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def mobility_along(
+    model: newton.Model, moments: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How a unit of force along a length moves it in the reference pose, and all coordinates.
 
     Returns:
-        J M^-1 J^T and the norm of M^-1 J^T of each of some lengths.
+        J M^-1 J^T and the norm of M^-1 J^T of each of some lengths, and whether it moves degrees
+        of freedom that :func:`reference_matrices` says nothing of.
     """
     along, norms = np.zeros(len(moments)), np.zeros(len(moments))
+    is_unknown = np.ones(model.joint_dof_count, dtype=bool)
     for dofs, matrix in reference_matrices(model):
+        is_unknown[dofs] = False
         moved = np.linalg.pinv(matrix) @ moments[:, dofs].T
         along += np.einsum("ij,ji->i", moments[:, dofs], moved)
         norms += np.sum(moved**2, axis=0)
-    return along, np.sqrt(norms)
-
-
-def without_inertia(model: newton.Model) -> np.ndarray:
-    """Degrees of freedom that :func:`reference_matrices` says nothing of."""
-    known = [dofs for dofs, _ in reference_matrices(model)]
-    return np.setdiff1d(np.arange(model.joint_dof_count), np.concatenate([[], *known]))
-
-
-def rotation_matrix(rotation: np.ndarray) -> np.ndarray:
-    """Matrix of a quaternion (xyzw)."""
-    return np.array(wp.quat_to_matrix(wp.quat(*rotation))).reshape(3, 3)
+    return along, np.sqrt(norms), np.any(moments[:, is_unknown] != 0.0, axis=1)
 
 
 def inertia_root(inertia: np.ndarray) -> np.ndarray:

@@ -14,6 +14,8 @@ from typing import Any
 import newton
 import numpy as np
 
+from .equalities import may_hold
+from .topology import joint_of_dof
 from .unresisted import armature_of, tied_links, unresisted_dofs
 
 SHARE = 1.0e-6
@@ -53,7 +55,8 @@ def token_masses(
     child, parent = solved.joint_child.numpy(), solved.joint_parent.numpy()
     held, linked = np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
     # a rod leaves all axes free: what it ends at without mass is where the user holds it
-    is_rigid = ~is_free & (solved.joint_type.numpy() != int(newton.JointType.ROD))
+    is_tie = ~is_free & may_hold(model)[solved.welds.joint]
+    is_rigid = is_tie & (solved.joint_type.numpy() != int(newton.JointType.ROD))
     held[child[is_rigid]] = True
     linked[parent[(parent >= 0) & (is_free | is_rigid)]] = True
     floats = np.zeros(count, dtype=bool)
@@ -66,7 +69,7 @@ def token_masses(
 
     up = np.full(count, -1)
     joint = np.full(count, -1)
-    for index in np.flatnonzero(~is_free)[::-1].tolist():
+    for index in np.flatnonzero(is_tie)[::-1].tolist():
         up[child[index]], joint[child[index]] = parent[index], index
     place = model.body_q.numpy()[solved.body_leader].astype(np.float64)[:, :3]
     spread = _spread(model)[solved.body_leader]
@@ -109,7 +112,7 @@ def _of_sets(
     mean = np.column_stack([np.bincount(sets, mass * axis, count) / divisor for axis in place.T])
     apart = np.sum((place - mean[sets]) ** 2, axis=1)
     size = np.bincount(sets, _spread(model) + mass * apart, count)
-    owner = np.repeat(model.joint_child.numpy(), np.diff(model.joint_qd_start.numpy()))
+    owner = model.joint_child.numpy()[joint_of_dof(model)]
     added = np.bincount(sets[owner], armature, count)
     return whole[sets], size[sets], added[sets]
 
@@ -141,8 +144,8 @@ def _refuse_empty(model: newton.Model, empty: np.ndarray, sets: np.ndarray) -> N
         of_set = sets == sets[link]
         joints = np.flatnonzero(of_set[model.joint_child.numpy()])
         raise ValueError(
-            f"The articulation of body {link} '{model.body_label[link]}' has no mass at all "
-            f"(bodies {_names(model.body_label, np.flatnonzero(of_set))}; joints "
+            f"The articulation of body {link} '{model.body_label[link]}' has neither mass nor "
+            f"armature (bodies {_names(model.body_label, np.flatnonzero(of_set))}; joints "
             f"{_names(model.joint_label, joints)}), so that nothing says how it moves. Give its "
             "links mass (a shape with density, or <inertial>) or its joints armature, or make it "
             "kinematic (BodyFlags.KINEMATIC)."
@@ -161,8 +164,7 @@ def _report_unresisted(
     flat = unresisted_dofs(model, links)
     if not flat:
         return
-    owner = np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
-    joints = np.unique(owner[flat])
+    joints = np.unique(joint_of_dof(model)[flat])
     child = model.joint_child.numpy()[joints]
     roots = [
         (joint, link)

@@ -11,7 +11,7 @@ import newton
 import numpy as np
 
 from ..rows.joint import KINDS
-from .equalities import Equality, equalities, mimic_laws, switched_off
+from .equalities import Equality, equalities, may_hold, mimic_laws
 from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 
 _DISTANCE = int(newton.JointType.DISTANCE)
@@ -31,6 +31,11 @@ def moving(model: newton.Model) -> np.ndarray:
     """Whether the solver moves each body, shape (body_count,): it has mass and is not kinematic."""
     is_kinematic = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
     return (model.body_inv_mass.numpy() > 0.0) & ~is_kinematic
+
+
+def joint_of_dof(model: newton.Model) -> np.ndarray:
+    """Joint of each degree of freedom, shape (joint_dof_count,)."""
+    return np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
 
 
 @dataclass(frozen=True)
@@ -253,7 +258,7 @@ class Topology:
         flipped = []
         free = int(newton.JointType.FREE)
         numbers = solved_joints(model)
-        off = {numbers[index] for index in switched_off(model).tolist()}
+        off = {numbers[index] for index in np.flatnonzero(~may_hold(model)).tolist()}
         for index, kind in enumerate(kinds):
             parent, child = parents[index], children[index]
             if kind == free or index in off:

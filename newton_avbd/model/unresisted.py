@@ -3,15 +3,17 @@
 """Joint speeds that no mass, no armature and no constraint resists, where links are massless."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import newton
 import numpy as np
 
 from ..rows.joint import KINDS
-from .actuators import Actuators, reflected_armature
-from .equalities import equalities
-from .inertia import inertia_root, rotation_matrix
-from .topology import mimics
+from .actuators import Actuators
+from .equalities import equalities, may_hold
+from .inertia import inertia_root
+from .rotations import rotation_matrix
+from .topology import joint_of_dof, mimics
 
 _FLAT = 1.0e-5
 """Joint speeds that move masses by less than this share of what each joint alone does with its
@@ -20,8 +22,7 @@ speed are without resistance; the Jacobian rounds to 1e-7."""
 
 def armature_of(model: newton.Model) -> np.ndarray:
     """Armature of each degree of freedom, that of actuators included [kg or kg m^2]."""
-    along = Actuators.of_model(model).axes
-    return model.joint_armature.numpy() + reflected_armature(model, along, model.joint_dof_count)
+    return model.joint_armature.numpy() + Actuators.of_model(model).armature(model)
 
 
 def tied_dofs(model: newton.Model) -> list[tuple[int, int, float]]:
@@ -52,9 +53,9 @@ def tied_links(model: newton.Model) -> np.ndarray:
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
     articulation = model.joint_articulation.numpy()
     count = model.body_count
-    inner, owned = parent >= 0, articulation >= 0
+    inner, owned = (parent >= 0) & may_hold(model), articulation >= 0
     dofs = np.array([tie[:2] for tie in tied_dofs(model) if tie[1] >= 0], dtype=int).reshape(-1, 2)
-    ties = child[_joint_of_dof(model)[dofs]]
+    ties = child[joint_of_dof(model)[dofs]]
     a = np.concatenate([child[inner], child[owned], ties[:, 0]])
     b = np.concatenate([parent[inner], count + articulation[owned], ties[:, 1]])
     return _sets(count + model.articulation_count, a, b)[:count]
@@ -74,10 +75,6 @@ def _sets(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         label = new
 
 
-def _joint_of_dof(model: newton.Model) -> np.ndarray:
-    return np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
-
-
 def unresisted_dofs(model: newton.Model, links: np.ndarray) -> list[int]:
     """Degrees of freedom of speeds that nothing resists, at two poses.
 
@@ -88,51 +85,94 @@ def unresisted_dofs(model: newton.Model, links: np.ndarray) -> list[int]:
         links: Massless links; only articulations with some, and what is tied to these, count.
     """
     first, second = model.state(), model.state()
-    q = model.joint_q.numpy().copy()
-    random, starts = np.random.default_rng(0), model.joint_q_start.numpy()
-    kinds = model.joint_type.numpy().tolist()
-    for joint in np.flatnonzero([KINDS[kind].has_axes for kind in kinds]):
-        axes = slice(starts[joint], starts[joint + 1])
-        q[axes] += random.uniform(0.1, 0.5, q[axes].size)
-    second.joint_q.assign(q)
+    starts, owner = model.joint_q_start.numpy(), model.joint_articulation.numpy()
+    count = np.diff(starts)
+    has_axes = np.repeat([KINDS[kind].has_axes for kind in model.joint_type.numpy()], count)
+    # the same in copies of an articulation
+    root = np.append(model.articulation_start.numpy(), 0)[owner]
+    place = np.arange(has_axes.size) - np.repeat(np.where(owner < 0, 0, starts[root]), count)
+    shift = np.random.default_rng(0).uniform(0.1, 0.5, has_axes.size)
+    second.joint_q.assign(model.joint_q.numpy() + np.where(has_axes, shift[place], 0.0))
     newton.eval_fk(model, second.joint_q, second.joint_qd, second)
     # at the model's pose axes can be parallel that are not elsewhere
     search = _Search(model, links)
     return sorted(search.found_at(first) & search.found_at(second))
 
 
+@dataclass(frozen=True)
+class _Group:
+    """What is looked at together; columns are its degrees of freedom, then six of a loose link."""
+
+    articulations: np.ndarray
+    dofs: np.ndarray
+    """Degrees of freedom of these."""
+    links: np.ndarray
+    loose: dict[int, int]
+    """First column of each link of no articulation that moves: as if no joint held it."""
+    loops: np.ndarray
+    """Joints of no articulation, which hold it, or close loops."""
+    ties: list[tuple[int, int, float]]
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return self.dofs.size + 6 * len(self.loose)
+
+
 class _Search:
-    """The model on the host, and the articulations that are looked at together."""
+    """The model on the host, and the groups that are looked at."""
 
     def __init__(self, model: newton.Model, links: np.ndarray) -> None:
         self.model = model
         self.child, self.parent = model.joint_child.numpy(), model.joint_parent.numpy()
-        self.dofs = model.joint_qd_start.numpy()
+        self.frames = model.joint_X_p.numpy(), model.joint_X_c.numpy()
+        self.com, self.axis = model.body_com.numpy(), model.joint_axis.numpy()
+        self.dims, self.dofs = model.joint_dof_dim.numpy(), model.joint_qd_start.numpy()
         self.mass, self.inertia = model.body_mass.numpy(), model.body_inertia.numpy()
-        self.armature, self.ties = armature_of(model), tied_dofs(model)
+        self.armature = armature_of(model)
         self.is_led = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
-        owner, self.start = model.joint_articulation.numpy(), model.articulation_start.numpy()
+        owner, start = model.joint_articulation.numpy(), model.articulation_start.numpy()
         self.articulation = np.full(model.body_count, -1)
         self.row = np.full(model.body_count, -1)
         inner = np.flatnonzero(owner >= 0)
         self.articulation[self.child[inner]] = owner[inner]
-        self.row[self.child[inner]] = inner - self.start[owner[inner]]
-        dims = model.joint_dof_dim.numpy().sum(axis=1)
-        is_loop = (owner < 0) & (dims < 6) & model.joint_enabled.numpy()
-        self.loops = np.flatnonzero(is_loop)
-        joint = _joint_of_dof(model)
+        self.row[self.child[inner]] = inner - start[owner[inner]]
+        joint = joint_of_dof(model)
         self.articulation_of_dof = owner[joint]
         has_axes = np.array([KINDS[kind].has_axes for kind in model.joint_type.numpy().tolist()])
         self.locked = has_axes[joint]
         self.locked &= model.joint_limit_lower.numpy() == model.joint_limit_upper.numpy()
-        sets = tied_links(model)
+        self.groups = list(self._groups(links))
+
+    def _groups(self, links: np.ndarray) -> Iterator[_Group]:
+        """The sets of some links, those without a degree of freedom of an articulation left out."""
+        model = self.model
+        start, end = model.articulation_start.numpy(), model.articulation_end.numpy()
+        is_loop = (model.joint_articulation.numpy() < 0) & (self.dims.sum(axis=1) < 6)
+        loops = np.flatnonzero(is_loop & may_hold(model) & model.joint_enabled.numpy())
+        is_loose = (self.articulation < 0) & ~self.is_led & (self.mass > 0.0)
+        # what no joint holds has no mass to move by: it is where the user puts it
+        is_loose[self.child[loops][self.articulation[self.child[loops]] < 0]] = True
+        loose, ties = np.flatnonzero(is_loose & ~self.is_led), tied_dofs(model)
+        sets, joint = tied_links(model), joint_of_dof(model)
         wanted = np.unique(sets[links])
-        of_loop = sets[self.child[self.loops]]
-        first = self.child[self.start[: model.articulation_count]]
-        self.groups = [
-            (np.flatnonzero(sets[first] == one).tolist(), self.loops[of_loop == one].tolist())
-            for one in wanted
-        ]
+        first = self.child[joint[np.array([tie[0] for tie in ties], dtype=int)]]
+        members = (self.child[start[: model.articulation_count]], loose, self.child[loops], first)
+        for trees, free, closing, tied in zip(
+            *(_members(sets[of], wanted) for of in members), strict=True
+        ):
+            dofs = [np.arange(self.dofs[start[i]], self.dofs[end[i]]) for i in trees]
+            if sum(map(len, dofs)) == 0:
+                continue
+            count, free = sum(map(len, dofs)), loose[free]
+            yield _Group(
+                articulations=trees,
+                dofs=np.concatenate(dofs),
+                links=np.concatenate([*(self.child[start[i] : end[i]] for i in trees), free]),
+                loose={link: count + 6 * i for i, link in enumerate(free.tolist())},
+                loops=loops[closing],
+                ties=[ties[i] for i in tied],
+            )
 
     def found_at(self, state: newton.State) -> set[int]:
         """Degrees of freedom of speeds that nothing resists in a state."""
@@ -142,83 +182,106 @@ class _Search:
         self.pose, self.jacobians = state.body_q.numpy().astype(np.float64), jacobians.numpy()
         found: set[int] = set()
         known = set()
-        for articulations, loops in self.groups:
-            spans = [(self.dofs[self.start[i]], self._end(i)) for i in articulations]
-            dofs = np.concatenate([np.arange(*span) for span in spans] or [np.zeros(0, dtype=int)])
-            members = [self._members(i) for i in articulations]
-            links = np.concatenate(members or [np.zeros(0, dtype=int)])
-            held = np.array([*self._held(links, loops, dofs)]).reshape(-1, dofs.size)
-            content = (held, self.jacobians[articulations], self.mass[links], self.inertia[links])
-            key = tuple(array.tobytes() for array in (*content, self.armature[dofs]))
+        for group in self.groups:
+            dofs, links = group.dofs, group.links
+            known_dofs, rates, locked = self._rates(group)
+            held = np.vstack([*locked, *self._held(group, known_dofs, rates)])
+            armature = self.armature[known_dofs]
+            masses = self.mass[links], self.inertia[links], armature
+            content = held, rates, self.jacobians[group.articulations], *masses
+            key = tuple(array.tobytes() for array in content)
             if key in known:
                 continue  # another copy of the same robot
             known.add(key)
-            found |= set(dofs[_flat(self._weighted(links, dofs), held)].tolist())
+            resisted = np.sqrt(armature.astype(np.float64))[:, None] * rates
+            weighted = np.vstack([resisted, *self._weighted(group)])
+            columns = _flat(weighted, held)
+            found |= set(dofs[columns[columns < dofs.size]].tolist())
         return found
 
-    def _end(self, articulation: int) -> int:
-        return int(self.dofs[self.model.articulation_end.numpy()[articulation]])
-
-    def _members(self, articulation: int) -> np.ndarray:
-        end = self.model.articulation_end.numpy()[articulation]
-        return self.child[self.start[articulation] : end]
-
-    def _motion(self, link: int, dofs: np.ndarray) -> np.ndarray:
-        """Velocity of a link, of its COM first, by some joint speeds, shape (6, dofs)."""
-        motion = np.zeros((6, dofs.size))
-        articulation = self.articulation[link] if link >= 0 else -1
-        if articulation >= 0:
-            own = self.articulation_of_dof[dofs] == articulation
-            rows = self.jacobians[articulation, 6 * self.row[link] :][:6, : int(own.sum())]
-            motion[:, own] = rows
+    def _motion(self, link: int, group: _Group) -> np.ndarray:
+        """Velocity of a link, of its COM first, by the speeds of a group, shape (6, width)."""
+        motion = np.zeros((6, group.width))
+        if link in group.loose:
+            motion[:, group.loose[link] :][:, :6] = np.eye(6)
+        elif link >= 0 and self.articulation[link] >= 0:
+            articulation = self.articulation[link]
+            own = np.flatnonzero(self.articulation_of_dof[group.dofs] == articulation)
+            motion[:, own] = self.jacobians[articulation, 6 * self.row[link] :][:6, : own.size]
         return motion
 
-    def _weighted(self, links: np.ndarray, dofs: np.ndarray) -> np.ndarray:
-        """Joint speeds to speeds by the roots of the masses that they move; a matrix."""
-        rows = [np.diag(np.sqrt(self.armature[dofs].astype(np.float64)))]
-        for link in links[self.mass[links] > 0.0]:
-            motion = self._motion(link, dofs)
+    def _weighted(self, group: _Group) -> Iterator[np.ndarray]:
+        """Speeds of a group to speeds by the roots of the masses that they move; matrices."""
+        for link in group.links[self.mass[group.links] > 0.0].tolist():
+            motion = self._motion(link, group)
             root = inertia_root(self.inertia[link].astype(float))
             root = rotation_matrix(self.pose[link, 3:]) @ root
-            rows += [np.sqrt(float(self.mass[link])) * motion[:3], root.T @ motion[3:]]
-        return np.vstack(rows)
+            yield np.sqrt(float(self.mass[link])) * motion[:3]
+            yield root.T @ motion[3:]
 
-    def _held(self, links: np.ndarray, loops: list[int], dofs: np.ndarray) -> Iterator[np.ndarray]:
-        """What constraints allow no speed of, a row each."""
-        column = {dof: i for i, dof in enumerate(dofs.tolist())}
-        unit = np.eye(dofs.size)
-        yield from unit[self.locked[dofs]]
-        for dof, leader, slope in self.ties:
-            if dof in column:
-                yield unit[column[dof]] - (slope * unit[column[leader]] if leader >= 0 else 0.0)
-        for link in links[self.is_led[links]]:
-            yield from self._motion(link, dofs)
-        for joint in loops:
-            yield from self._closed(joint, dofs)
+    def _rates(self, group: _Group) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
+        """How coordinates move with the speeds of a group.
 
-    def _closed(self, joint: int, dofs: np.ndarray) -> Iterator[np.ndarray]:
-        """How the ends of a joint that closes a loop part along what it locks, a row each."""
-        turn, apart = np.eye(3), np.zeros((6, dofs.size))
-        com = self.model.body_com.numpy()
+        Returns:
+            Degrees of freedom, those of loops behind those of trees, and the rates of each, a row
+            each; and how the ends of the loops part along what these lock, matrices.
+        """
+        dofs, rates, locked = [group.dofs], [np.eye(group.dofs.size, group.width)], []
+        for joint in group.loops.tolist():
+            dofs.append(np.arange(self.dofs[joint], self.dofs[joint + 1]))
+            for axes, apart in self._across(joint, group):
+                rates.append(np.linalg.pinv(axes.T) @ apart)
+                locked.append(np.linalg.svd(axes)[2][len(axes) :] @ apart)
+        return np.concatenate(dofs), np.vstack(rates), locked
+
+    def _held(self, group: _Group, dofs: np.ndarray, rates: np.ndarray) -> Iterator[np.ndarray]:
+        """What limits, mimics and kinematic links allow no speed of; matrices.
+
+        Args:
+            group: What is looked at.
+            dofs: Degrees of freedom.
+            rates: Their rates, by the speeds of the group.
+        """
+        yield rates[self.locked[dofs]]
+        rate = dict(zip(dofs.tolist(), rates, strict=True))
+        rate[-1] = np.zeros(group.width)
+        for dof, leader, slope in group.ties:
+            if dof in rate and leader in rate:
+                yield rate[dof] - slope * rate[leader]
+        for link in group.links[self.is_led[group.links]].tolist():
+            yield self._motion(link, group)
+
+    def _across(self, joint: int, group: _Group) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """Linear and angular axes of a joint, and how its ends part by the speeds of a group.
+
+        Both in the world frame, shapes (axes, 3) and (3, width).
+        """
+        turn, apart = np.eye(3), np.zeros((6, group.width))
         for link, frame, sign in (
-            (self.parent[joint], self.model.joint_X_p.numpy()[joint], -1.0),
-            (self.child[joint], self.model.joint_X_c.numpy()[joint], 1.0),
+            (self.parent[joint], self.frames[0][joint], -1.0),
+            (self.child[joint], self.frames[1][joint], 1.0),
         ):
             if link < 0:
                 turn = rotation_matrix(frame[3:])
                 continue
-            motion, own = self._motion(link, dofs), rotation_matrix(self.pose[link, 3:])
-            arm = own @ (frame[:3] - com[link])
+            motion, own = self._motion(link, group), rotation_matrix(self.pose[link, 3:])
+            arm = own @ (frame[:3] - self.com[link])
             apart[:3] += sign * (motion[:3] + np.cross(motion[3:], arm, axis=0))
             apart[3:] += sign * motion[3:]
-            if sign < 0.0:
+            # a state of random coordinates leaves a loose link where it is
+            if sign < 0.0 or self.parent[joint] in group.loose:
                 turn = own @ rotation_matrix(frame[3:])
-        linear, angular = self.model.joint_dof_dim.numpy()[joint]
-        start = self.dofs[joint]
-        for half, first, count in ((apart[:3], 0, linear), (apart[3:], linear, angular)):
-            if count < 3:
-                axes = self.model.joint_axis.numpy()[start + first :][:count] @ turn.T
-                yield from np.linalg.svd(axes)[2][count:] @ half if count else half
+        linear, angular = self.dims[joint]
+        axes = self.axis[self.dofs[joint] :][: linear + angular] @ turn.T
+        yield axes[:linear], apart[:3]
+        yield axes[linear:], apart[3:]
+
+
+def _members(sets: np.ndarray, wanted: np.ndarray) -> list[np.ndarray]:
+    """Indices of the things of each of some sets, where each thing is in one."""
+    order = np.argsort(sets, kind="stable")
+    ends = (np.searchsorted(sets[order], wanted, side) for side in ("left", "right"))
+    return [order[first:last] for first, last in zip(*ends, strict=True)]
 
 
 def _flat(weighted: np.ndarray, held: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ import newton
 import numpy as np
 
 from ..attributes import break_limits
-from .equalities import switched_off
+from .equalities import may_hold
 
 STATIC = -1
 """Body of a link that is part of the static world."""
@@ -124,7 +124,7 @@ def _find_welds(model: newton.Model, breakable: bool) -> np.ndarray:
     kinds, dims = model.joint_type.numpy(), model.joint_dof_dim.numpy().sum(axis=1)
     types = (int(newton.JointType.FIXED), int(newton.JointType.D6))
     is_weld = np.isin(kinds, types) & (dims == 0) & model.joint_enabled.numpy()
-    is_weld[switched_off(model)] = False
+    is_weld &= may_hold(model)
     if breakable:
         for limit in break_limits(model).values():
             is_weld &= np.isposinf(limit.numpy())

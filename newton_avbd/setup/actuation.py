@@ -21,7 +21,6 @@ from ..model.inertia import (
     mobility_along,
     reference_mobility,
     reference_moments,
-    without_inertia,
 )
 from ..model.topology import Topology
 from ..rows import actuator as rules
@@ -435,8 +434,7 @@ class Actuation:
         if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
             number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
             moments = self._cords.moments()
-            mobility, norms = mobility_along(self._model, moments)
-            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
+            mobility, norms, lost = mobility_along(self._model, moments)
             for row, cord in found.tendons.items():
                 i = number[cord]
                 if needed[row] and lost[i]:
@@ -444,8 +442,7 @@ class Actuation:
                 moved[row] = (gear[row] ** 2 * mobility[i], gear[row] * norms[i])
         if np.any(needed[pushing]):
             moments = reference_moments(self._model, self._push_rates)
-            mobility, norms = mobility_along(self._model, moments)
-            lost = np.any(moments[:, without_inertia(self._model)] != 0.0, axis=1)
+            mobility, norms, lost = mobility_along(self._model, moments)
             for i, row in enumerate(pushing):
                 if needed[row] and lost[i]:
                     raise _no_inertia(found, row)
@@ -472,9 +469,9 @@ def _no_inertia(found: Actuators, row: int) -> ValueError:
     return ValueError(
         f"MuJoCo actuator {row} ('{found.labels[row]}') has a damping ratio, or is a muscle whose "
         "peak force is to be found. Both go by the inertia of what it pushes, which a joint of no "
-        "articulation lacks. Put the joint into one with builder.add_articulation(), or write the "
-        "damping (actuator_biasprm[2] below zero, joint_target_kd) or the force "
-        "(actuator_gainprm[2])."
+        "articulation lacks. Write the damping (actuator_biasprm[2] below zero, joint_target_kd) "
+        "or the force (actuator_gainprm[2]). Or put the joint into an articulation with "
+        "builder.add_articulation(), unless it closes a loop."
     )
 
 

@@ -12,7 +12,7 @@ import warp as wp
 
 from .. import data
 from ..effects import Effects
-from ..model.topology import Topology
+from ..model.topology import Topology, joint_of_dof
 
 SIDES = 3
 """Of what is kept of contacts: the last call's, and two that inner steps take by turns."""
@@ -194,7 +194,7 @@ def add_memory(
         moves = model.body_inv_mass.numpy() > 0.0
         held = np.where(moves[child] | (parent < 0), child, parent)
         of_joint = groups[held]
-        of_dof = np.repeat(of_joint, np.diff(model.joint_qd_start.numpy()))
+        of_dof = of_joint[joint_of_dof(model)]
     axis_start = topology.axis_start
     axes = np.diff(axis_start[np.append(topology.order, groups.size)])
     world_of = {

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.state import Array, Bodies
-from newton_avbd.model.equalities import switched_off
+from newton_avbd.model.equalities import may_hold
 from newton_avbd.scenes.pose import Pose, can_fall
 from newton_avbd.study.peers import PEERS
 from newton_avbd.study.robots.torque import Torques
@@ -193,8 +193,7 @@ def watched_joints(model: newton.Model) -> list[str]:
     """Names of the joints that :class:`Joints` watches, in its order."""
     kind = model.joint_type.numpy()
     loose = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.ROD)
-    chosen = model.joint_enabled.numpy() & ~np.isin(kind, loose)
-    chosen[switched_off(model)] = False
+    chosen = model.joint_enabled.numpy() & may_hold(model) & ~np.isin(kind, loose)
     return [model.joint_label[joint] for joint in np.flatnonzero(chosen)]
 
 
