@@ -123,6 +123,11 @@ def test_a_range_that_is_new_holds_once_the_solver_is_told() -> None:
         model.mujoco.actuator_forcerange.fill_((-0.5, most))
         solver.step(state, state, control, None, DT, observables=observables)
         assert observables.qfrc_actuator.numpy()[0] == pytest.approx(most)
+    places = len(solver._launch._places)
+    for _ in range(4):
+        solver.step(state, state, model.control(), None, DT)
+    # nothing of a control of its own in each step is kept
+    assert len(solver._launch._places) == places
     control.joint_target_q.fill_(np.nan)
     solver.step(state, state, control, None, DT)
     assert solver.status.held_steps.max() == 1

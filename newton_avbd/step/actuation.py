@@ -420,12 +420,13 @@ def push_axes(
     h: float,
     compensation: wp.array[float],
     # Out:
-    control: wp.array[ControlInput],
+    control: ControlInput,
     beside: wp.array[wp.vec2],
 ):
     """Pushes the degrees of freedom that actuators act on; one thread for each of them.
 
-    Its structs are resident: a replayed graph would look up each of their pointers.
+    Structs that stay the same are resident: a replayed graph would look up each of their pointers.
+    The control does not, since the user may give another one each step.
     """
     push_axis(
         wp.tid(),
@@ -439,7 +440,7 @@ def push_axes(
         has_limits,
         h,
         compensation,
-        control[0],
+        control,
         beside,
     )
 
