@@ -232,6 +232,24 @@ def test_a_change_of_mass_reaches_the_welded_body(is_told: bool) -> None:
     assert sim.velocity[0, 4] == pytest.approx(arm * 40.0 * DT / reduced, rel=1e-4)
 
 
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_turning_beam_whose_mass_changes_goes_on_turning(is_told: bool) -> None:
+    """Its COM moves by 5 cm; no link jumps by the 0.25 m/s that lie between old and new one."""
+    sim = Simulation(beam(True, 3.0), collide=False)
+    sim.model.set_gravity((0.0, 0.0, 0.0))
+    for body, side in ((0, -0.5), (1, 0.5)):
+        sim.set_velocity(body, (0.0, 5.0 * side * SIZE[0], 0.0), (0.0, 0.0, 5.0))
+    sim.step(3)
+    weigh_by(sim.model, 1, 1.5)
+    if is_told:
+        sim.solver.notify_model_changed(ModelFlags.BODY_INERTIAL_PROPERTIES)
+    momentum = sim.mass @ sim.velocity[:, :3]
+    assert np.linalg.norm(momentum) == pytest.approx(5.0 * 0.05 * 2.5 * MASS, rel=1e-3)
+    sim.step()
+    np.testing.assert_allclose(sim.mass @ sim.velocity[:, :3], momentum, atol=1e-4 * MASS)
+    np.testing.assert_allclose(sim.velocity[:, 5], 5.0, rtol=1e-5)
+
+
 def test_masses_beside_a_weld_act_in_a_captured_graph_and_what_is_not_finite_holds() -> None:
     """A free body, and a welded one, that get ten times as heavy: v = F t / m."""
     builder = beam(True, 3.0)
