@@ -353,12 +353,12 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
-        if isinstance(self._solved, SolvedModel) and not flags.welds:
-            self._solved.weigh(self._launch)  # with welds, what gathers the bodies does that
         needs_solve = flags.joints or flags.sleeping or flags.drag or flags.adaptive
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)
+        if isinstance(self._solved, SolvedModel) and (is_apart or not flags.welds):
+            self._solved.weigh(self._launch)
         given: newton.State | BodyState = start
         result: newton.State | BodyState = state_out
         if is_apart:

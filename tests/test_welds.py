@@ -387,6 +387,34 @@ def test_the_force_of_a_free_joint_acts_at_the_center_of_its_link() -> None:
     assert abs(pushed.velocity[0, 4]) > 0.01
 
 
+def test_a_force_between_welded_bodies_acts_at_where_a_new_mass_puts_it() -> None:
+    """joint_f on the child of a FREE joint, which a link of another body holds, as once told."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    links = [
+        builder.add_link(
+            mass=2.0 - i % 2, inertia=wp.mat33(np.eye(3)), xform=transform((float(i), 0.0, 0.0))
+        )
+        for i in range(4)
+    ]
+    joints = [builder.add_joint_free(links[0])]
+    ahead = transform((1.0, 0.0, 0.0))
+    joints.append(builder.add_joint_fixed(*links[:2], parent_xform=ahead))
+    joints.append(builder.add_joint_free(links[2], parent=links[1]))
+    joints.append(builder.add_joint_fixed(*links[2:], parent_xform=ahead))
+    builder.add_articulation(joints)
+    velocity = []
+    for is_told in (True, False):
+        sim = Simulation(builder, collide=False)
+        sim.control.joint_f.assign([0.0] * 6 + [0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
+        weigh_by(sim.model, links[3], 1.8)
+        if is_told:
+            sim.solver.notify_model_changed(ModelFlags.BODY_INERTIAL_PROPERTIES)
+        sim.step()
+        velocity.append(sim.velocity)
+    np.testing.assert_allclose(velocity[1], velocity[0], atol=1e-6)
+    assert np.all(np.abs(velocity[0][:, 4]) > 1e-3)
+
+
 def test_a_kinematic_link_leads_what_is_welded_to_it() -> None:
     builder = beam(True, 1.0)
     builder.body_flags[0] = int(newton.BodyFlags.KINEMATIC)

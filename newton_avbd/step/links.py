@@ -388,12 +388,14 @@ def gather_bodies(
     link_qd: wp.array[wp.spatial_vector],
     link_f: wp.array[wp.spatial_vector],
 ):
-    """What the solver starts from; one thread a body, and a joint."""
+    """What the solver starts from; one thread a body, and a joint.
+
+    All bodies have been weighed: a body may be pushed by the arm of another one's link.
+    """
     i = wp.tid()
     if i < links[0].joint.shape[0]:
         gather_joint(i, links[0])
     if i < links[0].leader.shape[0]:
-        weigh_body(i, False, links[0], model[0])
         gather_body(i, model[0], links[0], control, link_q, link_qd, link_f)
 
 
