@@ -940,11 +940,12 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         """
         if self._has_other_bodies():
             return ["topology"]
-        if isinstance(self._solved, SolvedModel):
-            if self._solved.has_other_masses():
+        solved: Any = self._solved
+        if isinstance(solved, SolvedModel):
+            if solved.has_other_masses():
                 return ["topology"]
-            self._solved.weigh(self._launch)
-        _, topology, flags, _ = self._look_at_model()
+            solved = solved.weighed()
+        _, topology, flags, _ = self._look_at_model(solved)
         return [
             *self._flags.missing(flags),
             *(["topology"] if topology != self._topology else []),

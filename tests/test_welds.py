@@ -260,12 +260,19 @@ def test_masses_beside_a_weld_act_in_a_captured_graph_and_what_is_not_finite_hol
         sim.step(2)
     for body in range(3):
         weigh_by(sim.model, body, 10.0)
+    # who asks what has changed writes nothing
+    solved = sim.solver._solved
+    assert sim.solver.unnoticed_changes() == []
+    assert solved.body_mass.numpy()[0] == pytest.approx(2.0 * MASS)
+    weighed = solved.weighed()
     sim.push(0, (30.0, 0.0, 0.0))
     sim.push(free, (30.0, 0.0, 0.0))
     wp.capture_launch(capture.graph)
     for body, mass in ((0, 20.0 * MASS), (1, 20.0 * MASS), (free, 10.0)):
         assert sim.velocity[body, 0] == pytest.approx(30.0 * 2 * DT / mass, rel=1e-5)
-    assert sim.solver.unnoticed_changes() == []
+    for name in ("mass", "com", "inertia"):
+        known, found = (getattr(of, f"body_{name}").numpy() for of in (solved, weighed))
+        np.testing.assert_allclose(found, known, rtol=1e-5, atol=1e-6)
     for body in (free, 1):
         before, mass = sim.velocity, sim.model.body_mass.numpy().copy()
         spoiled = mass.copy()

@@ -280,21 +280,25 @@ class SolverArrays:
         self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
         self._joints.enabled = self._bodies.joint_enabled = self._is_whole
 
-    def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects, Callers]:
-        """Which world each body belongs to, what is solved together, and with which effects."""
-        groups = _solver_worlds(self._solved)
-        cabled = np.zeros(self._solved.body_count, dtype=bool)
+    def _look_at_model(self, solved: Any) -> tuple[np.ndarray, Topology, Effects, Callers]:
+        """Which world each body belongs to, what is solved together, and with which effects.
+
+        Args:
+            solved: The model as it is to be solved.
+        """
+        groups = _solver_worlds(solved)
+        cabled = np.zeros(solved.body_count, dtype=bool)
         if "cables" not in self._without:
-            cabled = cabled_bodies(self._solved)
+            cabled = cabled_bodies(solved)
         topology = Topology.of_model(
-            self._solved,
+            solved,
             groups,
             trees=self.settings.blocks == "articulation",
             cabled=cabled,
             has_tendons="tendons" not in self._without,
         )
         flags, callers = Effects.of_model(
-            self._solved,
+            solved,
             topology,
             piles=self.settings.blocks == "articulation",
             compliance=self.settings.compliant_contacts,
@@ -363,7 +367,7 @@ class SolverArrays:
         A group is a Newton world, or, where global bodies that move tie the worlds together, all
         bodies at once.
         """
-        groups, topology, self._flags, self._callers = self._look_at_model()
+        groups, topology, self._flags, self._callers = self._look_at_model(self._solved)
         self._make_actuation(topology)
         self._make_limit_law()
         self._flags_apart = self._flags.without_contact()
