@@ -117,17 +117,18 @@ class SolverArrays:
         elif self._flags.contact and self.model.rigid_contact_max:
             self._allocate_contacts(self.model.rigid_contact_max)
 
-    def _find_welds(self) -> Welds:
-        """Which links of the model are one body."""
+    def _find_welds(self, before: Welds | None = None) -> Welds:
+        """Which links of the model are one body, as ``before`` where nothing but masses changed."""
         return Welds.of_model(
             self.model,
             wanted="welds" not in self._without,
             breakable="breaking" not in self._without,
+            before=before,
         )
 
     def _has_other_bodies(self) -> bool:
         """Whether other links are one body than so far, or massless links are new to the solver."""
-        welds = self._find_welds()
+        welds = self._find_welds(self._welds)
         is_plain = not isinstance(self._solved, SolvedModel)
         return welds != self._welds or (is_plain and solved_model(self.model, welds) is not None)
 
@@ -137,13 +138,20 @@ class SolverArrays:
             self._solved.refresh(self._launch)
 
     def _make_arrays_anew(self) -> None:
-        """Makes all arrays for another grouping of links; only the turns of joints are kept."""
+        """Makes all arrays for another grouping of links.
+
+        Only the turns of joints are kept, and which have broken.
+        """
         # graphs that were captured before go on using the old arrays
         self._retired.append(tuple(vars(self).values()))
-        turns = self._history.joint_angle
+        turns, broken, joint = self._history.joint_angle, self._history.broken, self._welds.joint
         self._make_arrays()
         if turns is not None and self._history.joint_angle is not None:
             wp.copy(self._history.joint_angle, turns)
+        if broken is not None and self._history.broken is not None:
+            is_broken = np.zeros(self.model.joint_count, dtype=bool)
+            is_broken[joint] = broken.numpy()
+            self._history.broken.assign(is_broken[self._welds.joint])
 
     def _allocate_bodies(self) -> None:
         """Buffers by body slot; the last slot is the static world, which stays zero."""
