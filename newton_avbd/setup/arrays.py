@@ -20,7 +20,7 @@ from ..drivers.large import FEW, LARGE, LargeWorlds, obstacles
 from ..drivers.launch import Launcher
 from ..drivers.scan import scratch_size
 from ..effects import Callers, Effects
-from ..model.actuators import ACTING, Actuators
+from ..model.actuators import ACTING
 from ..model.callers import bodies_in_fluid, free_joints, linking_joints, pushing_joints
 from ..model.condim import Condims, condim_arrays
 from ..model.limits import limit_law, limits_within_margins
@@ -82,7 +82,6 @@ class SolverArrays:
         self._actuator_force: ActuatorForce | None = None
         self._cables: Cables | None = None
         self._limit_law: dict[str, wp.array] = {}
-        self._target_mode: wp.array | None = None
         self._ctrl: wp.array | None = None
         self._weld_loads: data.LinkLoads | None = None
         self._weld_contact_f: Any = None
@@ -210,8 +209,6 @@ class SolverArrays:
             self._bind_break_limits()
             for name, values in self._limit_law.items():
                 setattr(self._joints, name, values)
-            if self._target_mode is not None:
-                self._joints.target_mode = self._target_mode
         if self._actuation is not None:
             self._actuation.bind(self._joints, self._bodies)
 
@@ -836,7 +833,7 @@ class SolverArrays:
         """Buffers for MuJoCo's actuators, tendons and gravity compensation, where there are any."""
         if self._solved.joint_count:
             self._joints.armature = self._solved.joint_armature
-            self._make_target_mode()
+            self._joints.target_mode = self._solved.joint_target_mode
         names = (*ACTING, "effort_limits", "force_ranges", "compliance", "second_order")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
@@ -850,18 +847,6 @@ class SolverArrays:
             self._actuation.bind(self._joints, self._bodies)
         # the next step makes its view of the control anew
         self._control_arrays = (None, None, None)
-
-    def _make_target_mode(self) -> None:
-        """Modes of drives where some are actuators, which have their gains instead."""
-        # graphs that were captured before go on using the old array
-        self._retired.append((self._target_mode,))
-        self._target_mode = None
-        self._joints.target_mode = modes = self._solved.joint_target_mode
-        if own := Actuators.of_model(self.model).driven():
-            others = modes.numpy().copy()
-            others[own] = int(newton.JointTargetMode.NONE)
-            self._target_mode = wp.array(others, dtype=wp.int32, device=self.device)
-            self._joints.target_mode = self._target_mode
 
     def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""
