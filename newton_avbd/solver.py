@@ -902,7 +902,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             return
         if not self.device.is_capturing:
             if self._has_other_bodies():
-                check_model(self.model, ramp=self.settings.ramp)
+                self._check_again(flags)
                 self._make_arrays_anew()
                 return
             if isinstance(self._solved, SolvedModel):
@@ -921,13 +921,17 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             if self._solved.body_count:
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
             return
-        check_model(self.model, ramp=self.settings.ramp)
+        self._check_again(flags)
         if self._cables is not None:
             self._cables.refresh(self._solved, self._launch)
-        if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
-            self._report_ignored(self.model)
         self._rest_angle.assign(self._initial_angles())
         self._group_worlds()
+
+    def _check_again(self, flags: ModelFlags | int) -> None:
+        """Refuses what makes no sense, and names what the solver leaves out of what is new."""
+        check_model(self.model, ramp=self.settings.ramp)
+        if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
+            self._report_ignored(self.model)
 
     def unnoticed_changes(self) -> list[str]:
         """What of the model has changed and no step will see before :meth:`notify_model_changed`.
