@@ -466,6 +466,17 @@ class AxisActuation:
     """By actuator; -1 of a drive for which no row authors anything."""
     kind: wp.array[wp.int32]
     """Whether it has a control or is a drive; see :mod:`.rows.actuator`."""
+    mode_in: wp.array[wp.int32]
+    """The model's arrays, by degree of freedom: modes of drives, and armature."""
+    armature_in: wp.array[float]
+    is_drive: wp.array[wp.bool]
+    """By degree of freedom: whether its drive is an actuator; empty where none is."""
+    mode: wp.array[wp.int32]
+    """Modes of the drives that are no actuators; empty where all are none."""
+    added: wp.array[float]
+    """What actuators add to the armature of each degree of freedom; empty where that is nothing."""
+    armature: wp.array[float]
+    """The sum."""
 
 
 @wp.struct

@@ -410,7 +410,7 @@ class Effects:
             second_order=second_order,
             fourth_order=fourth_order,
             adaptive=adaptive,
-            has_condims="condim" not in without,
+            left_out=without,
         )
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(

@@ -200,9 +200,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 steps as long as ``dt``. A call of ``step`` then divides itself into as few inner
                 steps as each world needs. Over a time T, the estimated errors of the worst body add
                 up to at most ``accuracy`` x (T + 1/4 s); a rotation counts by the radius of
-                gyration. ``docs/algorithm.md`` has
-                the estimate, ``docs/accuracy_control.md`` how far it is right. Contacts are those
-                of the call, and so are forces and controls.
+                gyration. ``docs/algorithm.md`` has the estimate, ``docs/accuracy_control.md`` how
+                far it is right. Contacts are those of the call, and so are forces and controls.
             inner_steps: Most inner steps of a call with ``accuracy``, repeated ones included, 100
                 by default. :meth:`report` says where they did not do.
             effects: Effects of the scene to leave out, as ``{"friction": False}``; True for those
@@ -353,12 +352,12 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self._cables is not None:
             self._cables.begin(self._launch, state_in)
         flags = self._flags
-        if isinstance(self._solved, SolvedModel) and not flags.welds:
-            self._solved.weigh(self._launch)  # with welds, what gathers the bodies does that
         needs_solve = flags.joints or flags.sleeping or flags.drag or flags.adaptive
         is_free = contacts is None and not needs_solve
         # one kernel makes the whole step of a single world, links and all
         is_apart = self._flags.welds and (is_free or not self._at_once)
+        if isinstance(self._solved, SolvedModel) and (is_apart or not flags.welds):
+            self._solved.weigh(self._launch)
         given: newton.State | BodyState = start
         result: newton.State | BodyState = state_out
         if is_apart:
@@ -877,12 +876,13 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         """Look again at what the model calls for.
 
         Arrays of the model are read live, so changing their values needs no call, except where
-        bodies sleep, which this call wakes, and where it
-        calls for what the scene did without: an effect that the kernels were not compiled with
-        (friction, restitution, unequal moments of inertia, drives, limits, ...), or a body that
-        starts or stops to move. New arrays in the place of old ones, and new initial joint
-        coordinates, need one, too. The call checks the model as the constructor does and copies its
-        arrays to the host.
+        bodies sleep, which this call wakes, and where it calls for what the scene did without: an
+        effect that the kernels were not compiled with (friction, restitution, unequal moments of
+        inertia, drives, limits, ...), or a body that starts or stops to move. New arrays in the
+        place of old ones, and new initial joint coordinates, need one, too, and so do coefficients
+        of mimic joints, frames of welds, modes of drives that are MuJoCo's actuators, armature that
+        actuators add, masses by which a fluid drags, and COMs of links that Newton's tendons hang
+        on. The call checks the model as the constructor does and copies its arrays to the host.
 
         While a graph is being captured the call reads nothing: it compiles in all effects that
         values can call for, save restitution, friction by written poses, force ranges of several
@@ -902,7 +902,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             return
         if not self.device.is_capturing:
             if self._has_other_bodies():
-                check_model(self.model, ramp=self.settings.ramp)
+                self._check_again(flags)
                 self._make_arrays_anew()
                 return
             if isinstance(self._solved, SolvedModel):
@@ -921,13 +921,17 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             if self._solved.body_count:
                 self._launch_bodies(report_freed, [self._bodies, self._taken_as_fixed])
             return
-        check_model(self.model, ramp=self.settings.ramp)
+        self._check_again(flags)
         if self._cables is not None:
             self._cables.refresh(self._solved, self._launch)
-        if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
-            self._report_ignored(self.model)
         self._rest_angle.assign(self._initial_angles())
         self._group_worlds()
+
+    def _check_again(self, flags: ModelFlags | int) -> None:
+        """Refuses what makes no sense, and names what the solver leaves out of what is new."""
+        check_model(self.model, ramp=self.settings.ramp)
+        if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
+            self._report_ignored(self.model)
 
     def unnoticed_changes(self) -> list[str]:
         """What of the model has changed and no step will see before :meth:`notify_model_changed`.
@@ -935,18 +939,23 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         Looks at the model as the constructor does, on the host: for when a result is in doubt.
 
         Returns:
-            Names of effects that the kernels do not hold, ``"topology"`` where other bodies move or
-            other joints hold, and arrays of the model that stand in the place of others.
+            Names of effects that the kernels do not hold, ``"actuators"`` also where drives that
+            are actuators have other modes, ``"topology"`` where other bodies move or other joints
+            hold, and arrays of the model that stand in the place of others.
         """
         if self._has_other_bodies():
             return ["topology"]
-        if isinstance(self._solved, SolvedModel):
-            if self._solved.has_other_masses():
+        solved: Any = self._solved
+        if isinstance(solved, SolvedModel):
+            if solved.has_other_masses():
                 return ["topology"]
-            self._solved.weigh(self._launch)
-        _, topology, flags, _ = self._look_at_model()
+            solved = solved.weighed()
+        _, topology, flags, _ = self._look_at_model(solved)
+        missing = self._flags.missing(flags)
+        if self._actuation is not None and self._actuation.has_other_drives():
+            missing.append("actuators")
         return [
-            *self._flags.missing(flags),
+            *missing,
             *(["topology"] if topology != self._topology else []),
             *(
                 f"model.{name}"

@@ -123,9 +123,51 @@ def test_a_range_that_is_new_holds_once_the_solver_is_told() -> None:
         model.mujoco.actuator_forcerange.fill_((-0.5, most))
         solver.step(state, state, control, None, DT, observables=observables)
         assert observables.qfrc_actuator.numpy()[0] == pytest.approx(most)
+    places = len(solver._launch._places)
+    for _ in range(4):
+        solver.step(state, state, model.control(), None, DT)
+    # nothing of a control of its own in each step is kept
+    assert len(solver._launch._places) == places
     control.joint_target_q.fill_(np.nan)
     solver.step(state, state, control, None, DT)
     assert solver.status.held_steps.max() == 1
+
+
+def test_modes_and_armature_beside_a_drive_that_is_an_actuator_are_live() -> None:
+    """An ordinary drive, one with a force range and armature, and a mode that needs a call."""
+    text = BODY.format("a", 0, "") + BODY.format("b", 1, "")
+    drives = POSITION("").format("a") + POSITION('forcerange="-.5 1" armature=".1"').format("b")
+    model = imported(f"""<mujoco><option><flag gravity="disable"/></option>
+      <worldbody>{text}</worldbody>
+      <actuator>{drives}</actuator></mujoco>""")
+    solver = SolverAVBD(model, scheme="euler")
+    state, control = model.state(), model.control()
+    control.joint_target_q.fill_(TARGET)
+
+    def gained() -> NDArray[np.float64]:
+        before = state.body_qd.numpy()[:, 4].astype(float)
+        solver.step(state, state, control, None, DT)
+        return state.body_qd.numpy()[:, 4] - before
+
+    inertia = 0.03 + 0.3**2
+    pushed = np.array([20.0 * TARGET / inertia, 1.0 / (inertia + 0.1)]) * DT
+    np.testing.assert_allclose(gained(), pushed, rtol=0.05)
+    modes = model.joint_target_mode.numpy().copy()
+    model.joint_target_mode.assign([int(newton.JointTargetMode.NONE), modes[1]])
+    model.joint_armature.fill_(0.2)
+    assert solver.unnoticed_changes() == []
+    np.testing.assert_allclose(gained(), [0.0, DT / (inertia + 0.3)], rtol=0.05, atol=1e-6)
+    model.joint_target_mode.fill_(int(newton.JointTargetMode.NONE))
+    assert solver.unnoticed_changes() == ["actuators"]
+    solver.notify_model_changed(int(newton.ModelFlags.JOINT_DOF_PROPERTIES))
+    np.testing.assert_allclose(gained(), 0.0, atol=1e-6)
+    # without actuators the drives are drives
+    model.joint_target_mode.assign(modes)
+    model.joint_armature.zero_()
+    solver = SolverAVBD(model, scheme="euler", effects={"actuators": False})
+    assert solver.effects["drives"].on
+    state = model.state()
+    np.testing.assert_allclose(gained(), 20.0 * TARGET / inertia * DT, rtol=0.05)
 
 
 def test_what_the_drive_of_a_ball_joint_leaves_out_is_named() -> None:

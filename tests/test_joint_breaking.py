@@ -123,6 +123,26 @@ def test_a_broken_joint_is_as_a_disabled_one() -> None:
     assert sim.model.joint_enabled.numpy().all()
 
 
+def test_a_broken_joint_stays_broken_where_other_links_become_one_body() -> None:
+    """A weld beside it is switched off and on again, each time with a call."""
+    builder = breakable()
+    ends = [add_link(builder, mass=MASS, inertia=(0.1, 0.1, 0.1)) for _ in range(3)]
+    joints = [builder.add_joint_free(ends[0]), builder.add_joint_fixed(ends[0], ends[1])]
+    builder.add_articulation(joints)
+    hinge = builder.add_joint_revolute(WORLD, ends[2], axis=HINGE, **limits(force=10.0))
+    builder.add_articulation([hinge])
+    sim = simulate(builder)
+    sim.step()
+    for is_weld in (False, True):
+        assert list(sim.solver.status.broken_joints) == [hinge]
+        sim.model.joint_enabled.assign([True, is_weld, True])
+        sim.solver.notify_model_changed(newton.ModelFlags.JOINT_PROPERTIES)
+    sim.step(20)
+    # the hinge held in the step in which it broke
+    fallen = np.array([21, 21, 20]) * G * sim.dt
+    np.testing.assert_allclose(-sim.velocity[:, 2], fallen, rtol=1e-4)
+
+
 @pytest.mark.filterwarnings("ignore:.*another joint already connects.*")
 def test_a_loop_joint_breaks() -> None:
     """A plank on two hinges of which one, no part of the tree, holds half of its weight."""

@@ -285,6 +285,22 @@ def test_a_constraint_that_is_switched_on_and_left_out_is_named() -> None:
         solver.notify_model_changed(ModelFlags.CONSTRAINT_PROPERTIES)
 
 
+def test_what_is_left_out_is_named_also_where_links_become_one_body() -> None:
+    """An equality that is switched on beside a weld that is switched off, by one call."""
+    builder = four_bar(connect='active="false"', weld='active="false"', convert=False)
+    links = [builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3))) for _ in range(2)]
+    free, weld = builder.add_joint_free(links[0]), builder.add_joint_fixed(*links)
+    builder.add_articulation([free, weld])
+    model = builder.finalize(device="cpu")
+    solver = SolverAVBD(model, strict=True)
+    model.mujoco.equality_constraint_enabled.fill_(True)
+    enabled = model.joint_enabled.numpy().copy()
+    enabled[weld] = False
+    model.joint_enabled.assign(enabled)
+    with pytest.raises(NotImplementedError, match="'wrist', 'strap'"):
+        solver.notify_model_changed(ModelFlags.ALL)
+
+
 # Inside of graphs
 
 

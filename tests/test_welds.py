@@ -232,6 +232,28 @@ def test_a_change_of_mass_reaches_the_welded_body(is_told: bool) -> None:
     assert sim.velocity[0, 4] == pytest.approx(arm * 40.0 * DT / reduced, rel=1e-4)
 
 
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_turning_beam_whose_mass_changes_goes_on_turning(is_told: bool) -> None:
+    """Its COM moves by 5 cm; no link jumps by the 0.25 m/s that lie between old and new one."""
+    sim = Simulation(beam(True, 3.0), collide=False)
+    sim.model.set_gravity((0.0, 0.0, 0.0))
+    for body, side in ((0, -0.5), (1, 0.5)):
+        sim.set_velocity(body, (0.0, 5.0 * side * SIZE[0], 0.0), (0.0, 0.0, 5.0))
+    sim.step(3)
+    # the link whose frame is the body's stays that one, though another one is heavier now
+    weigh_by(sim.model, 1, 1.5)
+    assert sim.solver.unnoticed_changes() == []
+    solved = sim.solver._solved
+    if is_told:
+        sim.solver.notify_model_changed(ModelFlags.BODY_INERTIAL_PROPERTIES)
+    assert sim.solver._solved is solved
+    momentum = sim.mass @ sim.velocity[:, :3]
+    assert np.linalg.norm(momentum) == pytest.approx(5.0 * 0.05 * 2.5 * MASS, rel=1e-3)
+    sim.step()
+    np.testing.assert_allclose(sim.mass @ sim.velocity[:, :3], momentum, atol=1e-4 * MASS)
+    np.testing.assert_allclose(sim.velocity[:, 5], 5.0, rtol=1e-5)
+
+
 def test_masses_beside_a_weld_act_in_a_captured_graph_and_what_is_not_finite_holds() -> None:
     """A free body, and a welded one, that get ten times as heavy: v = F t / m."""
     builder = beam(True, 3.0)
@@ -242,12 +264,19 @@ def test_masses_beside_a_weld_act_in_a_captured_graph_and_what_is_not_finite_hol
         sim.step(2)
     for body in range(3):
         weigh_by(sim.model, body, 10.0)
+    # who asks what has changed writes nothing
+    solved = sim.solver._solved
+    assert sim.solver.unnoticed_changes() == []
+    assert solved.body_mass.numpy()[0] == pytest.approx(2.0 * MASS)
+    weighed = solved.weighed()
     sim.push(0, (30.0, 0.0, 0.0))
     sim.push(free, (30.0, 0.0, 0.0))
     wp.capture_launch(capture.graph)
     for body, mass in ((0, 20.0 * MASS), (1, 20.0 * MASS), (free, 10.0)):
         assert sim.velocity[body, 0] == pytest.approx(30.0 * 2 * DT / mass, rel=1e-5)
-    assert sim.solver.unnoticed_changes() == []
+    for name in ("mass", "com", "inertia"):
+        known, found = (getattr(of, f"body_{name}").numpy() for of in (solved, weighed))
+        np.testing.assert_allclose(found, known, rtol=1e-5, atol=1e-6)
     for body in (free, 1):
         before, mass = sim.velocity, sim.model.body_mass.numpy().copy()
         spoiled = mass.copy()
@@ -367,6 +396,34 @@ def test_the_force_of_a_free_joint_acts_at_the_center_of_its_link() -> None:
         sim.step(5)
     np.testing.assert_allclose(forced.velocity, pushed.velocity, rtol=1e-5, atol=1e-6)
     assert abs(pushed.velocity[0, 4]) > 0.01
+
+
+def test_a_force_between_welded_bodies_acts_at_where_a_new_mass_puts_it() -> None:
+    """joint_f on the child of a FREE joint, which a link of another body holds, as once told."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    links = [
+        builder.add_link(
+            mass=2.0 - i % 2, inertia=wp.mat33(np.eye(3)), xform=transform((float(i), 0.0, 0.0))
+        )
+        for i in range(4)
+    ]
+    joints = [builder.add_joint_free(links[0])]
+    ahead = transform((1.0, 0.0, 0.0))
+    joints.append(builder.add_joint_fixed(*links[:2], parent_xform=ahead))
+    joints.append(builder.add_joint_free(links[2], parent=links[1]))
+    joints.append(builder.add_joint_fixed(*links[2:], parent_xform=ahead))
+    builder.add_articulation(joints)
+    velocity = []
+    for is_told in (True, False):
+        sim = Simulation(builder, collide=False)
+        sim.control.joint_f.assign([0.0] * 6 + [0.0, 0.0, 30.0, 0.0, 0.0, 0.0])
+        weigh_by(sim.model, links[3], 1.8)
+        if is_told:
+            sim.solver.notify_model_changed(ModelFlags.BODY_INERTIAL_PROPERTIES)
+        sim.step()
+        velocity.append(sim.velocity)
+    np.testing.assert_allclose(velocity[1], velocity[0], atol=1e-6)
+    assert np.all(np.abs(velocity[0][:, 4]) > 1e-3)
 
 
 def test_a_kinematic_link_leads_what_is_welded_to_it() -> None:

@@ -42,8 +42,10 @@ SOFTNESS = wp.constant(1.0e-7)
 does: more than rounding leaves of a pivot after hundreds of others. A row along a taut chain has a
 pivot of the square of its slope; what the softness misses of it the next step finds."""
 FIRST_SOFTNESS = wp.constant(1.0e-5)
-"""The same in the first sweep of a step, which is off by the square of what bodies turn by: rows
-that imply each other ask for what does not go together then, and would push each other with it."""
+"""The same in the first sweep of a step, and in all sweeps of the recovery. The first sweep is off
+by the square of what bodies turn by: rows that imply each other ask for what does not go together
+then, and would push each other with it. So they do in the recovery, against contacts between them.
+"""
 MISSED = wp.constant(1.0e-4)
 """Share of its move that a sweep leaves to the next one at least, where rows are soft."""
 FORGOTTEN = wp.constant(5.0e-2)

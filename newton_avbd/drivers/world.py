@@ -247,6 +247,8 @@ def make_step_links(effects: Effects) -> wp.Kernel:
             gather_joint(joint, s[0].links)
         for body in range(s[0].links.leader.shape[0]):
             weigh_body(body, False, s[0].links, s[0].model)
+        for body in range(s[0].links.leader.shape[0]):
+            # a body may be pushed by the arm of another one's link
             gather_body(body, s[0].model, s[0].links, step.control, link_q, link_qd, link_f)
         step_world(wp.tid(), step, s[0])
         for body in range(s[0].links.leader.shape[0]):

@@ -38,7 +38,7 @@ def find_callers(
     second_order: bool,
     fourth_order: bool,
     adaptive: bool,
-    has_condims: bool,
+    left_out: frozenset[str],
 ) -> dict[str, np.ndarray]:
     """Indices of what calls for each effect; copies model arrays to the host.
 
@@ -53,11 +53,13 @@ def find_callers(
         second_order: Whether the scheme is of second order in time.
         fourth_order: Whether it is of fourth order where nothing but joints holds bodies.
         adaptive: Whether an accuracy was asked for.
-        has_condims: Whether MuJoCo's condim counts.
+        left_out: Effects that are to be left out.
     """
     user_model = getattr(model, "user_model", model)
-    condims = Condims.of_model(user_model if has_condims else None)
+    condims = Condims.of_model(None if "condim" in left_out else user_model)
     actuators = Actuators.of_model(user_model)
+    if "actuators" in left_out:
+        actuators.drives.clear()  # they go on as drives
     callers = {
         **_of_shapes(model, condims, angular_friction),
         **_of_bodies(model, topology),

@@ -59,7 +59,14 @@ class Welds:
         return self.welded.size > 0
 
     @classmethod
-    def of_model(cls, model: newton.Model, *, wanted: bool, breakable: bool) -> "Welds":
+    def of_model(
+        cls,
+        model: newton.Model,
+        *,
+        wanted: bool,
+        breakable: bool,
+        before: "Welds | None" = None,
+    ) -> "Welds":
         """Finds the welds of a model; copies model arrays to the host.
 
         Args:
@@ -67,6 +74,7 @@ class Welds:
             wanted: Whether welds are to make links one body; otherwise each link is a body.
             breakable: Whether joints break at the loads that the model authors. A joint that can
                 break is no weld.
+            before: What there was so far. Its leaders go on to lead, whatever masses are now.
         """
         count = model.body_count
         welds = _find_welds(model, breakable) if wanted else np.zeros(0, dtype=int)
@@ -92,7 +100,10 @@ class Welds:
         entry[root[led]] = led
         frame, weld, towards, depth = _walk(model, used, root, entry, is_static)
 
-        leader = _leaders(model, root[:count])
+        led_before = np.zeros(count, dtype=bool)
+        if before is not None:
+            led_before[before.leader] = True
+        leader = _leaders(model, root[:count], led_before)
         is_leader = (leader == np.arange(count)) & ~is_static
         is_leader[held] = True
         bodies = np.flatnonzero(is_leader)
@@ -241,10 +252,12 @@ def _walk(
     return frame[:count], weld, towards, depth
 
 
-def _leaders(model: newton.Model, root: np.ndarray) -> np.ndarray:
-    """The leader of each link's set: the kinematic body, otherwise the heaviest link."""
+def _leaders(model: newton.Model, root: np.ndarray, led_before: np.ndarray) -> np.ndarray:
+    """The leader of each link's set: the kinematic body, otherwise one that led before, otherwise
+    the heaviest link."""
     is_led = _is_kinematic(model)
-    order = np.lexsort((np.arange(root.size), -model.body_mass.numpy(), ~is_led, root))
+    mass = model.body_mass.numpy()
+    order = np.lexsort((np.arange(root.size), -mass, ~led_before, ~is_led, root))
     sets, first = np.unique(root[order], return_index=True)
     return order[first][np.searchsorted(sets, root)]
 

@@ -30,6 +30,7 @@ import warp as wp
 from ..data import AxisLaw, ControlInput, JointModel, vec5
 from .joint import BALL, NO_LIMIT, ROD
 
+NO_DRIVE = wp.constant(int(newton.JointTargetMode.NONE))
 VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.VELOCITY))
 POSITION_MODE = wp.constant(int(newton.JointTargetMode.POSITION))
 POSITION_VELOCITY_MODE = wp.constant(int(newton.JointTargetMode.POSITION_VELOCITY))

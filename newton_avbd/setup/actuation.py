@@ -73,7 +73,7 @@ class Actuation:
         self._has_limits = "effort_limits" in wanted
         found = Actuators.of_model(model)
         axes = found.axes if "actuators" in wanted else {}
-        drives = found.drives if "actuators" in wanted else []
+        drives = self._drives = found.drives if "actuators" in wanted else []
         items = [(dof, row, int(rules.BY_CONTROL)) for row, dof in axes.items()]
         items += [(drive.dof, drive.row, drive.kind) for drive in drives]
         bodies = found.bodies if "body_actuators" in wanted else {}
@@ -100,7 +100,10 @@ class Actuation:
                         self.law.motor = before.law.motor
             carried = compensating_axes(model) if ACTUATED <= wanted else {}
             self.compensates = frozenset(carried if self._has_limits else ())
-            self._make_axes(found.armature(model) if axes or drives else None, items, carried)
+            self._make_axes(items, carried)
+            acts = bool(axes or drives)
+            armature = found.armature(model) if acts else np.zeros(model.joint_dof_count)
+            self._make_reading(armature, [drive.dof for drive in drives])
             count = self.axes.rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
             servos = found.servos(model) if "servos" in wanted else {}
@@ -158,7 +161,7 @@ class Actuation:
         if self.axes.dof.size:
             launch(
                 kernels.push_axes,
-                self.axes.dof.size,
+                max(self.axes.dof.size, self.axes.mode.size, self.axes.armature.size),
                 [
                     self.law,
                     self._joints,
@@ -204,10 +207,21 @@ class Actuation:
             launch(kernels.forget_tendons, self.tendons.row.size, [mask, self.tendons])
 
     def bind(self, joints: Any, bodies: Any) -> None:
-        """Adds the armature of actuators to that of their axes, and servos to their bodies."""
+        """Adds the armature of actuators to that of their axes, and servos to their bodies; drives
+        that are actuators are no drives."""
         bodies.servos = self.servos
-        if self._armature is not None:
-            joints.armature = self._armature
+        if not self.axes.dof.size:
+            return
+        self.axes.mode_in = self._model.joint_target_mode
+        self.axes.armature_in = self._model.joint_armature
+        if self.axes.mode.size:
+            joints.target_mode = self.axes.mode
+        if self.axes.armature.size:
+            joints.armature = self.axes.armature
+
+    def has_other_drives(self) -> bool:
+        """Whether other drives are actuators by now, or by other modes, on the host."""
+        return bool(self._drives) and Actuators.of_model(self._model).drives != self._drives
 
     def remembered(self) -> Iterator[tuple[str, wp.array]]:
         """Arrays that a step leaves to the next one, by name."""
@@ -248,14 +262,12 @@ class Actuation:
 
     def _make_axes(
         self,
-        armature: np.ndarray | None,
         items: list[tuple[int, int, int]],
         carried: dict[int, list[int]],
     ) -> None:
         """Lists actuators by degree of freedom.
 
         Args:
-            armature: What they add to that of degrees of freedom; None for nothing.
             items: Degree of freedom, row and kind of each.
             carried: Links whose weight actuators compensate, by degree of freedom.
         """
@@ -277,9 +289,6 @@ class Actuation:
         self.axes.dof, self.axes.coordinate = indices(dofs), indices(coordinates_of(model, dofs))
         self.axes.start, self.axes.rows = lists(rows)
         self.axes.kind = lists(kinds)[1]
-        self._armature = None
-        if armature is not None and np.any(armature):
-            self._armature = wp.array(model.joint_armature.numpy() + armature, dtype=float)
         self._carried, self._compensated = None, wp.empty(0, dtype=float)
         if carried:
             joint = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
@@ -296,6 +305,27 @@ class Actuation:
         self._joint_qd = wp.zeros(measures * model.joint_dof_count, dtype=float)
         if self._is_measured:
             self._all_joints = AllJoints(model)
+
+    def _make_reading(self, armature: np.ndarray, driven: list[int]) -> None:
+        """Arrays for what a step reads of axes that actuators change.
+
+        Args:
+            armature: What actuators add to that of degrees of freedom [kg or kg m^2].
+            driven: Degrees of freedom whose drives are actuators.
+        """
+        axes, count = self.axes, self._model.joint_dof_count
+        is_drive = np.zeros(count if driven else 0, dtype=bool)
+        is_drive[driven] = True
+        axes.is_drive = wp.array(is_drive, dtype=wp.bool)
+        axes.mode = wp.zeros(is_drive.size, dtype=wp.int32)
+        if driven:
+            modes = self._model.joint_target_mode.numpy()
+            axes.mode.assign(np.where(is_drive, int(newton.JointTargetMode.NONE), modes))
+        adds = bool(np.any(armature))
+        axes.added = wp.array(armature if adds else armature[:0], dtype=float)
+        axes.armature = wp.zeros(axes.added.size, dtype=float)
+        if adds:
+            axes.armature.assign(self._model.joint_armature.numpy() + armature)
 
     def _make_bodies(
         self,

@@ -20,7 +20,7 @@ from ..drivers.large import FEW, LARGE, LargeWorlds, obstacles
 from ..drivers.launch import Launcher
 from ..drivers.scan import scratch_size
 from ..effects import Callers, Effects
-from ..model.actuators import ACTING, Actuators
+from ..model.actuators import ACTING
 from ..model.callers import bodies_in_fluid, free_joints, linking_joints, pushing_joints
 from ..model.condim import Condims, condim_arrays
 from ..model.limits import limit_law, limits_within_margins
@@ -82,7 +82,6 @@ class SolverArrays:
         self._actuator_force: ActuatorForce | None = None
         self._cables: Cables | None = None
         self._limit_law: dict[str, wp.array] = {}
-        self._target_mode: wp.array | None = None
         self._ctrl: wp.array | None = None
         self._weld_loads: data.LinkLoads | None = None
         self._weld_contact_f: Any = None
@@ -117,17 +116,18 @@ class SolverArrays:
         elif self._flags.contact and self.model.rigid_contact_max:
             self._allocate_contacts(self.model.rigid_contact_max)
 
-    def _find_welds(self) -> Welds:
-        """Which links of the model are one body."""
+    def _find_welds(self, before: Welds | None = None) -> Welds:
+        """Which links of the model are one body, as ``before`` where nothing but masses changed."""
         return Welds.of_model(
             self.model,
             wanted="welds" not in self._without,
             breakable="breaking" not in self._without,
+            before=before,
         )
 
     def _has_other_bodies(self) -> bool:
         """Whether other links are one body than so far, or massless links are new to the solver."""
-        welds = self._find_welds()
+        welds = self._find_welds(self._welds)
         is_plain = not isinstance(self._solved, SolvedModel)
         return welds != self._welds or (is_plain and solved_model(self.model, welds) is not None)
 
@@ -137,13 +137,20 @@ class SolverArrays:
             self._solved.refresh(self._launch)
 
     def _make_arrays_anew(self) -> None:
-        """Makes all arrays for another grouping of links; only the turns of joints are kept."""
+        """Makes all arrays for another grouping of links.
+
+        Only the turns of joints are kept, and which have broken.
+        """
         # graphs that were captured before go on using the old arrays
         self._retired.append(tuple(vars(self).values()))
-        turns = self._history.joint_angle
+        turns, broken, joint = self._history.joint_angle, self._history.broken, self._welds.joint
         self._make_arrays()
         if turns is not None and self._history.joint_angle is not None:
             wp.copy(self._history.joint_angle, turns)
+        if broken is not None and self._history.broken is not None:
+            is_broken = np.zeros(self.model.joint_count, dtype=bool)
+            is_broken[joint] = broken.numpy()
+            self._history.broken.assign(is_broken[self._welds.joint])
 
     def _allocate_bodies(self) -> None:
         """Buffers by body slot; the last slot is the static world, which stays zero."""
@@ -202,8 +209,6 @@ class SolverArrays:
             self._bind_break_limits()
             for name, values in self._limit_law.items():
                 setattr(self._joints, name, values)
-            if self._target_mode is not None:
-                self._joints.target_mode = self._target_mode
         if self._actuation is not None:
             self._actuation.bind(self._joints, self._bodies)
 
@@ -280,21 +285,25 @@ class SolverArrays:
         self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
         self._joints.enabled = self._bodies.joint_enabled = self._is_whole
 
-    def _look_at_model(self) -> tuple[np.ndarray, Topology, Effects, Callers]:
-        """Which world each body belongs to, what is solved together, and with which effects."""
-        groups = _solver_worlds(self._solved)
-        cabled = np.zeros(self._solved.body_count, dtype=bool)
+    def _look_at_model(self, solved: Any) -> tuple[np.ndarray, Topology, Effects, Callers]:
+        """Which world each body belongs to, what is solved together, and with which effects.
+
+        Args:
+            solved: The model as it is to be solved.
+        """
+        groups = _solver_worlds(solved)
+        cabled = np.zeros(solved.body_count, dtype=bool)
         if "cables" not in self._without:
-            cabled = cabled_bodies(self._solved)
+            cabled = cabled_bodies(solved)
         topology = Topology.of_model(
-            self._solved,
+            solved,
             groups,
             trees=self.settings.blocks == "articulation",
             cabled=cabled,
             has_tendons="tendons" not in self._without,
         )
         flags, callers = Effects.of_model(
-            self._solved,
+            solved,
             topology,
             piles=self.settings.blocks == "articulation",
             compliance=self.settings.compliant_contacts,
@@ -363,7 +372,7 @@ class SolverArrays:
         A group is a Newton world, or, where global bodies that move tie the worlds together, all
         bodies at once.
         """
-        groups, topology, self._flags, self._callers = self._look_at_model()
+        groups, topology, self._flags, self._callers = self._look_at_model(self._solved)
         self._make_actuation(topology)
         self._make_limit_law()
         self._flags_apart = self._flags.without_contact()
@@ -824,7 +833,7 @@ class SolverArrays:
         """Buffers for MuJoCo's actuators, tendons and gravity compensation, where there are any."""
         if self._solved.joint_count:
             self._joints.armature = self._solved.joint_armature
-            self._make_target_mode()
+            self._joints.target_mode = self._solved.joint_target_mode
         names = (*ACTING, "effort_limits", "force_ranges", "compliance", "second_order")
         wanted = frozenset(name for name in names if getattr(self._flags, name))
         before, self._actuation, self._ctrl = self._actuation, None, None
@@ -838,18 +847,6 @@ class SolverArrays:
             self._actuation.bind(self._joints, self._bodies)
         # the next step makes its view of the control anew
         self._control_arrays = (None, None, None)
-
-    def _make_target_mode(self) -> None:
-        """Modes of drives where some are actuators, which have their gains instead."""
-        # graphs that were captured before go on using the old array
-        self._retired.append((self._target_mode,))
-        self._target_mode = None
-        self._joints.target_mode = modes = self._solved.joint_target_mode
-        if own := Actuators.of_model(self.model).driven():
-            others = modes.numpy().copy()
-            others[own] = int(newton.JointTargetMode.NONE)
-            self._target_mode = wp.array(others, dtype=wp.int32, device=self.device)
-            self._joints.target_mode = self._target_mode
 
     def _flags_with(self, contacts: newton.Contacts | None) -> Effects:
         """The scene's effects, with those that a contact buffer adds."""

@@ -13,7 +13,7 @@ from .. import data
 from ..attributes import dahl_friction
 from ..drivers.launch import Launcher
 from ..model.tokens import token_masses
-from ..model.welds import Welds
+from ..model.welds import Welds, multiply
 from ..rows.joint import PUSHED_AT_COM
 from ..step.links import gather_joints, weigh_bodies
 
@@ -209,6 +209,49 @@ class SolvedModel:
         """Whether other bodies are without mass than when the model was read, on the host."""
         return not np.array_equal(self._masses() == 0.0, self._is_massless)
 
+    def weighed(self) -> Any:
+        """This model with the masses that the next step finds, on the host; nothing is written.
+
+        Of the massless links that there are so far; see :meth:`has_other_masses`.
+        """
+        model, leader = self._model, self.body_leader
+        member = np.flatnonzero(self.welds.body >= 0)
+        body, frame = self.welds.body[member], self.welds.frame[member]
+        mass, com, inertia = (
+            getattr(model, f"body_{name}").numpy().astype(np.float64)[member]
+            for name in ("mass", "com", "inertia")
+        )
+        upright = np.tile([0.0, 0.0, 0.0, 1.0], (member.size, 1))
+        at = multiply(frame, np.hstack([com, upright]))[:, :3]
+        total = self._masses()
+        center = np.zeros((self.body_count, 3))
+        np.add.at(center, body, mass[:, None] * at)
+        has_mass = total > 0.0
+        center[has_mass] /= total[has_mass, None]
+        center[~has_mass] = model.body_com.numpy()[leader[~has_mass]]
+        spin = np.hstack([np.zeros((member.size, 3)), frame[:, 3:]])
+        columns = [np.hstack([np.tile(axis, (member.size, 1)), upright]) for axis in np.eye(3)]
+        turn = np.stack([multiply(spin, column)[:, :3] for column in columns], axis=2)
+        arm = at - center[body]
+        spread = np.sum(arm**2, axis=1)[:, None, None] * np.eye(3) - arm[:, :, None] * arm[:, None]
+        tensor = np.zeros((self.body_count, 3, 3))
+        parts = turn @ inertia @ turn.transpose(0, 2, 1) + mass[:, None, None] * spread
+        np.add.at(tensor, body, parts)
+        token_mass = self.links.token_mass.numpy()
+        is_token = (token_mass > 0.0) & (total == 0.0)
+        tensor[is_token] = self.links.token_moment.numpy()[is_token, None, None] * np.eye(3)
+        total[is_token] = token_mass[is_token]
+        is_one = (np.bincount(body, minlength=self.body_count) == 1) & ~is_token
+        inverse = np.where(is_one, model.body_inv_mass.numpy()[leader], total > 0.0)
+        return _Replaced(
+            self,
+            body_flags=model.body_flags.numpy()[leader],
+            body_mass=total.astype(np.float32),
+            body_com=center.astype(np.float32),
+            body_inertia=tensor.astype(np.float32),
+            body_inv_mass=inverse * self.links.is_free.numpy(),
+        )
+
     def refresh(self, launch: Launcher) -> None:
         """Points to the model's arrays, and reads what each step reads again, on the device."""
         model, links = self._model, self.links
@@ -242,6 +285,28 @@ class SolvedModel:
             loads.order = _new(tied[np.argsort(-welds.depth[tied], kind="stable")])
             loads.towards, loads.weld = _new(welds.towards), _new(welds.weld)
         return loads
+
+
+class _Replaced:
+    """A model with some arrays in the place of its own, for who reads them by ``numpy()``."""
+
+    def __init__(self, model: Any, **arrays: np.ndarray) -> None:
+        self._model = model
+        self._arrays = {name: _OnHost(values) for name, values in arrays.items()}
+
+    def __getattr__(self, name: str) -> Any:
+        return self._arrays[name] if name in self._arrays else getattr(self._model, name)
+
+
+@dataclass(frozen=True)
+class _OnHost:
+    """An array that is read as one on a device is."""
+
+    values: np.ndarray
+
+    def numpy(self) -> np.ndarray:
+        """Its values."""
+        return self.values
 
 
 class _Kept:

@@ -24,7 +24,7 @@ from ..rows.actuator import (
     law_in_step,
     own_damping,
 )
-from ..rows.axis import POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
+from ..rows.axis import NO_DRIVE, POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
 from ..rows.joint import NO_LIMIT
 from ..rows.path import JOINT, PULLEY, double, find_path
 from .body_actuators import pushed_by, velocity_at
@@ -33,9 +33,12 @@ from .resetting import is_selected
 
 
 @wp.func
-def is_driven(joints: wp.ref[JointModel], dof: int) -> bool:
+def is_driven(work: wp.ref[AxisActuation], joints: wp.ref[JointModel], dof: int) -> bool:
     """Whether a degree of freedom has a drive of Newton's own."""
-    mode = joints.target_mode[dof]
+    if work.is_drive.shape[0] > 0:
+        if work.is_drive[dof]:
+            return False
+    mode = work.mode_in[dof]
     has_mode = mode == POSITION_MODE or mode == VELOCITY_MODE or mode == POSITION_VELOCITY_MODE
     return has_mode and (joints.target_ke[dof] != 0.0 or joints.target_kd[dof] != 0.0)
 
@@ -342,7 +345,7 @@ def push_axis(
         if has_limits and has_force_range(actuators, work.rows[k]):
             limited += 1
     shares = limited == 1 and end == first + 1
-    shares = (shares or (limited == 1 and not has_effort)) and not is_driven(joints, dof)
+    shares = (shares or (limited == 1 and not has_effort)) and not is_driven(work, joints, dof)
     if compensation.shape[0] > 0 and has_effort:
         # the range of an actuator does not bound the compensation
         shares = shares and compensation[i] == 0.0
@@ -405,6 +408,15 @@ def push_axis(
     beside[dof] = apart
 
 
+@wp.func
+def read_axis(dof: int, work: wp.ref[AxisActuation]):
+    """Mode of a drive, none where it is an actuator, and armature with what actuators add."""
+    if dof < work.mode.shape[0]:
+        work.mode[dof] = wp.where(work.is_drive[dof], NO_DRIVE, work.mode_in[dof])
+    if dof < work.armature.shape[0]:
+        work.armature[dof] = work.armature_in[dof] + work.added[dof]
+
+
 @wp.kernel(**KERNEL)
 def push_axes(
     # Model:
@@ -420,15 +432,22 @@ def push_axes(
     h: float,
     compensation: wp.array[float],
     # Out:
-    control: wp.array[ControlInput],
+    control: ControlInput,
     beside: wp.array[wp.vec2],
 ):
     """Pushes the degrees of freedom that actuators act on; one thread for each of them.
 
-    Its structs are resident: a replayed graph would look up each of their pointers.
+    Where drives are actuators, or actuators have armature, one for each degree of freedom.
+
+    Structs that stay the same are resident: a replayed graph would look up each of their pointers.
+    The control does not, since the user may give another one each step.
     """
+    i = wp.tid()
+    read_axis(i, work[0])
+    if i >= work[0].dof.shape[0]:
+        return
     push_axis(
-        wp.tid(),
+        i,
         actuators[0],
         joints[0],
         ref,
@@ -439,7 +458,7 @@ def push_axes(
         has_limits,
         h,
         compensation,
-        control[0],
+        control,
         beside,
     )
 

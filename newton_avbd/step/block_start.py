@@ -165,7 +165,9 @@ def make_block_start(
                     # keeps joints closed to the third order of h
                     s.tree.update[body] = coasting + (h * h) * s.history.acceleration[body]
                 elif is_closed:
-                    # keeps a mechanism in its plane, where some of its rows say nothing
+                    # Keeps a mechanism in its plane, where some of its rows say nothing. By the
+                    # velocity alone: of second order ``coasting`` has half of what pushed the body
+                    # in the last step and nothing of its weight, and would lift it off the ground.
                     s.tree.update[body] = scale.h * body_qd[body]
                 if wp.static(effects.tilting):
                     s.tree.is_fast[body] = is_fast

@@ -98,6 +98,14 @@ def weigh_links(body: int, links: wp.ref[LinkModel], model: wp.ref[BodyModel]):
 
 
 @wp.func
+def forget_links(body: int, links: wp.ref[LinkModel]):
+    """Lets links say how a body moves: its own velocity is that of where its COM was."""
+    for k in range(links.member_start[body], links.member_start[body + 1]):
+        unknown = wp.vec3(wp.NAN)
+        links.left_qd[nonnegative(links.members[k])] = wp.spatial_vector(unknown, unknown)
+
+
+@wp.func
 def weigh_body(body: int, is_new: bool, links: wp.ref[LinkModel], model: wp.ref[BodyModel]):
     """Flags, mass, COM and inertia of a body by those of its links, where they have changed.
 
@@ -107,9 +115,13 @@ def weigh_body(body: int, is_new: bool, links: wp.ref[LinkModel], model: wp.ref[
     leader = nonnegative(links.leader[body])
     model.flags[body] = links.flags[leader]
     if links.member_start[body + 1] > links.member_start[body] + 1:
-        if not (is_new or is_reweighed(body, links)):
+        is_other = is_reweighed(body, links)
+        if not (is_new or is_other):
             return
+        before = model.com[body]
         weigh_links(body, links, model)
+        if is_other and not (before == model.com[body]):
+            forget_links(body, links)
     else:
         model.mass[body] = links.mass[leader]
         model.com[body] = links.com[leader]
@@ -376,12 +388,14 @@ def gather_bodies(
     link_qd: wp.array[wp.spatial_vector],
     link_f: wp.array[wp.spatial_vector],
 ):
-    """What the solver starts from; one thread a body, and a joint."""
+    """What the solver starts from; one thread a body, and a joint.
+
+    All bodies have been weighed: a body may be pushed by the arm of another one's link.
+    """
     i = wp.tid()
     if i < links[0].joint.shape[0]:
         gather_joint(i, links[0])
     if i < links[0].leader.shape[0]:
-        weigh_body(i, False, links[0], model[0])
         gather_body(i, model[0], links[0], control, link_q, link_qd, link_f)
 
 
