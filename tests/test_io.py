@@ -416,6 +416,6 @@ def test_missing_package_names_the_extra_that_brings_it(monkeypatch, tmp_path):
         raise ModuleNotFoundError("No module named 'pxr'", name="pxr")
 
     monkeypatch.setattr(newton.ModelBuilder, "add_usd", fail)
-    (tmp_path / "cube.usda").touch()
+    (tmp_path / "cube.usda").write_text("#usda 1.0\n")
     with pytest.raises(UserError, match=r"pxr: pip install 'newton-avbd\[scenes\]'"):
         open_scene(str(tmp_path / "cube.usda"), Request("xpbd"))
