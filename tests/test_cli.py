@@ -89,6 +89,8 @@ def test_what_lists_commands_does_not_wait_for_newton(arguments):
 def test_ctrl_c_ends_the_import_of_newton_without_a_traceback():
     program = (
         "import signal, sys; from newton_avbd.__main__ import main\n"
+        # what starts in the background ignores it
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "class Interrupt:\n"
         "    def find_spec(self, name, path, target=None):\n"
         "        if name == 'newton': signal.raise_signal(signal.SIGINT)\n"
