@@ -150,7 +150,7 @@ class _Search:
         start, end = model.articulation_start.numpy(), model.articulation_end.numpy()
         is_loop = (model.joint_articulation.numpy() < 0) & (self.dims.sum(axis=1) < 6)
         loops = np.flatnonzero(is_loop & may_hold(model) & model.joint_enabled.numpy())
-        is_loose = (self.articulation < 0) & ~self.is_led & (self.mass > 0.0)
+        is_loose = (self.articulation < 0) & (self.mass > 0.0)
         # what no joint holds has no mass to move by: it is where the user puts it
         is_loose[self.child[loops][self.articulation[self.child[loops]] < 0]] = True
         loose, ties = np.flatnonzero(is_loose & ~self.is_led), tied_dofs(model)
@@ -162,9 +162,9 @@ class _Search:
             *(_members(sets[of], wanted) for of in members), strict=True
         ):
             dofs = [np.arange(self.dofs[start[i]], self.dofs[end[i]]) for i in trees]
-            if sum(map(len, dofs)) == 0:
-                continue
             count, free = sum(map(len, dofs)), loose[free]
+            if count == 0:
+                continue
             yield _Group(
                 articulations=trees,
                 dofs=np.concatenate(dofs),
