@@ -15,7 +15,7 @@ from .attributes import authored_fluid, break_limits, dahl_friction
 from .effects import CAUSES
 from .model.actuators import Actuators, passed_limits
 from .model.condim import CONDIMS, Condims
-from .model.equalities import equalities, joint_rows, unheard_rows
+from .model.equalities import equalities, lonely_rows, unheard_rows
 from .model.tendons import left_joints, tendon_count, tendon_equalities, tendon_name, tendons
 from .rows.joint import KINDS
 
@@ -118,7 +118,7 @@ def report_ignored(
     strict: bool = False,
     rigid_contacts: bool = True,
     angular_friction: bool | None = False,
-    placed: np.ndarray | None = None,
+    own_rows: np.ndarray | None = None,
 ) -> None:
     """Says what a model holds that the solver leaves alone, with the remedy.
 
@@ -130,37 +130,31 @@ def report_ignored(
         strict: Raise instead of warn.
         rigid_contacts: Whether contacts are rigid, so that restitution acts.
         angular_friction: Whether torsional and rolling friction act; None if nobody said.
-        placed: Anchors and relposes of :func:`.model.equalities.joint_rows` as they were when the
-            solver was made; None where they are not to be compared.
+        own_rows: Rows of MuJoCo's equality constraints that the solver makes joints of; None for
+            those of a new one.
 
     Raises:
         NotImplementedError: If ``strict`` and there is such a thing.
     """
     messages = []
+    if own_rows is None:
+        own_rows = lonely_rows(model)
     if others := _deformables(model):
         messages.append(
             f"SolverAVBD moves rigid bodies only; it leaves out the model's {', '.join(others)}. "
             "Use SolverVBD for them, alone or coupled with this solver."
         )
-    if rows := _equalities(model):
+    if rows := _equalities(model, own_rows):
         messages.append(
-            f"SolverAVBD leaves out {', '.join(rows)}. Import with "
-            "convert_mjc_equality_constraints=True, which makes joints of CONNECT and WELD and "
-            "mimics of JOINT. A program that adds rows adds joints instead: "
-            "builder.add_joint_ball() for CONNECT, add_joint_fixed() for WELD, in no "
-            "articulation, and set_joint_mimic() for JOINT."
+            f"SolverAVBD leaves out {', '.join(rows)}: JOINT constraints tie axes of two joints, "
+            "or hold one, of other types than BALL and FREE; CONNECT and WELD constraints tie two "
+            "bodies, or one to the world (-1)."
         )
-    if rows := _named_rows(model, unheard_rows(model)):
+    if rows := _named_rows(model, unheard_rows(model, own_rows)):
         messages.append(
-            f"SolverAVBD leaves out {', '.join(rows)}: enabled, but the joint or mimic that the "
-            "importer made of it is not. Enable that, too (model.joint_enabled, "
-            "model.constraint_mimic_enabled), or disable the row "
-            "(model.mujoco.equality_constraint_enabled)."
-        )
-    if placed is not None and (rows := _moved_rows(model, placed)):
-        messages.append(
-            f"SolverAVBD leaves out the new anchor or relpose of {', '.join(rows)}: it holds them "
-            "by their joints. Set the frames of these, model.joint_X_p and model.joint_X_c."
+            f"SolverAVBD leaves out {', '.join(rows)}: enabled, but the joint that the importer "
+            "made of it has been disabled since. Enable that, too (model.joint_enabled), or "
+            "disable the row (model.mujoco.equality_constraint_enabled)."
         )
     if idle := _idle_tendons(model):
         messages.append(
@@ -263,7 +257,7 @@ def _deformables(model: newton.Model) -> list[str]:
     return found
 
 
-def _equalities(model: newton.Model) -> list[str]:
+def _equalities(model: newton.Model, own_rows: np.ndarray) -> list[str]:
     """MuJoCo's equality constraints that no importer made a joint of, and that nothing obeys."""
     mujoco: Any = getattr(model, "mujoco", None)
     counts = model.custom_frequency_counts
@@ -274,6 +268,7 @@ def _equalities(model: newton.Model) -> list[str]:
         )
         left[[equality.row for equality in equalities(model)]] = False
         left[[equality.row for equality in tendon_equalities(model, tendons(model))]] = False
+        left[own_rows] = False
         found += _named_rows(model, np.flatnonzero(left))
     return found
 
@@ -283,12 +278,6 @@ def _named_rows(model: newton.Model, rows: np.ndarray) -> list[str]:
     labels = model.mujoco.equality_constraint_label if rows.size else ()
     names = [_label(labels, row) or f"row {row}" for row in rows.tolist()]
     return _named(len(names), "MuJoCo equality constraint", names)
-
-
-def _moved_rows(model: newton.Model, placed: np.ndarray) -> list[str]:
-    """MuJoCo's equality constraints whose anchor or relpose is no longer what it was."""
-    rows, now = joint_rows(model)
-    return _named_rows(model, rows[np.any(now != placed, axis=1)])
 
 
 def _idle_tendons(model: newton.Model) -> list[str]:
@@ -475,7 +464,8 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
     _check_numbers(model, "joint_mimic_coeffs", model.joint_label)
     if model.custom_frequency_counts.get("mujoco:equality_constraint", 0):
         labels = model.mujoco.equality_constraint_label
-        _check_numbers(model, "mujoco.equality_constraint_polycoef", labels)
+        for name in ("polycoef", "anchor", "relpose"):
+            _check_numbers(model, f"mujoco.equality_constraint_{name}", labels)
     owner = np.repeat(np.arange(model.joint_count), model.joint_dof_dim.numpy().sum(axis=1))
     labels = [_label(model.joint_label, joint) for joint in owner]
     for name in ("joint_axis", "joint_limit_lower", "joint_limit_upper"):

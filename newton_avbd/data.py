@@ -341,13 +341,13 @@ class LinkModel:
     push_sign: wp.array[float]
     """1 on the child of such a joint, -1 on its parent."""
     joint: wp.array[wp.int32]
-    """Index in the model of each joint that the solver knows."""
+    """Index in the model of each joint that the solver knows; those that it lacks count on."""
     enabled_in: wp.array[wp.bool]
     """The model's array of joints."""
     enabled: wp.array[wp.bool]
     """By joint that the solver knows."""
     joint_parent: wp.array[wp.int32]
-    """The model's arrays of joints; empty without welds."""
+    """The model's arrays of joints; empty where the solver has none of its own."""
     joint_child: wp.array[wp.int32]
     parent_frame_in: wp.array[wp.transform]
     child_frame_in: wp.array[wp.transform]

@@ -28,13 +28,13 @@ from .drivers.sorting import sort_at_once
 from .drivers.workers import Workers
 from .drivers.world import make_solve, make_step, make_step_links
 from .effects import Effects, SceneEffects, left_out
-from .model.equalities import joint_rows
 from .report import CAUSES_OF_ERROR, InnerReport, Report, Status, missed
 from .settings import Settings, register_scene_settings
 from .setup.actuator_force import ActuatorForce
 from .setup.arrays import SolverArrays
 from .setup.cables import CableViews
 from .setup.inner_steps import smallest_accuracy
+from .setup.joined import JoinedModel
 from .setup.joint_state import JointState
 from .setup.memory import bytes_by_effect, members
 from .setup.solved import BodyState, SolvedModel
@@ -259,9 +259,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             strict=strict,
             rigid_contacts=not (settings.ramp or settings.compliant_contacts),
             angular_friction=settings.angular_friction,
-            placed=joint_rows(model)[1],
         )
-        self._report_ignored(model)
+        self._joined = JoinedModel(model)
+        self._report_ignored(model, own_rows=self._joined.own_rows)
         super().__init__(
             model,
             collision_pipeline=collision_pipeline,
@@ -358,6 +358,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         is_apart = self._flags.welds and (is_free or not self._at_once)
         if isinstance(self._solved, SolvedModel) and (is_apart or not flags.welds):
             self._solved.weigh(self._launch)
+            if not flags.welds:
+                self._solved.follow_joints(self._launch)
         given: newton.State | BodyState = start
         result: newton.State | BodyState = state_out
         if is_apart:
@@ -652,7 +654,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             return values
         every = np.zeros((count, 3), dtype=np.float32)
         if values is not None:
-            every[self._welds.joint] = values.numpy()
+            known = self._welds.joint < count
+            every[self._welds.joint[known]] = values.numpy()[known]
         return wp.array(every, dtype=wp.vec3, device=self.device)
 
     @property
@@ -931,7 +934,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         """Refuses what makes no sense, and names what the solver leaves out of what is new."""
         check_model(self.model, ramp=self.settings.ramp)
         if int(flags) & int(ModelFlags.CONSTRAINT_PROPERTIES | ModelFlags.ACTUATOR_PROPERTIES):
-            self._report_ignored(self.model)
+            self._report_ignored(self.model, own_rows=self._joined.own_rows)
 
     def unnoticed_changes(self) -> list[str]:
         """What of the model has changed and no step will see before :meth:`notify_model_changed`.
@@ -1082,7 +1085,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         dt: float,
     ) -> None:
         """The wrench that each link gets through its inbound joints, welds among them."""
-        model, solved = self.model, self._solved
+        model, solved = self._joined.whole, self._solved
         assert isinstance(solved, SolvedModel)
         if self._weld_loads is None:
             with wp.ScopedDevice(self.device):

@@ -1,14 +1,18 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""MuJoCo's equality constraints: importers make joints of them, which close loops."""
+"""MuJoCo's equality constraints CONNECT and WELD, with or without joints that an importer made."""
 
 import newton
 import numpy as np
 import pytest
+import warp as wp
 from helpers import G, Simulation
-from joint_scenes import anchor_gaps, euler_period, simulate, swing_period
+from joint_scenes import add_link, anchor_gaps, euler_period, simulate, swing_period, transform
+from newton.solvers import SolverMuJoCo, mujoco
+from scipy.spatial.transform import Rotation
 
 from newton_avbd import SolverAVBD
+from newton_avbd.model.row_joints import RowJoints
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
 
@@ -64,25 +68,42 @@ def swing(sim: Simulation, speed: float) -> None:
         sim.set_velocity(body, (-LENGTH * speed, 0.0, 0.0))
 
 
-@pytest.mark.parametrize("speed", [0.1, 1.0])
-def test_connect_and_weld_hold_a_four_bar_and_its_payload(speed: float) -> None:
+def row_gaps(sim: Simulation) -> np.ndarray:
+    """How far the first two rows are from what they say [m], by their own anchors."""
+    joints = RowJoints.of_model(sim.model, np.arange(2))
+    ends = [
+        sim.pose[link, :3] + Rotation.from_quat(sim.pose[link, 3:]).apply(frame[:, :3])
+        for link, frame in (
+            (joints.parent, joints.parent_frame),
+            (joints.child, joints.child_frame),
+        )
+    ]
+    return np.linalg.norm(ends[0] - ends[1], axis=1)
+
+
+@pytest.mark.parametrize(("speed", "convert"), [(0.1, True), (1.0, True), (1.0, False)])
+def test_connect_and_weld_hold_a_four_bar_and_its_payload(speed: float, convert: bool) -> None:
     """Period of a parallelogram: 2 pi sqrt((2 I + M L^2)/((m + M) g L)), times 1 + a^2/16.
 
     I = m L^2/3 about the hinge; M is coupler and payload, which do not turn; a is the amplitude.
     To backward Euler's period within 1e-3; anchors within 1e-5 m, and the payload does not turn
-    by 1e-4 rad.
+    by 1e-4 rad. With the joints that the importer makes of the rows, and without.
     """
-    sim = simulate(four_bar())
+    sim = simulate(four_bar(convert=convert), strict=True)
     kinds = sim.model.joint_type.numpy()[-2:]
-    assert kinds.tolist() == [newton.JointType.BALL, newton.JointType.FIXED]
-    assert np.all(sim.model.joint_articulation.numpy()[-2:] == -1)
+    is_loop = sim.model.joint_articulation.numpy()[-2:] == -1
+    if convert:
+        assert kinds.tolist() == [newton.JointType.BALL, newton.JointType.FIXED]
+        assert np.all(is_loop)
+    else:
+        assert not np.any(is_loop)
     swing(sim, speed)
     held = sim.model.joint_type.numpy() != newton.JointType.FREE
     angles, gap, turn = [], 0.0, 0.0
     for _ in range(1200):
         sim.step()
         angles.append(2.0 * np.arcsin(sim.pose[0, 4]))
-        gap = max(gap, anchor_gaps(sim)[held].max())
+        gap = max(gap, anchor_gaps(sim)[held].max(), row_gaps(sim).max())
         turn = max(turn, 2.0 * np.abs(sim.pose[3, 3:6]).max())
     mass = COUPLER + PAYLOAD
     inertia = 2.0 * (ROD * LENGTH**2 / 12 + ROD * (0.5 * LENGTH) ** 2) + mass * LENGTH**2
@@ -102,11 +123,12 @@ def test_an_inactive_constraint_lets_go() -> None:
     assert anchor_gaps(sim)[-2] < 1e-5
 
 
-def test_a_constraint_that_is_switched_off_lets_go() -> None:
+@pytest.mark.parametrize("convert", [True, False])
+def test_a_constraint_that_is_switched_off_lets_go(convert: bool) -> None:
     """By ``equality_constraint_enabled`` and a notification, as in SolverMuJoCo, whichever joint it
     is: the payload falls freely, then the wrist opens, and both close again where that is asked.
     """
-    sim = simulate(four_bar(), scheme="euler")
+    sim = simulate(four_bar(convert=convert), scheme="euler")
     enabled = sim.model.mujoco.equality_constraint_enabled
     swing(sim, 1.0)
 
@@ -114,7 +136,7 @@ def test_a_constraint_that_is_switched_off_lets_go() -> None:
         enabled.assign([wrist, strap])
         sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
         sim.step(24)
-        return anchor_gaps(sim)[-2:]
+        return row_gaps(sim)
 
     height, rate = sim.pose[3, 2], sim.velocity[3, 2]
     wrist, strap = switch(wrist=True, strap=False)
@@ -126,37 +148,136 @@ def test_a_constraint_that_is_switched_off_lets_go() -> None:
     sim.run(0.2)
     switch(wrist=True, strap=True)
     sim.run(0.5)
-    assert anchor_gaps(sim)[-2:].max() < 1e-4
+    assert row_gaps(sim).max() < 1e-4
 
 
-def test_a_constraint_that_is_half_switched_or_moved_is_named() -> None:
-    """One whose row is on and whose joint is off holds nothing; frames are those of the joint."""
-    model = four_bar(weld='active="false"').finalize(device="cpu")
-    solver = SolverAVBD(model, strict=True)
-    rows = model.mujoco
+@pytest.mark.parametrize("convert", [True, False])
+def test_a_constraint_that_is_moved_holds_elsewhere(convert: bool) -> None:
+    """By ``equality_constraint_anchor`` and ``relpose`` and a notification, as in SolverMuJoCo.
+
+    The wrist is held 0.1 m farther along the coupler, where its rods swing; the payload 0.05 m
+    lower, and turned by 0.3 rad about z. Within 1e-4 m and 1e-3 rad after half a second.
+    """
+    sim = simulate(four_bar(convert=convert), scheme="euler")
+    rows = sim.model.mujoco
+    swing(sim, 1.0)
+    sim.run(0.1)
+    anchor, relpose = rows.equality_constraint_anchor, rows.equality_constraint_relpose
+    anchor.assign(anchor.numpy() + np.array([[0.1, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    turned = transform((0.1, 0.2, -0.25), Rotation.from_rotvec((0.0, 0.0, 0.3)))
+    relpose.assign([relpose.numpy()[0], turned])
+    sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+    assert sim.solver.unnoticed_changes() == []
+    assert row_gaps(sim)[1] > 0.04
+    sim.run(0.5)
+    assert row_gaps(sim).max() < 1e-4
+    turn = Rotation.from_quat(sim.pose[1, 3:]).inv() * Rotation.from_quat(sim.pose[3, 3:])
+    np.testing.assert_allclose(turn.as_rotvec(), (0.0, 0.0, 0.3), atol=1e-3)
+
+
+def test_a_constraint_that_starts_inactive_is_switched_by_its_row_alone() -> None:
+    """As in SolverMuJoCo, though the importer disables the joint that it makes of it, too.
+
+    A joint that is disabled later lets go, and the row that is still enabled is named.
+    """
+    sim = simulate(four_bar(weld='active="false"'), scheme="euler", strict=True)
+    rows, enabled = sim.model.mujoco, sim.model.joint_enabled.numpy().copy()
+    assert enabled[-2:].tolist() == [True, False]
     rows.equality_constraint_enabled.fill_(True)
-    with pytest.raises(NotImplementedError, match=r"\('strap'\): enabled, .*model.joint_enabled"):
-        solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
-    model.joint_enabled.fill_(True)
-    solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
-    anchor = rows.equality_constraint_anchor.numpy()
-    anchor[0] += 0.1
-    rows.equality_constraint_anchor.assign(anchor)
-    with pytest.raises(NotImplementedError, match=r"anchor or relpose of .*\('wrist'\).*joint_X_p"):
-        solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+    sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
+    sim.step(48)
+    assert row_gaps(sim).max() < 1e-5
+    enabled[-2] = False
+    sim.model.joint_enabled.assign(enabled)
+    with pytest.raises(NotImplementedError, match=r"\('wrist'\): enabled, .*model.joint_enabled"):
+        sim.solver.notify_model_changed(newton.ModelFlags.CONSTRAINT_PROPERTIES)
 
 
-def test_constraints_that_were_not_converted_are_named() -> None:
-    """With the importer's option that makes joints of them; switched-off ones do not count."""
-    model = four_bar(connect='active="false"', convert=False).finalize(device="cpu")
-    message = (
-        r"1 MuJoCo equality constraint \('strap'\).*convert_mjc_equality_constraints=True"
-        r".*set_joint_mimic"
-    )
-    with pytest.warns(UserWarning, match=message):
-        SolverAVBD(model)
-    with pytest.raises(NotImplementedError, match=message):
-        SolverAVBD(model, strict=True)
+PLACED = """
+<mujoco>
+  <worldbody>
+    <body name="a" pos="0.1 0.2 0.3" euler="20 40 60">
+      <joint type="hinge"/><geom size="0.1"/>
+    </body>
+    <body name="b" pos="-0.3 0.4 0.5" euler="10 -50 30"><freejoint/><geom size="0.1"/></body>
+  </worldbody>
+  <equality>
+    <connect body1="a" body2="b" anchor="0.1 0.2 0.3"/>
+    <connect body1="b" anchor="0.1 -0.2 0.3"/>
+    <weld body1="a" body2="b" anchor="0.1 0.2 0.3"/>
+    <weld body1="a" body2="b" relpose="0.4 0.1 0.2 2 1 0.5 0" anchor="0.1 0 0.1"/>
+    <weld body1="b" relpose="0.4 0.1 0.2 0.6 0 0.8 0"/>
+    <weld body1="b" body2="a" torquescale="0"/>
+  </equality>
+</mujoco>
+"""
+"""Constraints of all kinds: between bodies and with the world, with and without a relpose."""
+
+
+@pytest.mark.filterwarnings("ignore:.*another joint already connects")
+def test_rows_say_the_same_as_the_joints_that_an_importer_makes_of_them() -> None:
+    """Anchor frames within 1e-6. Where CONNECT is a BALL, frames differ by a turn."""
+    models = []
+    for convert in (True, False):
+        builder = newton.ModelBuilder()
+        builder.add_mjcf(PLACED, convert_mjc_equality_constraints=convert)
+        models.append(builder.finalize(device="cpu"))
+    joints = RowJoints.of_model(models[1], np.arange(6))
+    kinds = models[0].joint_type.numpy()[-6:]
+    is_ball = kinds == newton.JointType.BALL
+    assert is_ball.tolist() == [True, True, False, False, False, True]
+    np.testing.assert_array_equal(joints.type == newton.JointType.FIXED, ~is_ball)
+    for name in ("parent", "child"):
+        theirs = getattr(models[0], f"joint_{name}").numpy()[-6:]
+        np.testing.assert_array_equal(getattr(joints, name), theirs)
+    frames = [
+        (joints.parent_frame, models[0].joint_X_p.numpy()[-6:]),
+        (joints.child_frame, models[0].joint_X_c.numpy()[-6:]),
+    ]
+    turns = []
+    for ours, theirs in frames:
+        np.testing.assert_allclose(ours[:, :3], theirs[:, :3], atol=1e-6)
+        turns.append([Rotation.from_quat(frame[~is_ball, 3:]) for frame in (ours, theirs)])
+    between = [parent * child.inv() for parent, child in zip(*turns, strict=True)]
+    np.testing.assert_allclose((between[0] * between[1].inv()).magnitude(), 0.0, atol=1e-6)
+
+
+def pendulums(hold: str) -> newton.ModelBuilder:
+    """Two pendulums of other lengths, each on a ball, held together at a point between them."""
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    for x in (0.0, 0.6):
+        link = add_link(builder, com=(0.05, 0.1 + x / 3.0, -0.25 - x / 6.0), mass=1.0 + x)
+        builder.body_q[link] = at = transform((x, 0.0, 0.0))
+        builder.add_articulation([builder.add_joint_ball(-1, link, parent_xform=at)])
+    if hold == "joint":
+        ends = [transform((x, 0.0, -0.5)) for x in (0.3, -0.3)]
+        builder.add_joint_ball(0, 1, parent_xform=ends[0], child_xform=ends[1])
+    elif hold == "row":
+        mujoco.add_equality_connect(builder, 0, 1, anchor=wp.vec3(0.3, 0.0, -0.5))
+    return builder
+
+
+def test_a_row_that_a_program_adds_moves_as_a_ball_joint_and_in_mujoco() -> None:
+    """Over 0.4 s at 1/2000 s: as a joint that closes the loop to 1e-6 m, and as MuJoCo's soft
+    constraint within 2 % of how far the COM of the first pendulum moves."""
+    sims = {hold: simulate(pendulums(hold), strict=True) for hold in ("joint", "row")}
+    for sim in sims.values():
+        sim.dt = 1.0 / 2000.0
+        sim.run(0.4)
+    center = sims["row"].center[0]
+    motion = np.linalg.norm(center - [0.05, 0.1, -0.25])
+    assert motion > 0.02
+    np.testing.assert_allclose(sims["joint"].center[0], center, atol=1e-6)
+
+    model = pendulums("row").finalize(device="cpu")
+    theirs = SolverMuJoCo(model, use_mujoco_cpu=True, disable_contacts=True)
+    state, control = model.state(), model.control()
+    for _ in range(800):
+        theirs.step(state, state, control, None, 1.0 / 2000.0)
+    pose = state.body_q.numpy()[0]
+    moved = pose[:3] + Rotation.from_quat(pose[3:]).apply((0.05, 0.1, -0.25))
+    assert np.linalg.norm(moved - center) < 0.02 * motion
 
 
 @pytest.mark.filterwarnings("ignore:.*stay MuJoCo equality constraints")
@@ -201,11 +322,12 @@ def test_joint_equalities_are_gears() -> None:
 
     Newton makes one of its deprecated mimic constraints of it, which follows by the row. Another
     ratio acts after a notification, and so does a row that is switched off: the first turns with
-    T/I1 then. Within 1e-5.
+    T/I1 then. The row alone decides, as in SolverMuJoCo: the mimic is disabled. Within 1e-5.
     """
     builder = newton.ModelBuilder()
     builder.add_mjcf(GEAR)
-    sim = simulate(builder)
+    builder.constraint_mimic_enabled[0] = False
+    sim = simulate(builder, strict=True)
     sim.push(0, torque=(0.0, 0.0, 0.5))
     spin = 0.0
     rows = sim.model.mujoco

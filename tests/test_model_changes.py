@@ -275,19 +275,23 @@ def test_a_shape_can_become_another() -> None:
     assert sim.velocity[0, 0] == pytest.approx(20.0 / (1.4 * mass) * 24 * DT, rel=0.01)
 
 
+LEFT_OUT = '<connect name="loop" body1="left" body2="left" anchor="0 0 0" active="false"/>'
+"""Ties a body to itself."""
+
+
 def test_a_constraint_that_is_switched_on_and_left_out_is_named() -> None:
-    """MuJoCo's equality constraints without a joint: a warning again, or the error again."""
-    builder = four_bar(connect='active="false"', weld='active="false"', convert=False)
+    """MuJoCo's equality constraint of one body: a warning again, or the error again."""
+    builder = four_bar(more=LEFT_OUT, convert=False)
     model = builder.finalize(device="cpu")
     solver = SolverAVBD(model, strict=True)
     model.mujoco.equality_constraint_enabled.fill_(True)
-    with pytest.raises(NotImplementedError, match="'wrist', 'strap'"):
+    with pytest.raises(NotImplementedError, match="'loop'"):
         solver.notify_model_changed(ModelFlags.CONSTRAINT_PROPERTIES)
 
 
 def test_what_is_left_out_is_named_also_where_links_become_one_body() -> None:
     """An equality that is switched on beside a weld that is switched off, by one call."""
-    builder = four_bar(connect='active="false"', weld='active="false"', convert=False)
+    builder = four_bar(more=LEFT_OUT, convert=False)
     links = [builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3))) for _ in range(2)]
     free, weld = builder.add_joint_free(links[0]), builder.add_joint_fixed(*links)
     builder.add_articulation([free, weld])
@@ -297,7 +301,7 @@ def test_what_is_left_out_is_named_also_where_links_become_one_body() -> None:
     enabled = model.joint_enabled.numpy().copy()
     enabled[weld] = False
     model.joint_enabled.assign(enabled)
-    with pytest.raises(NotImplementedError, match="'wrist', 'strap'"):
+    with pytest.raises(NotImplementedError, match="'loop'"):
         solver.notify_model_changed(ModelFlags.ALL)
 
 

@@ -9,8 +9,9 @@ A JOINT constraint leads an axis by a polynomial of another:
 both counted from the reference pose, as Newton's coordinates are; q1 = a0 without a second joint.
 Newton's importer makes a mimic of each that ties two joints of one axis, which has the first two
 coefficients, and leaves the others as they are. Of CONNECT and WELD constraints it makes joints.
-The rows of the constraints decide: a disabled row disables its joint or mimic, and a mimic follows
-by the coefficients of its row.
+The rows of the constraints decide: a mimic acts while its row is enabled, and follows by the
+coefficients of its row, and a disabled row disables its joint. Where no joint stands for a row, the
+solver makes one (:mod:`.model.row_joints`).
 """
 
 from dataclasses import dataclass
@@ -21,8 +22,8 @@ import numpy as np
 
 from ..rows.joint import KINDS
 
-_JOINT = 2
-"""The type of these constraints, ``EqType.JOINT``."""
+_CONNECT, WELD, _JOINT = range(3)
+"""Types of constraints, as in ``EqType``."""
 _TO_JOINT = 1
 """What rows have a joint for target by, ``MjcEqualityTargetKind.JOINT``."""
 _TO_MIMIC = 2
@@ -51,6 +52,8 @@ def row_count(model: newton.Model) -> int:
 
 def _converted(model: newton.Model, kind: int) -> np.ndarray:
     """Which rows an importer has made a joint or a mimic of, by the kind of that target."""
+    if not row_count(model):
+        return np.zeros(0, dtype=bool)
     mujoco: Any = model.mujoco
     target = mujoco.equality_constraint_target.numpy()
     return (mujoco.equality_constraint_target_kind.numpy() == kind) & (target >= 0)
@@ -89,42 +92,61 @@ def mimic_laws(model: newton.Model) -> dict[int, tuple[float, float] | None]:
 def may_hold(model: newton.Model) -> np.ndarray:
     """Which joints of the user's model hold something where ``joint_enabled`` says so.
 
-    All but those that stand for equality constraints whose rows are disabled.
+    All but those that stand for equality constraints whose rows are disabled, or have joints of
+    their own. Of a :class:`.setup.joined.JoinedModel` these stand last.
     """
     model = getattr(model, "user_model", model)
     found = np.ones(model.joint_count, dtype=bool)
     if row_count(model):
         mujoco: Any = model.mujoco
-        is_off = _converted(model, _TO_JOINT) & ~mujoco.equality_constraint_enabled.numpy()
+        is_on = mujoco.equality_constraint_enabled.numpy()
+        own = getattr(model, "own_rows", np.zeros(0, dtype=int))
+        is_off = ~is_on
+        is_off[own] = True
+        is_off &= _converted(model, _TO_JOINT)
         found[mujoco.equality_constraint_target.numpy()[is_off]] = False
+        found[found.size - own.size :] = is_on[own]
     return found
 
 
-def unheard_rows(model: newton.Model) -> np.ndarray:
-    """Rows that are enabled, and their joint or mimic is not, so that nothing acts."""
+def lonely_rows(model: newton.Model) -> np.ndarray:
+    """Rows of CONNECT and WELD constraints that no enabled joint stands for, of two bodies."""
     if not row_count(model):
         return np.zeros(0, dtype=int)
     mujoco: Any = model.mujoco
-    target = mujoco.equality_constraint_target.numpy()
-    is_on = mujoco.equality_constraint_enabled.numpy()
-    unheard = np.zeros(is_on.size, dtype=bool)
-    for kind, name in ((_TO_JOINT, "joint"), (_TO_MIMIC, "constraint_mimic")):
-        rows = np.flatnonzero(_converted(model, kind) & is_on)
-        if rows.size:
-            unheard[rows] = ~getattr(model, f"{name}_enabled").numpy()[target[rows]]
-    if unheard.any():
-        unheard[_own_rows(model)] = False
-    return np.flatnonzero(unheard)
+    ends = [getattr(mujoco, f"equality_constraint_body{end}").numpy() for end in (1, 2)]
+    rows = np.flatnonzero(
+        np.isin(mujoco.equality_constraint_type.numpy(), (_CONNECT, WELD)) & (ends[0] != ends[1])
+    )
+    is_joint = _converted(model, _TO_JOINT)[rows]
+    targets = mujoco.equality_constraint_target.numpy()[rows[is_joint]]
+    is_joint[is_joint] = model.joint_enabled.numpy()[targets]
+    return rows[~is_joint]
 
 
-def joint_rows(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of CONNECT and WELD constraints that are joints, and their anchor and relpose."""
+def unheard_rows(model: newton.Model, own: np.ndarray) -> np.ndarray:
+    """Rows that are enabled, and their joint is not, so that nothing acts.
+
+    Args:
+        model: The model.
+        own: Rows that have joints of their own.
+    """
+    rows = np.setdiff1d(lonely_rows(model), own)
+    return rows[model.mujoco.equality_constraint_enabled.numpy()[rows]] if rows.size else rows
+
+
+def moved_rows(model: newton.Model, before: np.ndarray) -> np.ndarray:
+    """Rows that are joints, and whose anchor or relpose is no longer as in :func:`places`."""
+    return np.flatnonzero(_converted(model, _TO_JOINT) & np.any(places(model) != before, axis=1))
+
+
+def places(model: newton.Model) -> np.ndarray:
+    """Anchor and relpose of each row, shape (rows, 10)."""
     if not row_count(model):
-        return np.zeros(0, dtype=int), np.zeros((0, 10))
+        return np.zeros((0, 10))
     mujoco: Any = model.mujoco
-    rows = np.flatnonzero(_converted(model, _TO_JOINT))
     given = (mujoco.equality_constraint_anchor, mujoco.equality_constraint_relpose)
-    return rows, np.hstack([values.numpy()[rows] for values in given])
+    return np.hstack([values.numpy() for values in given])
 
 
 def _own_rows(model: newton.Model) -> np.ndarray:
@@ -133,6 +155,8 @@ def _own_rows(model: newton.Model) -> np.ndarray:
         return np.zeros(0, dtype=int)
     mujoco: Any = model.mujoco
     is_joint = mujoco.equality_constraint_type.numpy() == _JOINT
+    if not is_joint.any():
+        return np.zeros(0, dtype=int)
     is_own = (mujoco.equality_constraint_target.numpy() < 0) | _exceeds_mimic(model)
     return np.flatnonzero(is_joint & is_own & mujoco.equality_constraint_enabled.numpy())
 

@@ -14,9 +14,12 @@ from .lone_joints import LoneJoints
 
 
 def reference_state(model: newton.Model) -> newton.State:
-    """A state in the reference pose: all coordinates along axes are zero."""
+    """A state in the reference pose: coordinates along axes are zero, balls are not turned."""
     kinds = [kind for kind, known in KINDS.items() if known.has_axes]
-    return _posed_state(model, kinds, np.zeros(model.joint_coord_count))
+    coordinates = np.zeros(model.joint_coord_count)
+    is_ball = model.joint_type.numpy() == int(newton.JointType.BALL)
+    coordinates[model.joint_q_start.numpy()[:-1][is_ball] + 3] = 1.0
+    return _posed_state(model, [*kinds, int(newton.JointType.BALL)], coordinates)
 
 
 def spring_state(model: newton.Model) -> newton.State:
@@ -25,11 +28,11 @@ def spring_state(model: newton.Model) -> newton.State:
     return _posed_state(model, kinds, model.joint_rest_q.numpy())
 
 
-def _posed_state(
-    model: newton.Model, kinds: list[newton.JointType], coordinates: np.ndarray
-) -> newton.State:
+def _posed_state(model: newton.Model, kinds: list[int], coordinates: np.ndarray) -> newton.State:
     """A state in which joints of some kinds have given coordinates, and others the model's."""
     state = model.state()
+    if model.joint_count == 0:
+        return state
     joint_q = model.joint_q.numpy().copy()  # on a CPU it is the array itself
     starts = model.joint_q_start.numpy()
     for joint in np.flatnonzero(np.isin(model.joint_type.numpy(), kinds)).tolist():

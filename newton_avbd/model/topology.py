@@ -10,7 +10,7 @@ from typing import NamedTuple
 import newton
 import numpy as np
 
-from ..rows.joint import KINDS
+from ..rows.joint import CONNECT, KINDS
 from .equalities import Equality, equalities, may_hold, mimic_laws
 from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 
@@ -95,10 +95,11 @@ def mimics(model: newton.Model) -> tuple[np.ndarray, np.ndarray]:
     if model.constraint_mimic_count:
         leaders, coefficients = leaders.copy(), coefficients.copy()
         laws = mimic_laws(model)
-        for index in np.flatnonzero(model.constraint_mimic_enabled.numpy()).tolist():
+        is_enabled = model.constraint_mimic_enabled.numpy().copy()
+        for index, law in laws.items():
+            is_enabled[index] = law is not None
+        for index in np.flatnonzero(is_enabled).tolist():
             law = laws.get(index)
-            if law is None and index in laws:
-                continue
             joint = model.constraint_mimic_joint0.numpy()[index]
             leader = model.constraint_mimic_joint1.numpy()[index]
             dims = model.joint_dof_dim.numpy()
@@ -469,6 +470,8 @@ def _closures(
     for index in loops:
         if kinds[index] == _DISTANCE:
             strings.append(_Link(index, -1, ends[index], 3))
+        elif kinds[index] == CONNECT:
+            links.append(_Link(index, -1, ends[index], 3))
         elif KINDS[kinds[index]].in_tree and dims[index] < 6:
             links.append(_Link(index, -1, ends[index], 6 - dims[index]))
     ties: list[tuple[int, int, int, Equality | None]] = [

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import newton
 import numpy as np
 
-from ..rows.joint import KINDS
+from ..rows.joint import CONNECT, KINDS
 from .actuators import Actuators
 from .equalities import equalities, may_hold
 from .inertia import inertia_root
@@ -126,6 +126,7 @@ class _Search:
         self.model = model
         self.child, self.parent = model.joint_child.numpy(), model.joint_parent.numpy()
         self.frames = model.joint_X_p.numpy(), model.joint_X_c.numpy()
+        self.kinds = model.joint_type.numpy()
         self.com, self.axis = model.body_com.numpy(), model.joint_axis.numpy()
         self.dims, self.dofs = model.joint_dof_dim.numpy(), model.joint_qd_start.numpy()
         self.mass, self.inertia = model.body_mass.numpy(), model.body_inertia.numpy()
@@ -274,7 +275,8 @@ class _Search:
         linear, angular = self.dims[joint]
         axes = self.axis[self.dofs[joint] :][: linear + angular] @ turn.T
         yield axes[:linear], apart[:3]
-        yield axes[linear:], apart[3:]
+        if self.kinds[joint] != CONNECT:
+            yield axes[linear:], apart[3:]
 
 
 def _members(sets: np.ndarray, wanted: np.ndarray) -> list[np.ndarray]:

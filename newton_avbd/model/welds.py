@@ -22,6 +22,10 @@ OPEN = 1.0e-4
 are: files round to a few digits."""
 
 
+IDENTITY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
+"""Pose of a frame in itself."""
+
+
 @dataclass(frozen=True, eq=False)
 class Welds:
     """Which links are one body, and which joints make them so."""
@@ -80,7 +84,7 @@ class Welds:
         welds = _find_welds(model, breakable) if wanted else np.zeros(0, dtype=int)
         if welds.size == 0:
             links = np.arange(count)
-            frame = np.tile(_IDENTITY, (count, 1))
+            frame = np.tile(IDENTITY, (count, 1))
             none = np.full(count, -1)
             joints = np.arange(model.joint_count)
             still = np.zeros(count, dtype=bool)
@@ -113,11 +117,8 @@ class Welds:
         # of a body that moves poses count from its leader, in the static world from the world
         in_body = multiply(inverse(frame[leader]), frame)
         frame = np.where(is_static[:, None], frame, in_body)
-        frame[bodies] = _IDENTITY
+        frame[bodies] = IDENTITY
         return cls(body, bodies, frame, is_static, kept, welds, weld, towards, depth)
-
-
-_IDENTITY = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 
 
 def _is_kinematic(model: newton.Model) -> np.ndarray:
@@ -174,7 +175,7 @@ def _leads_a_tree(model: newton.Model, is_weld: np.ndarray) -> np.ndarray:
 
 def _is_open(model: newton.Model) -> np.ndarray:
     """Which joints hold their links elsewhere than where the model puts them, by :data:`OPEN`."""
-    poses = np.vstack([model.body_q.numpy().astype(np.float64), _IDENTITY])
+    poses = np.vstack([model.body_q.numpy().astype(np.float64), IDENTITY])
     start, end = (
         multiply(poses[getattr(model, f"joint_{end}").numpy()], frames.numpy().astype(np.float64))
         for end, frames in (("parent", model.joint_X_p), ("child", model.joint_X_c))
@@ -223,7 +224,7 @@ def _walk(
     child, parent = model.joint_child.numpy(), model.joint_parent.numpy()
     frame_p = model.joint_X_p.numpy().astype(np.float64)
     frame_c = model.joint_X_c.numpy().astype(np.float64)
-    frame = np.tile(_IDENTITY, (count + 1, 1))
+    frame = np.tile(IDENTITY, (count + 1, 1))
     weld, towards, depth = np.full(count, -1), np.full(count, -1), np.zeros(count, dtype=int)
     sets = np.unique(root[:count][~is_static])
     first = np.where(entry[sets] >= 0, entry[sets], sets)
@@ -278,5 +279,5 @@ def inverse(a: np.ndarray) -> np.ndarray:
     """Inverses of poses, shape (n, 7)."""
     conjugate = a[:, 3:] * np.array([-1.0, -1.0, -1.0, 1.0])
     zero = np.hstack([np.zeros((len(a), 3)), conjugate])
-    back = multiply(zero, np.hstack([-a[:, :3], np.tile(_IDENTITY[3:], (len(a), 1))]))
+    back = multiply(zero, np.hstack([-a[:, :3], np.tile(IDENTITY[3:], (len(a), 1))]))
     return np.hstack([back[:, :3], conjugate])

@@ -15,7 +15,8 @@ Newton's types differ only in how many linear and angular axes they leave free:
     3 (rod)              nothing                    axes of the parent frame
 
 A ROD leaves all six free and springs them; a DISTANCE joint leaves them free and bounds the
-distance of the anchors, or, where that is to be 0, locks what a ball locks. A new type is a line in
+distance of the anchors, or, where that is to be 0, locks what a ball locks. A CONNECT, which is no
+type of Newton's, locks what a ball locks, too, and has no coordinates. A new type is a line in
 ``KINDS`` and a case in the functions of joints: how many axes it leaves free is here, what it locks
 in :mod:`.rows.lock`, where its axes point in :mod:`.rows.free_axes` and what its coordinates are in
 :mod:`.rows.coordinate`. Three types are told from the others elsewhere, too: where coordinates act,
@@ -47,7 +48,10 @@ class Kind:
     """Whether the model lists an axis for each degree of freedom."""
 
 
-KINDS: dict[JointType, Kind] = {
+CONNECT = wp.constant(-1)
+"""Type of a ball without degrees of freedom, for an equality constraint of MuJoCo's."""
+
+KINDS: dict[int, Kind] = {
     JointType.PRISMATIC: Kind(in_tree=True, has_axes=True),
     JointType.REVOLUTE: Kind(in_tree=True, has_axes=True),
     JointType.D6: Kind(in_tree=True, has_axes=True),
@@ -56,6 +60,7 @@ KINDS: dict[JointType, Kind] = {
     JointType.ROD: Kind(in_tree=True, has_axes=False),
     JointType.DISTANCE: Kind(in_tree=False, has_axes=False),
     JointType.FREE: Kind(in_tree=False, has_axes=False),
+    CONNECT: Kind(in_tree=False, has_axes=True),
 }
 """All types of joints that the solver supports."""
 
@@ -156,6 +161,8 @@ class JointKinds:
     """Joints whose angular axes are those of the parent frame: BALL and ROD."""
     rods: bool = False
     distances: bool = False
+    connects: bool = False
+    """Balls without degrees of freedom."""
 
     @property
     def angles(self) -> bool:
@@ -186,6 +193,7 @@ class JointKinds:
             balls=bool(np.any(is_ball)),
             rods=bool(np.any(types == int(JointType.ROD))),
             distances=bool(np.any(types == int(JointType.DISTANCE))),
+            connects=bool(np.any(types == CONNECT)),
         )
 
 

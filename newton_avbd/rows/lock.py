@@ -10,7 +10,7 @@ import warp as wp
 from ..algebra.so3 import rotation_vector, turned_from
 from ..data import JointModel
 from .euler import make_euler
-from .joint import JointKinds, is_point, linear_axis, make_counts
+from .joint import CONNECT, JointKinds, is_point, linear_axis, make_counts
 
 
 @dataclass(frozen=True)
@@ -62,6 +62,9 @@ def make_locks(kinds: JointKinds) -> LockFunctions:
         joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat
     ) -> wp.vec3:
         """Turn [rad] of the child against the parent that the joint locks, world frame."""
+        if wp.static(kinds.connects):
+            if joints.type[joint] == CONNECT:
+                return wp.vec3(0.0)
         free = angular_count(joints, joint)
         if wp.static(0 in angular):
             if free == 0:
@@ -104,6 +107,9 @@ def make_locks(kinds: JointKinds) -> LockFunctions:
         joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat, turn: wp.quat
     ) -> wp.vec3:
         """Likewise, of a turn of the child against the parent that led to these rotations [rad]."""
+        if wp.static(kinds.connects):
+            if joints.type[joint] == CONNECT:
+                return wp.vec3(0.0)
         free = angular_count(joints, joint)
         if wp.static(0 in angular):
             if free == 0:
@@ -139,6 +145,9 @@ def make_locks(kinds: JointKinds) -> LockFunctions:
         joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat
     ) -> wp.mat33:
         """Projection of a turn to what the joint locks."""
+        if wp.static(kinds.connects):
+            if joints.type[joint] == CONNECT:
+                return wp.mat33(0.0)
         free = angular_count(joints, joint)
         if wp.static(0 in angular):
             if free == 0:

@@ -36,6 +36,7 @@ from . import buffers, inner_steps, views
 from .actuation import Actuation
 from .actuator_force import ActuatorForce
 from .cables import Cables, cabled_bodies
+from .joined import JoinedModel
 from .solved import SolvedModel, solved_model
 
 _BOUND = ("body_", "joint_", "shape_material_", "shape_body", "gravity")
@@ -60,6 +61,8 @@ class SolverArrays:
 
     model: newton.Model
     device: wp.Device
+    _joined: JoinedModel
+    """The model with the joints that it lacks."""
     _solved: newton.Model | SolvedModel
     """The model as the solver solves it: what welds join is one body."""
     _retired: list[tuple]
@@ -76,7 +79,7 @@ class SolverArrays:
     def _make_arrays(self) -> None:
         """Makes all arrays that can be made before the first step."""
         self._welds = self._find_welds()
-        self._solved = solved_model(self.model, self._welds) or self.model
+        self._solved = solved_model(self._joined, self._welds) or self.model
         self._refresh_solved()
         self._actuation: Actuation | None = None
         self._actuator_force: ActuatorForce | None = None
@@ -119,17 +122,19 @@ class SolverArrays:
     def _find_welds(self, before: Welds | None = None) -> Welds:
         """Which links of the model are one body, as ``before`` where nothing but masses changed."""
         return Welds.of_model(
-            self.model,
+            self._joined.whole,
             wanted="welds" not in self._without,
             breakable="breaking" not in self._without,
             before=before,
         )
 
     def _has_other_bodies(self) -> bool:
-        """Whether other links are one body than so far, or massless links are new to the solver."""
+        """Whether other links are one body than so far, or the solver knows other joints, or
+        massless links are new to it."""
+        self._joined.reread()
         welds = self._find_welds(self._welds)
         is_plain = not isinstance(self._solved, SolvedModel)
-        return welds != self._welds or (is_plain and solved_model(self.model, welds) is not None)
+        return welds != self._welds or (is_plain and solved_model(self._joined, welds) is not None)
 
     def _refresh_solved(self) -> None:
         """Makes what is solved follow the model's masses and joint frames, on the device."""
@@ -148,7 +153,7 @@ class SolverArrays:
         if turns is not None and self._history.joint_angle is not None:
             wp.copy(self._history.joint_angle, turns)
         if broken is not None and self._history.broken is not None:
-            is_broken = np.zeros(self.model.joint_count, dtype=bool)
+            is_broken = np.zeros(self._joined.whole.joint_count, dtype=bool)
             is_broken[joint] = broken.numpy()
             self._history.broken.assign(is_broken[self._welds.joint])
 

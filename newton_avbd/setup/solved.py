@@ -13,18 +13,25 @@ from .. import data
 from ..attributes import dahl_friction
 from ..drivers.launch import Launcher
 from ..model.tokens import token_masses
-from ..model.welds import Welds, multiply
+from ..model.welds import IDENTITY, Welds, multiply
 from ..rows.joint import PUSHED_AT_COM
 from ..step.links import gather_joints, weigh_bodies
+from .joined import JoinedModel
 
 
-def solved_model(model: newton.Model, welds: Welds) -> "SolvedModel | None":
-    """What the solver solves instead of the user's model; None where that is the model itself."""
-    is_led = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
-    if not welds.any and np.all((model.body_mass.numpy() > 0.0) | is_led):
+def solved_model(joined: JoinedModel, welds: Welds) -> "SolvedModel | None":
+    """What the solver solves instead of the user's model; None where that is the model itself.
+
+    Args:
+        joined: The user's model with the joints that it lacks.
+        welds: What welds make of that.
+    """
+    has_own_joints = welds.any or joined.own_rows.size > 0
+    is_led = joined.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    if not has_own_joints and np.all((joined.body_mass.numpy() > 0.0) | is_led):
         return None
-    solved = SolvedModel(model, welds)
-    return solved if welds.any or solved.has_tokens else None
+    solved = SolvedModel(joined, welds)
+    return solved if has_own_joints or solved.has_tokens else None
 
 
 @dataclass(frozen=True)
@@ -39,23 +46,28 @@ class BodyState:
 class SolvedModel:
     """A model whose bodies are what welds make of links, and whose massless links have tokens.
 
-    It has the arrays of a :class:`newton.Model` that the solver reads: those of bodies and joints
-    are its own, all else is the user's model's.
+    Its joints are those of a :class:`.joined.JoinedModel` that are no welds. It has the arrays of a
+    :class:`newton.Model` that the solver reads: those of bodies and joints are its own, all else is
+    the user's model's.
     """
 
-    def __init__(self, model: newton.Model, welds: Welds) -> None:
+    def __init__(self, joined: JoinedModel, welds: Welds) -> None:
         """Makes the arrays.
 
         Raises:
             ValueError: If a body has no mass that its joints call for; see :mod:`.model.tokens`.
         """
-        self._model = model
+        self._joined = joined
+        self._model = model = joined.whole
         self.welds = welds
         self.body_count, self.body_leader = welds.leader.size, welds.leader
         self.body_of_link = welds.body
+        self._own = np.flatnonzero(welds.joint >= joined.model.joint_count)
+        """Joints that the user's model lacks, and which no weld has taken."""
+        self._has_own_joints = welds.any or joined.own_rows.size > 0
         with wp.ScopedDevice(model.device):
             self._make_bodies()
-            if welds.any:
+            if self._has_own_joints:
                 self._make_joints()
             self._make_links()
 
@@ -64,7 +76,7 @@ class SolvedModel:
 
     @property
     def user_model(self) -> newton.Model:
-        """The model that this one stands for."""
+        """The model that this one stands for, with the joints that it lacks."""
         return self._model
 
     @property
@@ -115,7 +127,7 @@ class SolvedModel:
             self.avbd = _Kept(authored, kept)
         if dahl_friction(model):
             self.vbd = _Kept(model.vbd, kept)
-        if model.shape_count:
+        if welds.any and model.shape_count:
             shape_link = model.shape_body.numpy()
             self.shape_body = _new(body[shape_link])
             frame = np.vstack([welds.frame, np.array([[0, 0, 0, 0, 0, 0, 1.0]])])
@@ -137,7 +149,7 @@ class SolvedModel:
         links.joint = _new(welds.joint)
         if model.joint_count:
             links.enabled = self.joint_enabled
-        if welds.any:
+        if self._has_own_joints:
             links.parent_frame, links.child_frame = self.joint_X_p, self.joint_X_c
         for name, dtype in (("mass", float), ("com", wp.vec3), ("inertia", wp.mat33)):
             setattr(links, f"known_{name}", wp.zeros(welds.body.size, dtype=dtype))
@@ -175,13 +187,14 @@ class SolvedModel:
         self.reread()
 
     def reread(self) -> None:
-        """Reads again which joints mimic others and which links are massless, on the host.
+        """Reads again what only the host knows: mimics, joints of rows, and massless links.
 
         Raises:
             ValueError: If a body has no mass that its joints call for; see :mod:`.model.tokens`.
         """
         model, welds = self._model, self.welds
-        if welds.any:
+        if self._has_own_joints:
+            self._place_own_joints()
             number = np.full(model.joint_count + 1, -1)
             number[welds.joint] = np.arange(welds.joint.size)
             self.joint_mimic_joint.assign(number[model.joint_mimic_joint.numpy()[welds.joint]])
@@ -198,6 +211,21 @@ class SolvedModel:
         self.links.token_mass.assign(token_mass)
         self.links.token_moment.assign(token_moment)
         self.links.is_free.assign(is_free & ~welds.is_static[welds.leader])
+
+    def _place_own_joints(self) -> None:
+        """Types of the joints that the user's model lacks, and their anchor frames on bodies."""
+        model, own = self._model, self._own
+        joints = self.welds.joint[own]
+        frame = np.vstack([self.welds.frame, IDENTITY])
+        placed: dict[str, np.ndarray] = {"type": model.joint_type.numpy()[joints]}
+        for name, link in (("X_p", model.joint_parent), ("X_c", model.joint_child)):
+            frames = getattr(model, f"joint_{name}").numpy()[joints].astype(np.float64)
+            placed[name] = multiply(frame[link.numpy()[joints]], frames)
+        for name, values in placed.items():
+            array = getattr(self, f"joint_{name}")
+            whole = array.numpy().copy()
+            whole[own] = values
+            array.assign(whole)
 
     def _masses(self) -> np.ndarray:
         """Mass of each body without its token [kg]."""
@@ -254,18 +282,22 @@ class SolvedModel:
 
     def refresh(self, launch: Launcher) -> None:
         """Points to the model's arrays, and reads what each step reads again, on the device."""
-        model, links = self._model, self.links
+        model, links = self._joined.model, self.links
         for name in ("com", "mass", "inertia", "inv_mass", "inv_inertia", "flags"):
             setattr(links, name, getattr(model, f"body_{name}"))
         if model.joint_count:
             links.enabled_in = model.joint_enabled
-        if self.welds.any:
+        if model.joint_count and self._has_own_joints:
             links.joint_parent, links.joint_child = model.joint_parent, model.joint_child
             links.parent_frame_in, links.child_frame_in = model.joint_X_p, model.joint_X_c
         launch.forget()
         self.weigh(launch, is_new=True)
-        if self.welds.any:
-            launch(gather_joints, self.joint_count, [links])
+        self.follow_joints(launch)
+
+    def follow_joints(self, launch: Launcher) -> None:
+        """Reads joints of the model again, where those solved are not its own, on the device."""
+        if self._has_own_joints:
+            launch(gather_joints, self.joint_count, [self.links])
 
     def weigh(self, launch: Launcher, *, is_new: bool = False) -> None:
         """Reads masses and flags of the model again, on the device.

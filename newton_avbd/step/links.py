@@ -148,6 +148,8 @@ def weigh_bodies(is_new: bool, links: wp.array[LinkModel], model: wp.array[BodyM
 def gather_joint(i: int, links: wp.ref[LinkModel]):
     """Whether a joint that the solver knows is enabled, and its anchor frames on bodies."""
     joint = nonnegative(links.joint[i])
+    if joint >= links.enabled_in.shape[0]:
+        return  # of a row of MuJoCo's, read on the host
     links.enabled[i] = links.enabled_in[joint]
     parent = links.joint_parent[joint]
     frame = links.parent_frame_in[joint]

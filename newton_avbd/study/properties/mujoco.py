@@ -232,10 +232,12 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "equality_constraint_polycoef": ("acts", "`mujoco:equality_constraint_polycoef`"),
     "equality_constraint_joint[12]*": ("act", "`mujoco:equality_constraint: held`, tests"),
     "equality_constraint_tendon[12]": ("act", "tests"),
-    "equality_constraint_torquescale": ("ignored: welds are rigid", ""),
+    "equality_constraint_torquescale": (
+        "0 leaves the rotation free; else ignored: welds are rigid",
+        "tests",
+    ),
     "equality_constraint_*": (
-        "acts as the joint or mimic that Newton's importer makes of it; CONNECT and WELD without "
-        "one are left out with a warning",
+        "acts, by the joint or mimic that Newton's importer makes of it, or without one",
         "`loop: MuJoCo CONNECT`, `loop: MuJoCo WELD`",
     ),
     "eq_sol*": ("ignored: joints are rigid", ""),
