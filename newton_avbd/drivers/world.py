@@ -17,7 +17,16 @@ from ..step.energy import keep_start
 from ..step.finite import hold_world, is_solution_finite, make_is_world_finite
 from ..step.islands import join_islands
 from ..step.kernels import KERNEL, absent, uncollected
-from ..step.links import gather_body, gather_joint, place_fixed_links, scatter_body, weigh_body
+from ..step.links import (
+    are_links_known,
+    are_links_quiet,
+    gather_body,
+    gather_joint,
+    know_links,
+    place_fixed_links,
+    scatter_body,
+    weigh_body,
+)
 from ..step.scale import (
     COLD_STEPS,
     RESTLESS_FACTOR,
@@ -245,11 +254,17 @@ def make_step_links(effects: Effects) -> wp.Kernel:
         mode = flush_denormals()
         for joint in range(s[0].links.joint.shape[0]):
             gather_joint(joint, s[0].links)
+        are_known = are_links_known(s[0].links)
         for body in range(s[0].links.leader.shape[0]):
-            weigh_body(body, False, s[0].links, s[0].model)
+            weigh_body(body, False, are_known, s[0].links, s[0].model)
+        if not are_known:
+            know_links(s[0].links)
+        is_quiet = are_links_quiet(s[0].links, link_qd, link_f)
         for body in range(s[0].links.leader.shape[0]):
             # a body may be pushed by the arm of another one's link
-            gather_body(body, s[0].model, s[0].links, step.control, link_q, link_qd, link_f)
+            gather_body(
+                body, s[0].model, s[0].links, step.control, link_q, link_qd, link_f, is_quiet
+            )
         step_world(wp.tid(), step, s[0])
         for body in range(s[0].links.leader.shape[0]):
             scatter_body(body, s[0].links, link_q, link_qd, link_q_out, link_qd_out)

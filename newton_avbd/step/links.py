@@ -20,6 +20,13 @@ from ..data import (
 from ..rows.joint import DISTANCE, FREE, ROD
 from .bodies import joint_wrench as joint_wrench_of
 from .bodies import nonnegative, pose_sum, vector_sum
+from .comparing import (
+    are_equal_matrices,
+    are_equal_numbers,
+    are_equal_vectors,
+    are_equal_velocities,
+    are_zero,
+)
 from .kernels import KERNEL
 from .resetting import is_selected
 
@@ -106,16 +113,44 @@ def forget_links(body: int, links: wp.ref[LinkModel]):
 
 
 @wp.func
-def weigh_body(body: int, is_new: bool, links: wp.ref[LinkModel], model: wp.ref[BodyModel]):
+def are_links_known(links: wp.ref[LinkModel]) -> bool:
+    """Whether all links have the mass, COM and inertia that :func:`know_links` has seen."""
+    if not are_equal_numbers(links.mass, links.known_mass):
+        return False
+    if not are_equal_vectors(links.com, links.known_com):
+        return False
+    return are_equal_matrices(links.inertia, links.known_inertia)
+
+
+@wp.func
+def know_links(links: wp.ref[LinkModel]):
+    """Stores mass, COM and inertia of all links, after their bodies have been weighed."""
+    for link in range(links.mass.shape[0]):
+        links.known_mass[link] = links.mass[link]
+        links.known_com[link] = links.com[link]
+        links.known_inertia[link] = links.inertia[link]
+
+
+@wp.func
+def weigh_body(
+    body: int,
+    is_new: bool,
+    is_known: bool,
+    links: wp.ref[LinkModel],
+    model: wp.ref[BodyModel],
+):
     """Flags, mass, COM and inertia of a body by those of its links, where they have changed.
 
     A massless body between joints has a token mass. A body of one link is that link, to the bit.
-    ``is_new`` says that tokens may have changed, or what may move.
+    ``is_new`` says that tokens may have changed, or what may move; ``is_known`` that its links are
+    known to be as they were weighed.
     """
     leader = nonnegative(links.leader[body])
     model.flags[body] = links.flags[leader]
     if links.member_start[body + 1] > links.member_start[body] + 1:
-        is_other = is_reweighed(body, links)
+        is_other = bool(False)
+        if not is_known:
+            is_other = is_reweighed(body, links)
         if not (is_new or is_other):
             return
         before = model.com[body]
@@ -141,7 +176,7 @@ def weigh_body(body: int, is_new: bool, links: wp.ref[LinkModel], model: wp.ref[
 @wp.kernel(**KERNEL)
 def weigh_bodies(is_new: bool, links: wp.array[LinkModel], model: wp.array[BodyModel]):
     """Flags, mass, COM and inertia of each body by those of its links; one thread a body."""
-    weigh_body(wp.tid(), is_new, links[0], model[0])
+    weigh_body(wp.tid(), is_new, False, links[0], model[0])
 
 
 @wp.func
@@ -226,24 +261,34 @@ def kick_of(
 
 
 @wp.func
-def gather_body(
+def are_links_quiet(
+    links: wp.ref[LinkModel],
+    link_qd: wp.array[wp.spatial_vector],
+    link_f: wp.array[wp.spatial_vector],
+) -> bool:
+    """Whether links have the velocities that the last step gave them, and nothing pushes one."""
+    if not are_zero(link_f):
+        return False
+    return are_equal_velocities(link_qd, links.left_qd)
+
+
+@wp.func
+def disturbed_state(
     body: int,
+    pose: wp.transform,
     # Model:
     model: wp.ref[BodyModel],
     links: wp.ref[LinkModel],
     # State in:
-    control: wp.ref[ControlInput],
-    link_q: wp.array[wp.transform],
     link_qd: wp.array[wp.spatial_vector],
     link_f: wp.array[wp.spatial_vector],
 ):
-    """State of a body, and the external wrench on it, by those of its links.
+    """Velocity of a body, and the wrench on it, by those of its links.
 
-    Its pose and velocity are those of its leader. Where a link has another velocity than its welds
-    allow, the momentum that it has by it is shared, as an impact through the welds would do.
+    Where a link has another velocity than its welds allow, the momentum that it has by it is
+    shared, as an impact through the welds would do.
     """
     leader = nonnegative(links.leader[body])
-    pose = link_q[leader]
     rotation = wp.transform_get_rotation(pose)
     start = nonnegative(links.member_start[body])
     end = links.member_start[body + 1]
@@ -270,6 +315,36 @@ def gather_body(
             wrench += pushed_at(wp.spatial_top(push), wp.spatial_bottom(push), arm)
             if link != leader:
                 kick += kick_of(link, rotation, velocity, links, link_qd)
+    if wp.length_sq(kick) != 0.0 and (model.flags[body] & KINEMATIC) == 0:
+        mobility = world_inertia(rotation, model.inv_inertia[body])
+        velocity += wp.spatial_vector(
+            model.inv_mass[body] * wp.spatial_top(kick), mobility * wp.spatial_bottom(kick)
+        )
+    return velocity, wrench
+
+
+@wp.func
+def gather_body(
+    body: int,
+    # Model:
+    model: wp.ref[BodyModel],
+    links: wp.ref[LinkModel],
+    # State in:
+    control: wp.ref[ControlInput],
+    link_q: wp.array[wp.transform],
+    link_qd: wp.array[wp.spatial_vector],
+    link_f: wp.array[wp.spatial_vector],
+    is_quiet: bool,
+):
+    """State of a body, and the external wrench on it; its pose is that of its leader.
+
+    ``is_quiet`` says that nothing pushes a link, and that all have the velocities of the last step.
+    """
+    pose = link_q[nonnegative(links.leader[body])]
+    velocity = links.body_qd_out[body]
+    wrench = wp.spatial_vector()
+    if not is_quiet or not (pose == links.body_q_out[body]):
+        velocity, wrench = disturbed_state(body, pose, model, links, link_qd, link_f)
     for k in range(links.push_start[body], links.push_start[body + 1]):
         # the force of a joint that pushes its child at its COM, which is a link's
         link = links.pushed[k]
@@ -281,11 +356,6 @@ def gather_body(
             turn = wp.transform_get_rotation(link_q[holder])
             couple = wp.cross(wp.quat_rotate(turn, links.arm[link]), force)
             wrench += wp.spatial_vector(wp.vec3(0.0), links.push_sign[k] * couple)
-    if wp.length_sq(kick) != 0.0 and (model.flags[body] & KINEMATIC) == 0:
-        mobility = world_inertia(rotation, model.inv_inertia[body])
-        velocity += wp.spatial_vector(
-            model.inv_mass[body] * wp.spatial_top(kick), mobility * wp.spatial_bottom(kick)
-        )
     links.body_q[body] = pose
     links.body_qd[body] = velocity
     links.body_f[body] = wrench
@@ -398,7 +468,7 @@ def gather_bodies(
     if i < links[0].joint.shape[0]:
         gather_joint(i, links[0])
     if i < links[0].leader.shape[0]:
-        gather_body(i, model[0], links[0], control, link_q, link_qd, link_f)
+        gather_body(i, model[0], links[0], control, link_q, link_qd, link_f, False)
 
 
 @wp.kernel(**KERNEL)
