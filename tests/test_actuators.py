@@ -716,17 +716,25 @@ def everything(authored: bool) -> str:
 
 
 def moved_in_mujoco(text: str) -> NDArray[np.float64]:
-    """Where bodies are after 0.2 s in MuJoCo C, as position and the columns of their axes."""
+    """Where bodies are after 0.2 s in MuJoCo C, as position and the columns of their axes.
+
+    By RK4 at a tenth of the step: in Euler's steps the servo alone is 0.012 off.
+    """
     model = mujoco.MjModel.from_xml_string(text)
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 5.0e-5
     data = mujoco.MjData(model)
     data.ctrl[:] = 0.7
-    for _ in range(400):
+    for _ in range(4000):
         mujoco.mj_step(model, data)
     return np.hstack([data.xpos, data.xmat])[1:]
 
 
 def test_what_files_author_acts_as_in_mujoco() -> None:
-    """Each attribute makes 20 times as much of a difference as SolverAVBD is off."""
+    """Each attribute makes 100 times as much of a difference as SolverAVBD is off.
+
+    The steps stay of second order after a joint has come to rest on its tendon's limit: with those
+    of backward Euler the servo of a site is off by 19 %.
+    """
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
     builder.add_mjcf(everything(authored=True), ctrl_direct=True)
@@ -743,4 +751,4 @@ def test_what_files_author_acts_as_in_mujoco() -> None:
     difference = np.abs(expected - plain).max(axis=1)
     names = [*[*AUTHORED][:7], "end", "margin"]
     for i, name in enumerate(names):
-        assert off[i] < 0.05 * difference[i], f"{name}: {off[i]} of {difference[i]}"
+        assert off[i] < 0.01 * difference[i], f"{name}: {off[i]} of {difference[i]}"

@@ -43,7 +43,9 @@ STIR = wp.constant(5.0e-6)
 """Move of a step, as a share of how far a body is from the origin, or of a meter, that says nothing
 of the next one: rotations are rounded by a percent of it, and what stands would go on so."""
 FAR_STIR = wp.constant(5.0e-7)
-"""What positions far from the origin, which are rounded by a tenth of it, add to that."""
+"""What positions far from the origin, which are rounded by a tenth of it, add to that. By the same
+share of the position, and by as many radians, a pose may be off that says nothing of how fast what
+holds the body changes."""
 RESOLVED = wp.constant(0.3)
 """Share of its velocity, or of that of a free fall, that a body may gain in a step by how much its
 acceleration has changed since the last one: w^2 h^2 of an oscillation. With 0.5 taut grids stay
@@ -159,12 +161,16 @@ def is_resolved(
     """Whether steps are short beside the time in which what holds a body changes.
 
     What its acceleration changes in a step counts by the kinetic energy that it gives in one,
-    beyond what changes of a controller's forces give. For a tree with drives along all axes that
-    nothing else holds steps are always short enough: what changes fast there are the drives.
+    beyond what changes of a controller's forces give, and beyond what the rounding of its pose
+    gives. For a tree with drives along all axes that nothing else holds steps are always short
+    enough: what changes fast there are the drives.
     """
     mass, inertia = s.model.mass[body], s.work.inertia[body]
     fall = RESOLVED * scale.gravity * scale.h
     allowed = RESOLVED * RESOLVED * energy_of(mass, inertia, velocity) + mass * fall * fall
+    rounded = FAR_STIR / scale.h
+    far = mass * wp.length_sq(s.work.com[body]) + wp.trace(inertia)
+    allowed += rounded * rounded * far
     return (
         energy_of(mass, inertia, scale.h * change) <= allowed + INPUTS * s.work.input_energy[body]
     )
