@@ -3,7 +3,6 @@
 
 """The benchmark measures what it says, and tells when it cannot."""
 
-import argparse
 import dataclasses
 import json
 import math
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 import warp as wp
 
+from newton_avbd.commands.program import parse
 from newton_avbd.io.errors import UserError
 from newton_avbd.measure.joints import JointQuality
 from newton_avbd.scenes.named import SCENES
@@ -26,9 +26,7 @@ from newton_avbd.study.peers import PEERS, Peer
 
 
 def _bench(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    bench.add_arguments(parser)
-    return bench.main(parser.parse_args(arguments))
+    return bench.main(parse("bench", list(arguments)))
 
 
 def test_quick_run_measures_every_solver_asked_for(

@@ -7,6 +7,7 @@ import importlib.metadata
 import importlib.util
 import json
 import os
+import re
 import shlex
 import shutil
 import subprocess
@@ -29,6 +30,9 @@ from newton_avbd.io.errors import UserError
 from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import ModelSimulation, Request
 from newton_avbd.io.terminal import gathered_prints, gathered_warnings, progress
+from newton_avbd.study.accuracy.solvers import MEASURED
+from newton_avbd.study.peers import MJ_STEP, PEERS
+from newton_avbd.study.stability.long_run import LONG_RUNS
 
 PNG = b"\x89PNG"
 
@@ -71,19 +75,48 @@ def test_version_names_what_a_report_of_a_fault_needs(capsys):
         assert f"{name} {importlib.metadata.version(name)}" in printed
 
 
-@pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], ["rnu"]])
-def test_what_lists_commands_does_not_wait_for_newton(arguments):
-    """The import of Newton takes seconds, and Ctrl-C ends it without a traceback."""
+def test_help_and_mistakes_do_not_wait_for_newton():
+    """Of all commands, in one process; the import of Newton takes seconds."""
+    typed = [[], ["--help"], ["--version"], ["rnu"]]
+    for name in COMMANDS:
+        typed += [[name, "--help"], [name, "fall", "--no-such-argument"]]
+    typed += [["run"], ["run", "fall", "--solver", "none"], ["falls", "--seeds", "0"]]
     program = (
         "import sys; from newton_avbd.__main__ import main\n"
-        f"try: main({arguments})\n"
-        "except SystemExit: pass\n"
-        "sys.exit(int(bool({'newton', 'warp', 'numpy'} & sys.modules.keys())))"
+        f"for arguments in {typed}:\n"
+        "    try: main(arguments)\n"
+        "    except SystemExit: pass\n"
+        "    heavy = {'newton', 'warp', 'numpy', 'mujoco'} & sys.modules.keys()\n"
+        "    if heavy: sys.exit(f'{arguments} imports {heavy}')"
     )
     # without what the tests set up in every process, which imports Warp
     environment = {**os.environ, "PYTHONPATH": str(Path(newton_avbd.__file__).parent.parent)}
     command = [sys.executable, "-c", program]
-    subprocess.run(command, check=True, capture_output=True, env=environment)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("examples:") == len(COMMANDS)
+    assert done.stderr.count("there is no argument --no-such-argument") == len(COMMANDS)
+
+
+def test_help_names_the_solvers_and_scenes_that_a_command_checks_later(capsys):
+    """The module of arguments cannot import them."""
+    for command, known in (
+        ("bench", [*PEERS, MJ_STEP]),
+        ("accuracy", MEASURED),
+        ("stability", LONG_RUNS),
+    ):
+        with pytest.raises(SystemExit):
+            main([command, "--help"])
+        words = set(re.findall(r"\w+", capsys.readouterr().out))
+        assert words >= set(known), command
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_list_names_what_a_command_takes(command, capsys):
+    with pytest.raises(SystemExit) as end:
+        main([command, "--list"])
+    assert end.value.code == 0
+    assert len(capsys.readouterr().out.splitlines()) > 3
 
 
 def test_ctrl_c_ends_the_import_of_newton_without_a_traceback():
@@ -303,7 +336,8 @@ def test_every_command_lists_examples_that_its_parser_takes():
     for name, command in COMMANDS.items():
         assert command.examples
         for typed, _ in command.examples:
-            parse(name, shlex.split(typed))
+            if typed != "--list":  # which ends
+                parse(name, shlex.split(typed))
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
@@ -479,8 +513,9 @@ def test_a_scene_that_needs_an_extra_names_it(monkeypatch, capsys):
 
 
 def test_module_runs_as_a_program():
-    command = [sys.executable, "-m", "newton_avbd", "run", "--help"]
-    environment = {**os.environ, "COLUMNS": "100"}
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert "card_house" in done.stdout
-    assert "basic_shapes" in done.stdout
+    command = [sys.executable, "-m", "newton_avbd", "run", "--list"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "\n  card_house        a house of cards" in done.stdout
+    assert "\n  basic_shapes\n" in done.stdout
+    assert "\n  newton:pyramid\n" in done.stdout
+    assert "\n  robot:nv_ant" in done.stdout

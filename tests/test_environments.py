@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Environments of gymnasium over a batch of worlds."""
 
+import re
+import runpy
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -128,3 +131,53 @@ def test_a_hopper_moves_as_in_mujoco() -> None:
     # as Hopper-v5 observes them
     np.testing.assert_allclose(observations[:, :5], [data.qpos[1:]] * WORLDS, atol=0.013)
     np.testing.assert_allclose(observations[:, 5:], [data.qvel] * WORLDS, rtol=0.03, atol=0.05)
+
+
+def test_a_policy_learns_to_stay_up() -> None:
+    """Cross-entropy search over linear policies: 15 generations of 32 hoppers, 1.6 s each at most.
+
+    Without controls a hopper falls after 160 controls. Of six seeds the worst policy that was found
+    had 1.3 times that return, the median 1.6 times.
+    """
+    count = 32
+    envs = RobotVectorEnv("hopper", count, autoreset_mode=AutoresetMode.DISABLED)
+    everyone = {"reset_mask": np.ones(count, bool)}
+
+    def returns(policies: np.ndarray, seed: int) -> np.ndarray:
+        """Of an episode of each world, at most 200 controls; policies are (count, 3, 11)."""
+        observations, _ = envs.reset(seed=seed, options=everyone)
+        total, up = np.zeros(count), np.ones(count, bool)
+        for _ in range(200):
+            actions = np.tanh(np.einsum("wij,wj->wi", policies, observations))
+            observations, rewards, terminations, _, _ = envs.step(actions.astype(np.float32))
+            total += up * rewards
+            up &= ~terminations
+        return total
+
+    rng = np.random.default_rng(2)
+    mean, spread = np.zeros((3, 11)), np.full((3, 11), 0.5)
+    untrained = returns(np.tile(mean, (count, 1, 1)), seed=1)
+    for generation in range(15):
+        policies = mean + spread * rng.standard_normal((count, 3, 11))
+        best = policies[np.argsort(returns(policies, seed=100 + generation))[-8:]]
+        mean, spread = best.mean(axis=0), best.std(axis=0) + 0.1
+    trained = returns(np.tile(mean, (count, 1, 1)), seed=1)
+    assert np.isfinite(trained).all()
+    assert trained.min() > 1.2 * untrained.max()
+
+
+def test_the_script_trains_and_tries_a_policy(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Two updates of PPO, which teach nothing yet."""
+    pytest.importorskip("stable_baselines3")
+    script = Path(__file__).parent.parent / "examples" / "learning" / "train.py"
+    output = tmp_path / "policy.zip"
+    arguments = ["--controls", "4096", "--output", str(output)]
+    monkeypatch.setattr(sys, "argv", [str(script), *arguments])
+    runpy.run_path(str(script), run_name="__main__")
+    printed = capsys.readouterr().out
+    tried = re.findall(r"^return in (\w+) +(-?\d+) ±", printed, re.MULTILINE)
+    assert [engine for engine, _ in tried] == ["avbd", "mujoco"]
+    assert all(0.0 < float(value) < 4000.0 for _, value in tried)
+    assert output.exists()

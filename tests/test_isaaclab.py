@@ -5,7 +5,8 @@
 Isaac Lab 3.0.0 pins Newton 1.6.1, so that a stand-in with its names, signatures and order of calls
 takes its place. They are those of the package isaaclab_newton in release 3.0.0 (commit 02e6839 of
 github.com/isaac-sim/IsaacLab has that version; its page "Extending Newton Solvers" states the
-contract), and of the development branch after it (newton_manager.py of commit 9aa79e7).
+contract), and of the development branch after it (newton_manager.py of commit 9aa79e7, and
+newton_solver.py of commit bb013b4).
 """
 
 import dataclasses
@@ -19,6 +20,7 @@ from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import newton
+import newton.actuators
 import newton.examples
 import numpy as np
 import pytest
@@ -190,6 +192,43 @@ def test_the_configuration_selects_the_solver(lab: Any) -> None:
     assert abs(first[0, 1] - 0.3) > 0.1  # it swings, and joint coordinates are written
 
 
+@pytest.mark.filterwarnings("ignore:SolverAVBD steps without contacts")
+def test_an_adapter_without_a_state_makes_the_solver(
+    lab: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The last stage of the development branch: hooks that take a backend."""
+
+    class NewtonSolver:
+        solver_class: Any = None
+        builder_attribute_solvers: tuple[type, ...] = ()
+
+        @classmethod
+        def create_solver(
+            cls, model: newton.Model, solver_cfg: Any, deterministic_mode: Any = None
+        ) -> Any:
+            return cls.solver_class(
+                model, **cls.solver_kwargs(cls.solver_class, solver_cfg, deterministic_mode)
+            )
+
+        @staticmethod
+        def solver_kwargs(solver_cls: type, solver_cfg: Any, mode: Any) -> dict[str, Any]:
+            valid = set(inspect.signature(solver_cls.__init__).parameters) - {"self", "model"}
+            assert "deterministic" not in valid
+            return {key: value for key, value in solver_cfg.to_dict().items() if key in valid}
+
+    module = sys.modules["isaaclab_newton.physics"]
+    monkeypatch.setattr(module, "NewtonSolver", NewtonSolver, raising=False)
+    from newton_avbd.isaaclab import AVBDSolverCfg
+
+    settings = AVBDSolverCfg(iterations=7)
+    adapter = lab.NewtonCfg(solver_cfg=settings).class_type
+    assert issubclass(adapter, NewtonSolver) and not issubclass(adapter, lab.NewtonManager)
+    (registered,) = adapter.builder_attribute_solvers
+    solver = adapter.create_solver(cartpoles(registered), settings)
+    assert type(solver) is SolverAVBD and solver.iterations == 7
+    assert abs(swing(solver, reset_first=True)[0, 1] - 0.3) > 0.1
+
+
 def test_every_setting_is_an_argument_of_the_solver(lab: Any) -> None:
     from newton_avbd.isaaclab import AVBDSolverCfg
 
@@ -209,8 +248,12 @@ def test_an_example_gives_its_task_the_solver(
     assert config.sim.physics.class_type.__name__ == "NewtonAVBDManager"
 
 
-def test_the_code_of_the_page_selects_the_solver(lab: Any) -> None:
-    """Blocks of docs/isaaclab.md, in their order."""
+def test_the_code_of_the_page_selects_the_solver(lab: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blocks of docs/isaaclab.md, in their order; one gives Newton names, which go after it."""
+    monkeypatch.setattr(newton.actuators, "Clamping", None, raising=False)
+    for kind in ("cloth", "soft"):
+        for part in ("label", "particle_start", "particle_end"):
+            monkeypatch.setattr(newton.ModelBuilder, f"_{kind}_{part}", None, raising=False)
     names: dict[str, Any] = {"__name__": "__main__"}
     for block in re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL):
         exec(block, names)

@@ -285,8 +285,11 @@ def test_a_robot_that_cannot_be_read_stays_in_the_page_with_its_reason(tmp_path:
 
 
 def test_the_command_lists_robots(capsys):
-    assert main(["robots", "--list"]) == 0
-    assert "  robot:nv_humanoid\n" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["robots", "--list"])
+    listed = capsys.readouterr().out
+    assert "  example-robot-data  pip install example-robot-data\n" in listed
+    assert "  nv_humanoid\n" in listed
 
 
 def test_run_takes_a_robot_by_name():

@@ -6,7 +6,6 @@ Each is simulated for the first part of its time, all of it with ``HARD_CASES=al
 docs/stability.md has the numbers.
 """
 
-import argparse
 import dataclasses
 import math
 import os
@@ -18,6 +17,7 @@ import numpy as np
 import pytest
 
 from newton_avbd.commands import stability
+from newton_avbd.commands.program import parse
 from newton_avbd.io.errors import UserError
 from newton_avbd.study.stability import page as stability_page
 from newton_avbd.study.stability.case import Bounds, Case, Outcome, try_case
@@ -194,9 +194,7 @@ def test_budget_ends_a_run_and_says_so() -> None:
 
 
 def _command(*arguments: str) -> int:
-    parser = argparse.ArgumentParser()
-    stability.add_arguments(parser)
-    return stability.main(parser.parse_args(arguments))
+    return stability.main(parse("stability", list(arguments)))
 
 
 def test_command_prints_a_line_a_case_and_writes_a_page(

@@ -3,6 +3,7 @@
 
 """The commands of ``newton-avbd``, one module each, and what ``--help`` says of them."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -11,14 +12,21 @@ class Command:
     """A command.
 
     Attributes:
-        module: Where its ``add_arguments`` and ``main`` are.
+        module: Where its ``main`` is; its arguments are in :mod:`newton_avbd.commands.arguments`.
         summary: What it does.
         examples: What to type after ``newton-avbd NAME``, and what that does.
+        names: What ``--list`` names.
+        catalog: The module whose ``catalog()`` has these names and what they are, under headings;
+            None for :attr:`module`.
+        or_files: Whether files may stand for names.
     """
 
     module: str
     summary: str
     examples: tuple[tuple[str, str], ...]
+    names: str = "scenes"
+    catalog: str | None = None
+    or_files: bool = False
 
 
 PURPOSES: dict[str, dict[str, Command]] = {
@@ -31,6 +39,9 @@ PURPOSES: dict[str, dict[str, Command]] = {
                 ("quadruped --png quadruped.png", "a picture, without a window"),
                 ("robot.urdf --solver mujoco", "a file of your own, by another solver"),
             ),
+            names="scenes, examples and robots",
+            catalog="newton_avbd.io.opening",
+            or_files=True,
         ),
         "compare": Command(
             "newton_avbd.commands.compare",
@@ -40,6 +51,9 @@ PURPOSES: dict[str, dict[str, Command]] = {
                 ("domino_spiral --png spiral.png", "with plots over time"),
                 ("robot.xml --against mujoco --ctrl sine", "drive the actuators of an MJCF file"),
             ),
+            names="scenes, examples and robots",
+            catalog="newton_avbd.io.opening",
+            or_files=True,
         ),
         "effects": Command(
             "newton_avbd.commands.effects",
@@ -48,6 +62,9 @@ PURPOSES: dict[str, dict[str, Command]] = {
                 ("robot:nv_ant", "which, and why"),
                 ("robot:nv_ant --measure", "and what each costs in time"),
             ),
+            names="scenes, examples and robots",
+            catalog="newton_avbd.io.opening",
+            or_files=True,
         ),
     },
     "try robots": {
@@ -59,6 +76,8 @@ PURPOSES: dict[str, dict[str, Command]] = {
                 ("nv_ant panda", "try two of them"),
                 ("gymnasium --output out", "try those of a package, and write a page"),
             ),
+            names="robots",
+            catalog="newton_avbd.io.robots",
         ),
         "falls": Command(
             "newton_avbd.commands.falls",
@@ -68,6 +87,9 @@ PURPOSES: dict[str, dict[str, Command]] = {
                 ("robot.urdf --solver avbd mujoco", "a file of your own, by two solvers"),
                 ("--replay out/nv_ant-fallen-1.json", "repeat a fall that failed"),
             ),
+            names="robots",
+            catalog="newton_avbd.io.robots",
+            or_files=True,
         ),
         "learning": Command(
             "newton_avbd.commands.learning",
@@ -76,6 +98,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
                 ("gymnasium/Ant-v5", "one task"),
                 ("--episodes 2 --controls 100", "all tasks, shorter"),
             ),
+            names="tasks",
         ),
     },
     "measure": {
@@ -112,11 +135,13 @@ PURPOSES: dict[str, dict[str, Command]] = {
                 ("--quick", "all but those that take minutes"),
                 ("heavy --solver avbd xpbd --output out", "some, by two solvers, with a page"),
             ),
+            names="cases",
         ),
         "properties": Command(
             "newton_avbd.study.properties.run",
             "try solvers on what a scene can author",
             (("joint_friction --solvers avbd xpbd", "some properties, by two solvers"),),
+            names="properties",
         ),
     },
 }
@@ -137,7 +162,7 @@ def overview() -> str:
     lines += [
         "start with:",
         "  newton-avbd run quadruped --viewer auto",
-        "`newton-avbd COMMAND --help` lists arguments, scenes and examples.",
+        "`newton-avbd COMMAND --help` shows arguments and examples, `--list` scenes and robots.",
     ]
     return "\n".join(lines)
 
@@ -147,3 +172,13 @@ def examples(name: str) -> str:
     typed = [(f"newton-avbd {name} {text}", what) for text, what in COMMANDS[name].examples]
     width = max(len(line) for line, _ in typed)
     return "examples:\n" + "\n".join(f"  {line:<{width}}  {what}" for line, what in typed)
+
+
+def listing(catalog: Mapping[str, Mapping[str, str]]) -> str:
+    """Names and what they are, a line each under their headings, as text for a terminal."""
+    lines = []
+    for heading, entries in catalog.items():
+        width = max(map(len, entries), default=0)
+        lines.append(f"{heading}:")
+        lines += [f"  {name:<{width}}  {what}".rstrip() for name, what in entries.items()]
+    return "\n".join(lines)

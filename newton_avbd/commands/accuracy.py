@@ -23,7 +23,7 @@ from newton_avbd.study.accuracy.solvers import MEASURED
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 from newton_avbd.study.mujoco.native import silence
 
-from ..io.options import make_folder, offer
+from ..io.options import make_folder
 from ..io.output import length, table
 from ..io.terminal import (
     gathered_prints,
@@ -38,44 +38,9 @@ REFERENCE_BUDGET = 25.0
 """Processor time in which the motion of a scene of the user's is found out [s]."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
-        ),
-        lambda: ACCURACY_SCENES,
-    )
-    parser.add_argument(
-        "--solvers",
-        metavar="NAMES",
-        help=f"separated by commas, of {', '.join(MEASURED)} (default: all that apply)",
-    )
-    parser.add_argument(
-        "--quick", action="store_true", help="some scenes and settings in two minutes"
-    )
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="folder for plots, tables and numbers; what is there is not measured again",
-    )
-    parser.add_argument(
-        "--ask",
-        metavar="SCENE",
-        help="what each accuracy costs on a scene of your own: a file, robot:NAME, or what "
-        "newton-avbd run takes; two minutes",
-    )
-    parser.add_argument(
-        "--control",
-        action="store_true",
-        help="error asked for against error achieved, of SolverAVBD(model, accuracy=...); half an "
-        "hour for all scenes",
-    )
-    parser.add_argument("--json", action="store_true", help="with --ask: print all numbers")
-    parser.epilog = "scenes:\n" + "\n".join(
-        f"  {name:<16} {scene.summary}" for name, scene in ACCURACY_SCENES.items()
-    )
+def catalog() -> dict[str, dict[str, str]]:
+    """The scenes that are measured, and what they are."""
+    return {"scenes": {name: scene.summary for name, scene in ACCURACY_SCENES.items()}}
 
 
 def main(args: argparse.Namespace) -> int:

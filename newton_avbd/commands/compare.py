@@ -15,17 +15,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from newton_avbd import SolverAVBD
-from newton_avbd.io.controls import CONTROLS
 from newton_avbd.io.errors import UserError, require
 from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import Request, Simulation
-from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.overlaps import describe_overlaps
 from newton_avbd.measure.state import Probe, deepest_penetration, distances
 from newton_avbd.study.bench.run import describe_machine
 
-from ..io.options import add_scene_arguments, check_writable, device_notes, use_device
+from ..io.options import check_writable, device_notes, use_device
 from ..io.output import length, table
 from ..io.terminal import (
     Interruption,
@@ -165,34 +163,6 @@ class Comparison:
             series += [course.penetration, course.energy, course.speed, course.overlap]
         for values in series:
             del values[count:]
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    add_scene_arguments(parser)
-    parser.add_argument(
-        "--against",
-        choices=SOLVERS,
-        help="solver to compare with (default: vbd; avbd where --solver is another one)",
-    )
-    parser.add_argument(
-        "--ctrl",
-        choices=CONTROLS,
-        help="drive the actuators of an MJCF file, with the same controls for both",
-    )
-    parser.add_argument(
-        "--png",
-        type=Path,
-        metavar="FILE",
-        help="plot over time; the file's ending says of which kind: .png, .svg, .pdf, ...",
-    )
-    parser.add_argument(
-        "--html",
-        type=Path,
-        metavar="FILE",
-        help="page for a browser: table, plots over time",
-    )
-    parser.add_argument("--json", action="store_true", help="print all numbers instead of a table")
 
 
 def main(args: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@
 import argparse
 import shlex
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 _FUNCTION = r"""  COMPREPLY=()
@@ -41,22 +42,37 @@ The shell completes names of files where ``COMPREPLY`` stays empty. In bash a wo
 colon, and what stands before that is not replaced."""
 
 
-def script(parsers: Mapping[str, argparse.ArgumentParser]) -> str:
+@dataclass(frozen=True)
+class Words:
+    """What may follow a command.
+
+    Attributes:
+        parser: The parser of its arguments.
+        names: What it takes by name. A name ends at its first space, as a word does.
+        or_files: Whether files may stand for names.
+    """
+
+    parser: argparse.ArgumentParser
+    names: list[str]
+    or_files: bool
+
+
+def script(commands: Mapping[str, Words]) -> str:
     """What a shell sources; where nothing fits, it completes names of files.
 
     The script holds all words, so that a press of the Tab key does not start Python.
 
     Args:
-        parsers: A parser for each command.
+        commands: What may follow each command.
     """
     return "\n".join(
         [
             '[ -n "$ZSH_VERSION" ] && autoload -U compinit bashcompinit && compinit',
             '[ -n "$ZSH_VERSION" ] && bashcompinit',
             "_newton_avbd() {",
-            f"  local words={shlex.quote(' '.join(parsers))} paths= files=",
+            f"  local words={shlex.quote(' '.join(commands))} paths= files=",
             '  [ "$COMP_CWORD" -gt 1 ] && case "${COMP_WORDS[1]}" in',
-            *(f"    {name}) {_known(parsers[name])} ;;" for name in parsers),
+            *(f"    {name}) {_known(words)} ;;" for name, words in commands.items()),
             '    *) words="" ;;',
             "  esac",
             _FUNCTION,
@@ -64,18 +80,16 @@ def script(parsers: Mapping[str, argparse.ArgumentParser]) -> str:
     )
 
 
-def _known(parser: argparse.ArgumentParser) -> str:
+def _known(command: Words) -> str:
     """Sets what a command may be given: words, options before a path, whether files as well."""
     words: list[str] = []
     paths: list[str] = []
-    files = False
-    for action in parser._actions:
+    for action in command.parser._actions:
         options = [option for option in action.option_strings if option.startswith("--")]
         words += options
         words += map(str, action.choices or ())
-        words += getattr(action, "names", tuple)()  # see io.options.offer
         if action.type is Path:
             paths += options
-        files |= getattr(action, "or_files", False)
+    words += (name.split()[0].rstrip(",:") for name in command.names)
     said = shlex.quote(" ".join(dict.fromkeys(words)))
-    return f"words={said} paths={shlex.quote(' '.join(paths))} files={'yes' * files}"
+    return f"words={said} paths={shlex.quote(' '.join(paths))} files={'yes' * command.or_files}"

@@ -12,19 +12,9 @@ from newton_avbd.io.simulation import Request
 from newton_avbd.study.bench.run import pinned
 from newton_avbd.study.effects.cost import Stepper, difference
 
-from ..io.options import add_scene_arguments, use_device
+from ..io.options import use_device
 from ..io.output import table
 from ..io.terminal import gathered_warnings, interruptible, progress
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    add_scene_arguments(parser, solvers=("avbd",))
-    parser.add_argument(
-        "--measure",
-        action="store_true",
-        help="also leave out each effect in turn and time a step without it, after --frames",
-    )
 
 
 def main(args: argparse.Namespace) -> int:

@@ -4,7 +4,6 @@
 """``newton-avbd falls``: drop, spin and throw robots, and say whether energy appears."""
 
 import argparse
-import contextlib
 import json
 import sys
 from dataclasses import asdict, replace
@@ -13,14 +12,15 @@ from pathlib import Path
 
 import newton
 
-from newton_avbd.io.assets import SUFFIXES, read_asset
+from newton_avbd.io.assets import read_asset
 from newton_avbd.io.errors import UserError
-from newton_avbd.io.robots import find_robot, not_installed, read_robot, robot_names
-from newton_avbd.io.solvers import SOLVERS
+from newton_avbd.io.names import SUFFIXES
+from newton_avbd.io.robots import find_robot, not_installed, read_robot
+from newton_avbd.study.falls.kinds import KINDS
 from newton_avbd.study.falls.run import Fall, Setup, run_falls
-from newton_avbd.study.falls.scene import KINDS, bare, starts
+from newton_avbd.study.falls.scene import bare, starts
 
-from ..io.options import make_folder, offer, positive
+from ..io.options import make_folder
 from ..io.output import length, table
 from ..io.terminal import interruptible, show, showing
 from .robots import chosen_robots, show_trial, silence
@@ -38,68 +38,6 @@ HEAD = (
     "limit",
     "bounded",
 )
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "names",
-            nargs="*",
-            metavar="NAME",
-            help=f"robots, packages of them, or files ({', '.join(SUFFIXES)}); default: all robots",
-        ),
-        robot_names,
-        or_files=True,
-    )
-    parser.add_argument(
-        "--kinds", nargs="+", choices=KINDS, default=list(KINDS), help="what happens (default: all)"
-    )
-    parser.add_argument(
-        "--seeds",
-        type=_seeds,
-        default=range(8),
-        metavar="N",
-        help="so many starts of each kind, or FIRST:END (default: 8)",
-    )
-    parser.add_argument(
-        "--solver",
-        nargs="+",
-        choices=SOLVERS,
-        default=["avbd"],
-        metavar="SOLVER",
-        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
-    )
-    parser.add_argument(
-        "--dt", type=positive(float), default=Setup.dt, help="time step in seconds (default: 1/240)"
-    )
-    parser.add_argument(
-        "--seconds", type=positive(float), default=Setup.seconds, help="of each fall (default: 3)"
-    )
-    parser.add_argument(
-        "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
-    )
-    parser.add_argument(
-        "--scheme", choices=("euler", "generalized_alpha", "runge_kutta"), help="of SolverAVBD"
-    )
-    parser.add_argument("--parallel", choices=("worlds", "bodies"), help="of SolverAVBD")
-    parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="write a file for each fall that fails there"
-    )
-    parser.add_argument(
-        "--replay", type=Path, metavar="FILE", help="repeat the fall of such a file instead"
-    )
-    parser.epilog = """\
-kinds:
-  fallen   random joint angles and orientation, dropped on the ground
-  spin5    weightless, joints turn at up to 5 rad/s against their limits
-  spin12   at up to 12 rad/s
-  spin30   at up to 30 rad/s
-  thrown   random joint angles and orientation, at 10 m/s against a wall
-Robots float. Drives, passive springs and dampers are off. Columns: the most energy gained since its
-lowest value, and above that at the start, as shares of that; the fastest center of mass, and the
-same as a multiple of a free fall's speed; the widest open joint; the furthest that a limit was
-passed; the steps in which SolverAVBD had to bound the energy."""
 
 
 def main(args: argparse.Namespace) -> int:
@@ -244,13 +182,3 @@ def _replay(path: Path) -> int:
             f"comes in step {fall.step}"
         )
     return int(bool(fall.failures()))
-
-
-def _seeds(text: str) -> range:
-    """Reader of a number of seeds, or of the first and the end."""
-    first, colon, end = text.partition(":")
-    with contextlib.suppress(ValueError):
-        seeds = range(int(first), int(end)) if colon else range(int(first))
-        if seeds:
-            return seeds
-    raise argparse.ArgumentTypeError(f"{text!r} names no seeds: 3 is 0 to 2, 5:8 is 5 to 7")

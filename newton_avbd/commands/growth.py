@@ -5,39 +5,19 @@
 
 import argparse
 import json
-from pathlib import Path
 
 from newton_avbd.io.errors import UserError, require
 from newton_avbd.study.bench import growth
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 
-from ..io.options import make_folder, offer, positive, use_device
+from ..io.options import make_folder, use_device
 from ..io.output import table
 from ..io.terminal import interruptible, progress
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
-        ),
-        lambda: growth.FAMILIES,
-    )
-    parser.add_argument(
-        "--most",
-        type=positive(int),
-        default=10**5,
-        metavar="BODIES",
-        help="bodies of the largest scenes (default: %(default)s)",
-    )
-    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
-    parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="folder for plots (SVG) and numbers (JSON)"
-    )
-    parser.epilog = "scenes:\n" + "\n".join(
-        f"  {name:<8} {family.summary}" for name, family in growth.FAMILIES.items()
-    )
+def catalog() -> dict[str, dict[str, str]]:
+    """The scenes that grow, and what they are."""
+    return {"scenes": {name: family.summary for name, family in growth.FAMILIES.items()}}
 
 
 def main(args: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@
 import argparse
 import json
 from dataclasses import asdict
-from pathlib import Path
 
 import warp as wp
 
@@ -14,47 +13,14 @@ from newton_avbd.io.errors import UserError
 from newton_avbd.study.bench.large import LARGE_SCENES, measure
 from newton_avbd.study.bench.run import chosen, describe_machine
 
-from ..io.options import check_writable, offer, positive, use_device
+from ..io.options import check_writable, use_device
 from ..io.output import length, table
 from ..io.terminal import interruptible, progress
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "scenes", nargs="*", metavar="SCENE", help="scenes, see below (default: all)"
-        ),
-        lambda: LARGE_SCENES,
-    )
-    parser.add_argument(
-        "--bodies",
-        type=positive(int),
-        nargs="+",
-        default=[1_000, 10_000, 110_000],
-        metavar="COUNT",
-        help="sizes (default: 1000 10000 110000)",
-    )
-    parser.add_argument(
-        "--iterations", type=positive(int), default=4, help="sweeps a step (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--steps",
-        type=positive(int),
-        default=60,
-        help="steps before the time is taken (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--parallel",
-        choices=("bodies", "worlds"),
-        default="bodies",
-        help="what threads share (default: %(default)s); worlds: one thread does it all",
-    )
-    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
-    parser.epilog = "scenes:\n" + "\n".join(
-        f"  {name:<8} {summary}" for name, (summary, _) in LARGE_SCENES.items()
-    )
+def catalog() -> dict[str, dict[str, str]]:
+    """The scenes of any size, and what they are."""
+    return {"scenes": {name: summary for name, (summary, _) in LARGE_SCENES.items()}}
 
 
 def main(args: argparse.Namespace) -> int:

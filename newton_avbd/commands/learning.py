@@ -10,7 +10,6 @@ from newton_avbd.io.errors import UserError, require
 from newton_avbd.study.bench import learning
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 
-from ..io.options import offer, positive
 from ..io.output import table
 from ..io.terminal import interruptible, progress, say_notes
 from .robots import silence
@@ -18,29 +17,9 @@ from .robots import silence
 HEAD = ("", "step", "AVBD steps/s", "MuJoCo", "AVBD return", "MuJoCo", "AVBD length", "MuJoCo")
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "tasks", nargs="*", metavar="TASK", help="tasks, see below (default: all)"
-        ),
-        lambda: learning.TASKS,
-    )
-    parser.add_argument(
-        "--episodes", type=positive(int), default=5, help="of each task (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--controls",
-        type=positive(int),
-        default=250,
-        help="most controls of an episode (default: %(default)s)",
-    )
-    names = "\n".join(f"  {name}" for name in learning.TASKS)
-    parser.epilog = f"""\
-tasks:
-{names}
-A fixed random policy. Steps a second of the engine alone, with its collision detection, on one
-core. Returns are means over the episodes with their standard deviation."""
+def catalog() -> dict[str, dict[str, str]]:
+    """The tasks."""
+    return {"tasks": dict.fromkeys(learning.TASKS, "")}
 
 
 def main(args: argparse.Namespace) -> int:

@@ -12,21 +12,21 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from newton_avbd.commands import COMMANDS, examples, overview
-from newton_avbd.commands.completion import script
+from newton_avbd.commands import COMMANDS, arguments, examples, listing, overview
+from newton_avbd.commands.completion import Words, script
 from newton_avbd.io.errors import UserError, missing_of
 from newton_avbd.io.terminal import gathered_warnings, showing, start_warp
 
 
 def dispatch(argv: Sequence[str] | None) -> int:
     """Run a command; see :func:`newton_avbd.__main__.main`."""
-    arguments = list(sys.argv[1:] if argv is None else argv)
+    typed = list(sys.argv[1:] if argv is None else argv)
     try:
-        name = _command(arguments[: 2 if arguments[:1] == ["--completion"] else 1])
+        name = _command(typed[: 2 if typed[:1] == ["--completion"] else 1])
         if name is None:
             return 0
-        module = _module(name)
-        args = parse(name, arguments[1:])
+        args = parse(name, typed[1:])
+        module = _load(COMMANDS[name].module)
         start_warp()
         with gathered_warnings():
             return module.main(args)
@@ -61,7 +61,7 @@ def _command(first: list[str]) -> str | None:
     parsed = parser.parse_args(first)
     name: str | None = parsed.command
     if parsed.completion:
-        print(script({known: _parser(known) for known in COMMANDS}))
+        print(script({known: _words(known) for known in COMMANDS}))
     elif name is None:
         parser.print_help()
     elif name not in COMMANDS:
@@ -71,32 +71,62 @@ def _command(first: list[str]) -> str | None:
     return name
 
 
-def _module(name: str) -> Any:
-    """The module of a command; most need Newton, whose import takes seconds."""
+def _load(module: str) -> Any:
+    """A module that needs Newton, whose import takes seconds."""
     with showing("loading Newton"):
-        return importlib.import_module(COMMANDS[name].module)
+        return importlib.import_module(module)
+
+
+def _catalog(name: str) -> dict[str, dict[str, str]]:
+    """What a command can be given by name, under headings."""
+    command = COMMANDS[name]
+    found: dict[str, dict[str, str]] = _load(command.catalog or command.module).catalog()
+    return found
+
+
+def _words(name: str) -> Words:
+    """What the Tab key completes after a command."""
+    names = [known for entries in _catalog(name).values() for known in entries]
+    return Words(_parser(name), names, COMMANDS[name].or_files)
+
+
+class _List(argparse.Action):
+    """Prints the names that a command takes, and ends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(listing(_catalog(self.dest)))
+        parser.exit()
 
 
 def _parser(name: str) -> argparse.ArgumentParser:
     """The parser of a command's arguments."""
+    command = COMMANDS[name]
     parser = argparse.ArgumentParser(
         prog=f"newton-avbd {name}",
-        description=COMMANDS[name].summary,
+        description=command.summary,
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    _module(name).add_arguments(parser)
+    getattr(arguments, name)(parser)
+    parser.add_argument(
+        "--list",
+        action=_List,
+        nargs=0,
+        dest=name,
+        default=argparse.SUPPRESS,
+        help=f"name all {command.names}, and end",
+    )
     parser.epilog = "\n\n".join(filter(None, (examples(name), parser.epilog)))
     return parser
 
 
-def parse(name: str, arguments: list[str]) -> argparse.Namespace:
+def parse(name: str, typed: list[str]) -> argparse.Namespace:
     """Arguments of a command, with what follows ``--`` in ``arguments``."""
     parser = _parser(name)
-    split = arguments.index("--") if "--" in arguments else len(arguments)
-    args, unknown = parser.parse_known_args(arguments[:split])
+    split = typed.index("--") if "--" in typed else len(typed)
+    args, unknown = parser.parse_known_args(typed[:split])
     if unknown:
         _reject(parser, unknown[0])
-    args.arguments = tuple(arguments[split + 1 :])
+    args.arguments = tuple(typed[split + 1 :])
     return args
 
 

@@ -23,7 +23,6 @@ from newton_avbd.io.robots import (
     find_robot,
     not_installed,
     read_robot,
-    robot_names,
     robots,
 )
 from newton_avbd.study.bench.run import describe_machine
@@ -38,44 +37,11 @@ from newton_avbd.study.robots.page import (
 from newton_avbd.study.robots.run import Record
 from newton_avbd.study.robots.trial import Report, try_robot
 
-from ..io.options import offer
 from ..io.terminal import interruptible, show, showing
 from . import view
 
 PICTURE_SIZE = (192, 108)
 """Width and height of a robot's picture [px]."""
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "names", nargs="*", metavar="NAME", help="robots, or packages of them (default: all)"
-        ),
-        robot_names,
-    )
-    parser.add_argument("--list", action="store_true", help="list the robots and do nothing else")
-    parser.add_argument(
-        "--output",
-        type=Path,
-        metavar="DIR",
-        help="write robots.md there, with a picture of each robot and one of some; what is there "
-        "of others stays",
-    )
-    parser.add_argument(
-        "--untimed",
-        action="store_true",
-        help="check and draw only, time nothing; the page keeps the times of an earlier run",
-    )
-    parser.add_argument(
-        "--usd",
-        action="store_true",
-        help="turn URDF and MJCF files into USD files first, and try these; the page is "
-        "robots_usd.md, without pictures",
-    )
-    parser.epilog = "packages:\n" + "\n".join(
-        f"  {source.package:<20} {source.install}" for source in SOURCES
-    )
 
 
 def main(args: argparse.Namespace) -> int:
@@ -86,9 +52,6 @@ def main(args: argparse.Namespace) -> int:
     """
     for sentence in not_installed():
         print(f"newton-avbd: {sentence}", file=sys.stderr)
-    if args.list:
-        print(_listing())
-        return 0
     chosen = chosen_robots(args.names)
     stem = "robots"
     if args.usd:
@@ -155,16 +118,6 @@ def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:
     file = robot.path.name
     notes += [note for note in found if note.startswith((f"{file}:", f"{file} goes on without"))]
     return builder
-
-
-def _listing() -> str:
-    lines = []
-    for source in SOURCES:
-        names = [robot.name for robot in robots() if robot.package == source.package]
-        if names:
-            lines.append(f"{source.package}:")
-            lines += [f"  robot:{name}" for name in names]
-    return "\n".join(lines)
 
 
 def _make_folder(output: Path) -> None:

@@ -6,19 +6,19 @@
 import argparse
 import itertools
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from newton_avbd.io.errors import UserError
+from newton_avbd.io.names import AUTO
 from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import ModelSimulation, Request, Simulation
 from newton_avbd.measure.overlaps import describe_overlaps
 from newton_avbd.measure.state import Probe, deepest_penetration
 from newton_avbd.report import InnerReport, Status
 
-from ..io.options import add_scene_arguments, check_writable, device_notes, use_device
+from ..io.options import check_writable, device_notes, use_device
 from ..io.output import length, table
 from ..io.terminal import gathered_warnings, interruptible, progress, say_notes
 from . import view
@@ -27,25 +27,11 @@ TOUCHING = 1.0e-4
 """Gap below which a contact counts as touching [m]: what resting bodies keep of it or less."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    add_scene_arguments(parser)
-    parser.add_argument(
-        "--viewer",
-        choices=(view.AUTO, *view.VIEWERS),
-        default="null",
-        help="viewer (default: %(default)s); auto: a window, or a browser where there is none",
-    )
-    parser.add_argument(
-        "--png", type=Path, metavar="FILE", help="picture of the last frame; needs no window"
-    )
-
-
 def main(args: argparse.Namespace) -> int:
     """Simulate, then print a table; returns the exit status."""
     check_writable(args.png)
     use_device(args.device)
-    if args.viewer == view.AUTO:
+    if args.viewer == AUTO:
         args.viewer = view.choose_viewer()
     viewer = _make_viewer(args)
     request = Request(

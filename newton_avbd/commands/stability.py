@@ -4,73 +4,26 @@
 """``newton-avbd stability``: run hard cases and say which of them a solver withstands."""
 
 import argparse
-import math
 import sys
 from collections.abc import Iterable, Iterator
-from pathlib import Path
 
 from newton_avbd.io.errors import UserError, require, unknown
-from newton_avbd.io.solvers import SOLVERS
 from newton_avbd.study.stability.case import Case, Outcome, try_case
 from newton_avbd.study.stability.cases import CASES, GROUPS
 from newton_avbd.study.stability.long_run import IN_GRAPH, LONG_RUNS, run_long
 from newton_avbd.study.stability.page import line, write_page
 
-from ..io.options import make_folder, offer, positive, use_device
+from ..io.options import make_folder, use_device
 from ..io.output import length
 from ..io.terminal import interruptible, progress, say
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "cases",
-            nargs="*",
-            metavar="CASE",
-            help="cases, by the start of their names (default: all)",
-        ),
-        lambda: CASES,
-    )
-    parser.add_argument(
-        "--solver",
-        nargs="+",
-        choices=SOLVERS,
-        default=["avbd"],
-        metavar="SOLVER",
-        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
-    )
-    parser.add_argument(
-        "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
-    )
-    parser.add_argument(
-        "--rate",
-        type=positive(float),
-        metavar="HZ",
-        help="steps a second of all cases, collisions detected once a step (default: each its own)",
-    )
-    parser.add_argument("--quick", action="store_true", help="leave out cases that take minutes")
-    parser.add_argument(
-        "--budget",
-        type=positive(float),
-        default=math.inf,
-        metavar="SECONDS",
-        help="stop a run after this time (default: never)",
-    )
-    parser.add_argument(
-        "--output", type=Path, metavar="DIR", help="folder for a page with pictures"
-    )
-    parser.add_argument(
-        "--long",
-        type=positive(int),
-        metavar="STEPS",
-        help=f"take so many steps of SolverAVBD on {' and '.join(LONG_RUNS)} instead",
-    )
-    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
-    parser.epilog = "\n".join(
-        f"{title}:\n" + "\n".join(f"  {case.name:<24} {case.summary}" for case in cases.values())
+def catalog() -> dict[str, dict[str, str]]:
+    """The cases of each group, and what they are."""
+    return {
+        title: {case.name: case.summary for case in cases.values()}
         for title, cases in GROUPS.items()
-    )
+    }
 
 
 def main(args: argparse.Namespace) -> int:

@@ -15,12 +15,6 @@ import warp as wp
 
 from newton_avbd.io.errors import UserError, is_installed, missing, require
 
-VIEWERS = ("null", "gl", "usd", "rerun", "viser")
-"""Names of the viewers; ``null`` shows nothing."""
-
-AUTO = "auto"
-"""Stands for the viewer that works here."""
-
 WINDOWS = ("gl", "rerun", "viser")
 """Those that are watched while the simulation runs."""
 
@@ -38,7 +32,7 @@ def make_viewer(name: str, scene: str, *, headless: bool = False) -> Any:
     """Make one of Newton's viewers.
 
     Args:
-        name: One of :data:`VIEWERS`.
+        name: One of :data:`~newton_avbd.io.names.VIEWERS`.
         scene: Scene name, after which a USD file is named.
         headless: Whether the ``gl`` viewer draws without a window.
 

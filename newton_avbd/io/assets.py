@@ -21,12 +21,10 @@ from .errors import UserError, missing, require
 from .masses import check_usd_masses
 from .meshes import REMEDY, find_asset, read_urdf
 from .mjcf import add_mjcf
+from .names import SUFFIXES
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
 from .urdf import free_crossed, massless_root
-
-SUFFIXES = (".usd", ".usda", ".usdc", ".urdf", ".xml")
-"""File name endings of assets: USD, URDF and MJCF."""
 
 DT = 1.0 / 240.0
 """Solver step for an asset [s]; files rarely say."""
@@ -48,7 +46,7 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
     that is deeper, so that nothing falls forever.
 
     Args:
-        path: A file with one of :data:`SUFFIXES`.
+        path: A file with one of :data:`~newton_avbd.io.names.SUFFIXES`.
         request: Solver and settings.
 
     Returns:
@@ -151,7 +149,7 @@ def read_asset(
     """Read what a file holds, as Newton's importers do.
 
     Args:
-        path: A file with one of :data:`SUFFIXES`.
+        path: A file with one of :data:`~newton_avbd.io.names.SUFFIXES`.
         solver: The solver for which the builder is prepared.
         floating: Whether the root of a URDF robot floats if it has mass, or is fixed to the world;
             the other formats say it themselves.

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from .errors import UserError
 
-CONTROLS = ("sine", "random", "keyframe")
-"""What a user may drive a file's actuators by."""
 HOLD = 0.05
 """How long a random control lasts [s]."""
 
@@ -25,7 +23,7 @@ class Controls:
         """Make them.
 
         Args:
-            kind: One of :data:`CONTROLS`.
+            kind: One of :data:`~newton_avbd.io.names.CONTROLS`.
             model: The model.
             path: The MJCF file that it was read from, for ``"keyframe"``.
 

@@ -4,7 +4,6 @@
 """Finding what is to be simulated by its name, and putting a solver into it."""
 
 import difflib
-import textwrap
 from pathlib import Path
 
 import newton
@@ -14,8 +13,9 @@ from newton_avbd.scenes import named as scenes
 from newton_avbd.scenes.scene import FRAMES_PER_SECOND, GivenScene, Scene
 
 from . import examples, robots, solvers
-from .assets import FRAMES, SUFFIXES, open_asset, set_up_asset
+from .assets import FRAMES, open_asset, set_up_asset
 from .errors import UserError, missing_of
+from .names import SUFFIXES
 from .simulation import ModelSimulation, Request, Simulation
 from .terminal import showing
 
@@ -108,26 +108,18 @@ def _is_asset(name: str) -> bool:
     return Path(name).suffix.lower() in SUFFIXES or Path(name).is_file()
 
 
-def scene_names() -> list[str]:
-    """Names of all scenes, examples and robots, as :func:`open_scene` takes them."""
+def catalog() -> dict[str, dict[str, str]]:
+    """Scenes, examples and robots by name, as :func:`open_scene` takes them, and what they are."""
     newtons = [
         EXAMPLE_PREFIX + name if name in scenes.SCENES else name for name in examples.names()
     ]
-    return [*scenes.SCENES, *newtons, *(robots.PREFIX + robot.name for robot in robots.robots())]
-
-
-def list_scenes() -> str:
-    """All scenes that can be named, as text for a terminal."""
-    own = "\n".join(f"  {scene.name:<16} {scene.summary}" for scene in scenes.SCENES.values())
-    newtons = textwrap.fill(
-        ", ".join(examples.names()), 98, initial_indent="  ", subsequent_indent="  "
-    )
-    return (
-        f"scenes:\n{own}\n"
-        f"Newton examples (prefix {EXAMPLE_PREFIX} where the name is also a scene's):\n{newtons}\n"
-        f"robots of installed packages: {robots.PREFIX}NAME, see newton-avbd robots --list\n"
-        f"files: {', '.join(SUFFIXES)}"
-    )
+    return {
+        "scenes": {scene.name: scene.summary for scene in scenes.SCENES.values()},
+        "Newton examples": dict.fromkeys(newtons, ""),
+        "robots of installed packages": {
+            robots.PREFIX + robot.name: robot.package for robot in robots.robots()
+        },
+    }
 
 
 def _open(name: str, request: Request) -> Simulation:
@@ -147,9 +139,8 @@ def _open(name: str, request: Request) -> Simulation:
     close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
     told = f"there is no scene {name!r}, and no such file."
     if close:
-        hint = f"Did you mean {' or '.join(close)}?"
-        raise UserError(f"{told} {hint} `newton-avbd run --help` lists all.")
-    raise UserError(f"{told}\n{list_scenes()}")
+        told += f" Did you mean {' or '.join(close)}?"
+    raise UserError(f"{told} `newton-avbd run --list` names all.")
 
 
 def _open_own(scene: scenes.Scene, request: Request) -> ModelSimulation:

@@ -1,27 +1,24 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Arguments that commands share."""
+"""Arguments that commands share. Warp is imported only where a device is asked for."""
 
 import argparse
 import contextlib
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import warp as wp
-
 from newton_avbd.io.errors import UserError
-from newton_avbd.io.opening import list_scenes, scene_names
-from newton_avbd.io.solvers import SOLVERS
+from newton_avbd.io.names import SOLVERS, SUFFIXES
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] = SOLVERS) -> None:
     """Add the scene, the solver and its settings."""
-    offer(
-        parser.add_argument("scene", metavar="SCENE", help="a scene or a file, see below"),
-        scene_names,
-        or_files=True,
+    parser.add_argument(
+        "scene",
+        metavar="SCENE",
+        help=f"a scene, a robot (robot:NAME), a Newton example, or a file ({', '.join(SUFFIXES)})",
     )
     parser.add_argument(
         "--solver", choices=solvers, default="avbd", help="solver (default: %(default)s)"
@@ -43,21 +40,7 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
         "is a frame then, where it is not given",
     )
     parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
-    parser.epilog = f"{list_scenes()}\nArguments after -- go to a Newton example."
-
-
-def offer(
-    action: argparse.Action, names: Callable[[], Iterable[str]], *, or_files: bool = False
-) -> None:
-    """Let the Tab key offer names for an argument that may be something else, too.
-
-    Args:
-        action: The argument.
-        names: Finds them; called where the script for the Tab key is made, and nowhere else.
-        or_files: Whether the argument may also be a file.
-    """
-    action.names = names  # type: ignore[attr-defined]
-    action.or_files = or_files  # type: ignore[attr-defined]
+    parser.epilog = "Arguments after -- go to a Newton example."
 
 
 def positive(kind: type[int] | type[float]) -> "type[int] | type[float]":
@@ -83,6 +66,8 @@ def use_device(name: str | None) -> None:
     """
     if name is None:
         return
+    import warp as wp
+
     try:
         wp.set_device(name)
     except (RuntimeError, ValueError) as error:
@@ -92,6 +77,8 @@ def use_device(name: str | None) -> None:
 
 def device_notes(name: str | None) -> list[str]:
     """What the user should know of the device that was not chosen, a sentence each."""
+    import warp as wp
+
     if name is None and not wp.is_cuda_available():
         return ["there is no CUDA device, so it runs on the CPU"]
     return []

@@ -15,8 +15,9 @@ import newton
 
 from newton_avbd.scenes.pose import stand
 
-from .assets import SUFFIXES, read_asset, simulate
+from .assets import read_asset, simulate
 from .errors import UserError
+from .names import SUFFIXES
 from .simulation import ModelSimulation, Request
 
 PREFIX = "robot:"
@@ -242,10 +243,13 @@ def robots() -> tuple[Robot, ...]:
     return tuple(named)
 
 
-def robot_names() -> list[str]:
-    """Names of the installed robots and of their packages."""
-    found = robots()
-    return [*dict.fromkeys(robot.package for robot in found), *(robot.name for robot in found)]
+def catalog() -> dict[str, dict[str, str]]:
+    """Packages and how each is installed, and the installed robots of each, by name."""
+    packages = {source.package: source.install for source in SOURCES}
+    groups: dict[str, dict[str, str]] = {"packages": packages}
+    for robot in robots():
+        groups.setdefault(f"robots of {robot.package}", {})[robot.name] = ""
+    return groups
 
 
 def _names(source: Source, path: Path, lonely: Counter[tuple[str, Path]]) -> Iterator[str]:

@@ -58,13 +58,13 @@ class Request:
     """How a scene is to be opened.
 
     Attributes:
-        solver: One of :data:`newton_avbd.io.solvers.SOLVERS`.
+        solver: One of :data:`newton_avbd.io.names.SOLVERS`.
         iterations: Iterations a step; None for the scene's or the solver's own.
         dt: Solver step [s]; None for the scene's own.
         viewer: Makes the viewer; None for one that shows nothing.
         arguments: Command-line arguments for a Newton example.
         ctrl: What drives the actuators of an MJCF file, one of
-            :data:`newton_avbd.io.controls.CONTROLS`; None for nothing.
+            :data:`newton_avbd.io.names.CONTROLS`; None for nothing.
         accuracy: Error a second that SolverAVBD is to keep to [m/s], which then steps a frame at a
             time where ``dt`` is None; None for steps as they are. Other solvers have no such thing.
     """

@@ -11,9 +11,6 @@ import warp as wp
 
 from .errors import require
 
-SOLVERS = ("avbd", "vbd", "xpbd", "mujoco", "kamino")
-"""Names of the solvers, ours first."""
-
 XPBD_SWEEPS = 10
 """Iterations of SolverXPBD where nothing else is said: as many as SolverAVBD and SolverVBD take."""
 
@@ -30,7 +27,7 @@ _CLASSES = {
 
 
 def solver_class(name: str) -> type[newton.solvers.SolverBase]:
-    """Class of the solver ``name``, one of :data:`SOLVERS`."""
+    """Class of the solver ``name``, one of :data:`~newton_avbd.io.names.SOLVERS`."""
     if name == "avbd":
         from newton_avbd import SolverAVBD
 
@@ -68,7 +65,7 @@ def construct(
     knows its own.
 
     Args:
-        name: One of :data:`SOLVERS`.
+        name: One of :data:`~newton_avbd.io.names.SOLVERS`.
         model: The model.
         iterations: Iterations a step; None for the scene's or the solver's own default, and for
             :data:`XPBD_SWEEPS` with SolverXPBD, so that solvers that sweep compare.

@@ -3,20 +3,26 @@
 
 """What Isaac Lab's Newton backend makes SolverAVBD with."""
 
+from typing import Any
+
 import newton
-from isaaclab_newton.physics import NewtonManager
+from isaaclab_newton import physics
 
 from newton_avbd import SolverAVBD
 
 from .config import AVBDSolverCfg
 
+_Base: Any = getattr(physics, "NewtonSolver", None) or physics.NewtonManager
+"""What a solver's configuration names: a manager, and later an adapter without a state."""
 
-class NewtonAVBDManager(NewtonManager):
+
+class NewtonAVBDManager(_Base):
     """Makes a :class:`newton_avbd.SolverAVBD` for each simulation.
 
     Release 3.0.0 calls ``_build_solver``, which fills slots of NewtonManager itself. The
-    development branch after it constructs ``solver_class``. The base class does the rest: contacts
-    by Newton's pipeline, two states, ``reset(state, world_mask, flags=0)``.
+    development branch after it constructs ``solver_class``; its last stage has an adapter
+    ``NewtonSolver`` in the place of the manager. The base class does the rest: contacts by
+    Newton's pipeline, two states, ``reset(state, world_mask, flags=0)``.
     """
 
     # Isaac Lab 3.0.0
@@ -25,6 +31,7 @@ class NewtonAVBDManager(NewtonManager):
     # and after it
     solver_class = SolverAVBD
     builder_attribute_solvers = (SolverAVBD,)
+    supports_heterogeneous_worlds = True
 
     @classmethod
     def _create_solver(cls, model: newton.Model, solver_cfg: AVBDSolverCfg) -> SolverAVBD:
@@ -32,7 +39,8 @@ class NewtonAVBDManager(NewtonManager):
 
     @classmethod
     def _build_solver(cls, model: newton.Model, solver_cfg: AVBDSolverCfg) -> None:
-        NewtonManager._solver = cls._create_solver(model, solver_cfg)
-        NewtonManager._use_single_state = False
-        NewtonManager._needs_collision_pipeline = True
-        NewtonManager._supports_rigid_body_force_input = True
+        manager = physics.NewtonManager
+        manager._solver = cls._create_solver(model, solver_cfg)
+        manager._use_single_state = False
+        manager._needs_collision_pipeline = True
+        manager._supports_rigid_body_force_input = True

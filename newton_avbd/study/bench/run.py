@@ -25,7 +25,7 @@ from statistics import median
 import numpy as np
 
 from newton_avbd.io.errors import unknown
-from newton_avbd.io.options import check_writable, offer
+from newton_avbd.io.options import check_writable
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.scenes.named import SCENES
 from newton_avbd.scenes.robots import SINGLE_ROBOTS
@@ -129,21 +129,15 @@ FULL = Effort(repeats=7, turn=0.1, budget=30.0, cold_starts=3)
 QUICK = Effort(repeats=3, turn=0.02, budget=1.0, cold_starts=0, left_out=("kamino",))
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of the command."""
-    offer(
-        parser.add_argument(
-            "scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(BENCHMARKS)} (default: all)"
-        ),
-        lambda: BENCHMARKS,
-    )
-    parser.add_argument(
-        "--solvers",
-        metavar="NAMES",
-        help=f"separated by commas, of {', '.join((*PEERS, MJ_STEP))} (default: all that apply)",
-    )
-    parser.add_argument("--quick", action="store_true", help="some minutes, rough; no cold start")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
+def catalog() -> dict[str, dict[str, str]]:
+    """The scenes that are measured, and what they are."""
+    return {
+        "scenes": {
+            name: SCENES[found.scene].summary
+            + ("" if found.dt is None else f", {1.0 / found.dt:.0f} steps a second")
+            for name, found in BENCHMARKS.items()
+        }
+    }
 
 
 def main(args: argparse.Namespace) -> int:

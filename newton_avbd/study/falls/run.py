@@ -48,7 +48,7 @@ class Setup:
     """What solves a fall, and how.
 
     Attributes:
-        solver: One of :data:`newton_avbd.io.solvers.SOLVERS`.
+        solver: One of :data:`newton_avbd.io.names.SOLVERS`.
         dt: Time step [s].
         seconds: Time to simulate [s].
         iterations: Iterations a step; None for the solver's own.

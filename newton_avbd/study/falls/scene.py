@@ -12,10 +12,6 @@ from newton_avbd.measure.overlaps import DEPTH
 from newton_avbd.measure.state import Array, Bodies, Probe, rotate, transform
 from newton_avbd.scenes.pose import dofs_of, lowest_points, stand
 
-KINDS = ("fallen", "spin5", "spin12", "spin30", "thrown")
-"""What happens to a robot: it is dropped on the ground; it floats without weight while its joints
-turn at up to so many rad/s against their limits; or it is thrown against a wall."""
-
 DROP = 0.1
 """Height of the lowest point above the ground at the start [m]."""
 
@@ -39,7 +35,7 @@ class Start:
     """Where a robot starts.
 
     Attributes:
-        kind: One of :data:`KINDS`.
+        kind: One of :data:`~newton_avbd.study.falls.kinds.KINDS`.
         seed: Number of the start.
         joint_q: Joint coordinates.
         joint_qd: Joint velocities.
@@ -99,7 +95,7 @@ def starts(builder: newton.ModelBuilder, kinds: tuple[str, ...], seeds: range) -
 
     Args:
         builder: What :func:`bare` has returned.
-        kinds: Of :data:`KINDS`.
+        kinds: Of :data:`~newton_avbd.study.falls.kinds.KINDS`.
         seeds: Numbers of the starts; the same number gives the same pose in all kinds.
     """
     model = builder.finalize(device="cpu")

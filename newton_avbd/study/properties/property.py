@@ -18,6 +18,7 @@ from newton.solvers import SolverBase
 
 from newton_avbd.measure import state as measure
 from newton_avbd.measure.state import Array
+from newton_avbd.study.properties.solvers import SOLVERS
 
 DT = 1.0 / 240.0
 """Time step [s]."""
@@ -28,18 +29,6 @@ should make."""
 
 ERROR_LENGTH = 120
 """Characters of an error that a table shows."""
-
-SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
-    "avbd": ("SolverAVBD", {}),
-    "vbd": ("SolverVBD", {}),
-    "xpbd": ("SolverXPBD", {"iterations": 10}),
-    "mujoco": ("SolverMuJoCo", {"use_mujoco_cpu": True, "cone": "elliptic", "impratio": 10.0}),
-    "kamino": ("SolverKamino", {}),
-    "steel": ("SolverSteel", {"enable_joint_limits": True, "joint_limit_activation_gap": 0.1}),
-}
-"""Class and settings of each solver, ours first. Iterations are the solvers' own defaults, 10
-sweeps of SolverAVBD and SolverVBD; SolverXPBD, whose default is 2, takes as many. MuJoCo has the
-friction cone that is round and hard."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +43,9 @@ class Property:
         expected: The closed form's value; NaN where there is no right one, but :attr:`rules`.
         bound: Largest deviation that still counts as right, in :attr:`unit`.
         unit: Unit of the value.
-        settings: Solver settings that switch the property on, by solver, beside :data:`SOLVERS`;
-            ``attributes`` are custom attributes of MuJoCo's, the same for all shapes.
+        settings: Solver settings that switch the property on, by solver, beside those of
+            :data:`~newton_avbd.study.properties.solvers.SOLVERS`; ``attributes`` are custom
+            attributes of MuJoCo's, the same for all shapes.
         materials: Whether contacts carry their own stiffness, damping and friction.
         rules: Values of the rules between which Newton's solvers choose, by name.
     """
@@ -218,7 +208,7 @@ class Outcome:
 
     Attributes:
         property: Name of the property.
-        solver: Name of the solver, a key of :data:`SOLVERS`.
+        solver: Name of the solver, a key of :data:`~newton_avbd.study.properties.solvers.SOLVERS`.
         verdict: ``"yes"``, ``"ignored"``, ``"not finite"``, ``"error: ..."``, the deviation from
             the closed form, or the rule that the solver follows.
         value: What was measured; None where nothing was, or what was waited for never happened.

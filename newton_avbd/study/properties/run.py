@@ -9,20 +9,20 @@ CPU, at 240 steps a second.
 
 import argparse
 import json
-import re
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
 
 from newton_avbd.io.errors import UserError, unknown
-from newton_avbd.io.options import check_writable, offer
+from newton_avbd.io.options import check_writable
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.study.properties.body import BODIES
 from newton_avbd.study.properties.cable import CABLES
 from newton_avbd.study.properties.contact import CONTACTS
 from newton_avbd.study.properties.joint import JOINTS
 from newton_avbd.study.properties.mujoco import ATTRIBUTES, MUJOCO, pattern_of, registered
-from newton_avbd.study.properties.property import SOLVERS, Catalog, Outcome, Property, judge
+from newton_avbd.study.properties.property import Catalog, Outcome, Property, judge
+from newton_avbd.study.properties.solvers import SOLVERS
 
 GROUPS: dict[str, Catalog] = {
     "Contacts": CONTACTS,
@@ -70,36 +70,9 @@ that changes the motion by more than the softness of MuJoCo's constraints, the s
 [From MuJoCo](from_mujoco.md) says more."""
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the command's arguments to its parser."""
-    offer(
-        parser.add_argument(
-            "names",
-            nargs="*",
-            metavar="NAME",
-            help="properties, by the start of their names, see below (default: all)",
-        ),
-        lambda: (re.split("[ ,:]", name)[0] for name in PROPERTIES),  # a space ends a word
-    )
-    parser.add_argument(
-        "--solvers",
-        nargs="+",
-        choices=SOLVERS,
-        default=list(SOLVERS),
-        metavar="SOLVER",
-        help=f"solvers to try, of {', '.join(SOLVERS)} (default: all)",
-    )
-    parser.epilog = "\n".join(
-        f"{group}:\n" + "\n".join(f"  {name}" for name in catalog)
-        for group, catalog in GROUPS.items()
-    )
-    parser.add_argument("--output", type=Path, metavar="FILE", help="page to write, Markdown")
-    parser.add_argument(
-        "--json",
-        type=Path,
-        metavar="FILE",
-        help="outcomes; those that the file already has are kept, unless they are tried anew",
-    )
+def catalog() -> dict[str, dict[str, str]]:
+    """The properties of each group."""
+    return {group: dict.fromkeys(properties, "") for group, properties in GROUPS.items()}
 
 
 def main(args: argparse.Namespace) -> int:

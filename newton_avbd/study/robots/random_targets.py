@@ -15,6 +15,7 @@ import newton
 import numpy as np
 
 from newton_avbd.io import solvers
+from newton_avbd.io.names import SOLVERS
 from newton_avbd.io.output import table
 from newton_avbd.io.robots import find_robot, read_robot
 from newton_avbd.measure.joints import Joints
@@ -35,7 +36,7 @@ def run(name: str, pose: Pose, solver_name: str, rate: int, seed: int = 0) -> tu
     Args:
         name: What to call it.
         pose: The robot.
-        solver_name: One of :data:`newton_avbd.io.solvers.SOLVERS`.
+        solver_name: One of :data:`newton_avbd.io.names.SOLVERS`.
         rate: Steps a second.
         seed: Of the targets.
 
@@ -94,7 +95,7 @@ def main() -> None:
     """Run the robots and print a table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("robots", nargs="*", default=list(ROBOTS), metavar="ROBOT")
-    parser.add_argument("--solver", nargs="+", default=["avbd"], choices=solvers.SOLVERS)
+    parser.add_argument("--solver", nargs="+", default=["avbd"], choices=SOLVERS)
     args = parser.parse_args()
     rows: list[tuple[str, ...]] = [HEAD]
     for name in args.robots:

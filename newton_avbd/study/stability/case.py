@@ -153,7 +153,7 @@ class Trial:
     """
 
     def __init__(self, case: Case, solver: str, iterations: int | None = None):
-        """Build the case and set ``solver``, of :data:`newton_avbd.io.solvers.SOLVERS`, up."""
+        """Build the case and set ``solver``, of :data:`newton_avbd.io.names.SOLVERS`, up."""
         self.case = case
         builder = newton.ModelBuilder()
         solvers.prepare(solver, builder)
@@ -303,7 +303,7 @@ def try_case(
 
     Args:
         case: The case.
-        solver: One of :data:`newton_avbd.io.solvers.SOLVERS`.
+        solver: One of :data:`newton_avbd.io.names.SOLVERS`.
         iterations: Iterations a step; None for the solver's own.
         budget: Wall-clock time after which to stop early [s].
 
