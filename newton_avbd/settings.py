@@ -63,10 +63,10 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
 Newton's own ``newton:maxSolverIterations`` of -1 leaves the number to the solver.
 """
 
-ITERATIONS = 10
-"""Sweeps where neither the user nor the scene asks for a number."""
-MOST_ITERATIONS = 40
-"""The same where an accuracy is asked for, which ends them earlier."""
+ITERATIONS = 40
+"""Most sweeps where neither the user nor the scene asks for a number."""
+RAMP_ITERATIONS = 10
+"""The same where none is left out: the seed's ramp does not end them earlier."""
 
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
@@ -144,7 +144,8 @@ class Settings:
             for name, argument in arguments.items()
         }
         if arguments["iterations"] is None and values["iterations"] == -1:
-            values["iterations"] = ITERATIONS if values["accuracy"] is None else MOST_ITERATIONS
+            is_ramp = values["formulation"] == "ramp"
+            values["iterations"] = RAMP_ITERATIONS if is_ramp else ITERATIONS
 
         def check(name: str, makes_sense: bool, wanted: str) -> None:
             if makes_sense:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..data import ColorWork, Solver, Step, WorldScale
+from ..data import ColorWork, Solver, Step
 from ..effects import Effects
 from ..step.contacts import stiffen_rows
 from ..step.kernels import KernelDecorator
-from ..step.scale import is_struck, last_update
+from ..step.scale import is_settled, is_struck
 from .colored_joints import loop_world
 from .stages import Stages
 
@@ -25,13 +25,6 @@ class SweepKernels:
     solve_clusters: wp.Kernel | None
     begin_round: wp.Kernel
     stiffen: wp.Kernel | None
-
-
-@wp.func
-def is_settled(moved: float, scale: WorldScale) -> bool:
-    """Whether a sweep that moved a body by no more than the root of ``moved`` [m^2] is the last."""
-    enough = last_update(scale)
-    return moved <= enough * enough
 
 
 @wp.func
@@ -158,20 +151,20 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
     @kernel()
     def begin_round(
         # In:
-        iterations: int,
         begin: int,
         # Work out:
+        has_more: wp.array[wp.int32],
         colors: ColorWork,
     ):
-        """Another round of sweeps where impacts go on after the last; one thread a world."""
+        """Whether a further round of sweeps follows, anew if impacts go on; one thread a world."""
         world = wp.tid()
-        if colors.most[world] == begin:
-            if is_struck(begin, colors.moved[begin, world], colors.scale[world]):
-                colors.most[world] = begin + iterations
-                colors.begin[world] = begin
-                colors.has_more[0] = 1
+        if goes_on(begin, world, colors.moved, colors.most, colors):
+            has_more[0] = 1
+            if wp.static(effects.stiffening):
+                if is_struck(begin, colors.moved[begin, world], colors.scale[world]):
+                    colors.begin[world] = begin
 
-    @kernel(effects.contact and not effects.compliance)
+    @kernel(effects.stiffening)
     def stiffen(begin: int, s: wp.array[Solver]):
         """Contacts as stiff as the forces that sweeps have found ask for; one thread a body.
 

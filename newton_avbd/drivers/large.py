@@ -15,7 +15,7 @@ from .. import data
 from ..effects import Effects
 from ..model.topology import Topology
 from ..rows.contact import RECOVERY
-from ..step.scale import COLD_FACTOR, JOINT_PASSES, LONGER, LOOP_PASSES, STRUCK_FACTOR
+from ..step.scale import FURTHER, JOINT_PASSES, LONGER, LOOP_PASSES, MOST_ROUNDS, ROUND
 from . import coloring, joining, scan
 from .barrier import block_size
 from .colored import Colored, make_colored
@@ -138,8 +138,6 @@ class LargeWorlds:
                 setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
-            colors.has_more = wp.zeros(1, dtype=wp.int32)
-            colors.is_cold = wp.zeros(1, dtype=wp.int32)
             colors.is_apart = wp.zeros(1, dtype=wp.int32)
             colors.is_excessive = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
@@ -168,8 +166,11 @@ class LargeWorlds:
         return self._views
 
     def _allocate_sweeps(self, iterations: int) -> None:
-        shape = (int(COLD_FACTOR) * iterations + 1, self._world_count)
-        self.colors.moved = wp.zeros(shape, dtype=float, device=self._device)
+        most = int(FURTHER) * iterations
+        with wp.ScopedDevice(self._device):
+            self.colors.moved = wp.zeros((most + 1, self._world_count), dtype=float)
+            self.colors.has_more = wp.zeros(int(MOST_ROUNDS), dtype=wp.int32)
+            self._has_more = [self.colors.has_more[i : i + 1] for i in range(int(MOST_ROUNDS))]
 
     def allocate_contacts(self, capacity: int) -> tuple[wp.array, ...]:
         """Buffers by contact; returns those that they replace, which graphs may hold."""
@@ -220,7 +221,7 @@ class LargeWorlds:
         if h > float(LONGER) * self._h:
             self.may_be_cold = True
         self._h = h
-        if colors.moved.shape[0] <= int(COLD_FACTOR) * iterations:
+        if colors.moved.shape[0] <= int(FURTHER) * iterations:
             launch.forget()
             self._allocate_sweeps(iterations)
         kernels = make_colored(effects)
@@ -374,24 +375,24 @@ class LargeWorlds:
         """The motion: rounds of sweeps, and blocks of bodies before each."""
         bodies, colors = self._body_count, self.colors
 
-        def sweep_on(begin: int, end: int) -> None:
-            sweep(begin, end, 0.0, colors.most, colors.moved)
+        # beyond the usual sweeps only worlds that start from rest go on
+        may_be_cold = self.may_be_cold or self._device.is_capturing
+        most = (int(FURTHER) if may_be_cold else 1) * iterations
 
-        def sweep_again(begin: int) -> None:
-            if kernels.stiffen is not None:
+        def sweep_round(begin: int) -> None:
+            if begin > 0 and kernels.stiffen is not None:
                 launch(kernels.stiffen, bodies, [begin, lanes])
             launch(kernels.assemble, bodies, [begin, step, lanes])
-            sweep_on(begin, begin + iterations)
+            sweep(begin, min(begin + max(begin, int(ROUND)), most), 0.0, colors.most, colors.moved)
 
-        def sweep_cold() -> None:
-            sweep_on(int(STRUCK_FACTOR) * iterations, int(COLD_FACTOR) * iterations)
-
-        launch(kernels.assemble, bodies, [0, step, lanes])
-        sweep_on(0, iterations)
-        for turn in range(1, int(STRUCK_FACTOR)):
-            launch(kernels.begin_round, self._world_count, [iterations, turn * iterations, colors])
-            self._launch_if(colors.has_more, functools.partial(sweep_again, turn * iterations))
-        self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)
+        sweep_round(0)
+        begin = int(ROUND)
+        for has_more in self._has_more:
+            if begin >= most:
+                break
+            launch(kernels.begin_round, self._world_count, [begin, has_more, colors])
+            self._launch_if(has_more, functools.partial(sweep_round, begin))
+            begin *= 2
         self.may_be_cold = False
 
     def _keep_forces(

@@ -29,10 +29,11 @@ from ..step.links import (
 )
 from ..step.scale import (
     COLD_STEPS,
-    RESTLESS_FACTOR,
-    STRUCK_FACTOR,
+    FURTHER,
+    ROUND,
     farthest_move,
     is_restless,
+    is_settled,
     is_struck,
     is_unsettled,
     most_rounds,
@@ -98,9 +99,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         if wp.static(effects.joints):
             is_open = begin_joints(world, scale, body_qd, step, s)
 
-        # Rounds of sweeps by one call, which is most of the code: the motion, again and with
-        # stiffer contacts where impacts go on, and on where a world does not come to rest; and the
-        # recovery.
+        # Rounds of sweeps by one call, which is most of the code: the motion, round after round
+        # until it settles, with stiffer contacts where impacts go on; and the recovery.
         most = int(0)
         sweeps = int(0)
         update = float(0.0)
@@ -111,23 +111,35 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         rounds = int(wp.static(most_rounds(effects)))
         for _round in range(rounds):
             if recovery == 0.0 and not goes_on:
-                most = begin_sweeps(world, scale, step, s)
-                if sweeps > 0:
-                    most = step.iterations
-            taken, update = sweep_to_rest(world, most, recovery, scale, step, s)
+                allowed = begin_sweeps(world, scale, step, s)
+                if sweeps == 0:
+                    most = allowed
+            count = int(most)
+            if wp.static(not effects.ramp):
+                if recovery == 0.0:
+                    count = wp.min(most - sweeps, wp.max(sweeps, ROUND))
+            taken, update = sweep_to_rest(world, count, goes_on, recovery, scale, step, s)
             if recovery > 0.0:
                 break
             sweeps += taken
             goes_on = False
-            if wp.static(effects.switching and not effects.ramp):
-                is_cut_off = taken == step.iterations and sweeps < STRUCK_FACTOR * step.iterations
-                if is_cut_off and is_struck(sweeps, update, scale):
-                    if wp.static(effects.contact and not effects.compliance):
-                        stiffen_impacts(world, scale, s)
-                    continue
-            if wp.static(effects.piles):
-                if taken == most and sweeps < RESTLESS_FACTOR * most:
-                    goes_on = is_restless(update, farthest_move(world, s), scale)
+            if wp.static(not effects.ramp):
+                if taken == count and not is_settled(update, scale):
+                    limit = FURTHER * step.iterations
+                    goes_on = sweeps < most
+                    if wp.static(effects.switching):
+                        if sweeps < limit and is_struck(sweeps, update, scale):
+                            most = wp.max(most, wp.min(2 * sweeps, limit))
+                            goes_on = True
+                            if wp.static(effects.stiffening):
+                                # from the start, with other blocks
+                                stiffen_impacts(world, scale, s)
+                                goes_on = False
+                                continue
+                    if wp.static(effects.piles):
+                        if not goes_on and sweeps < limit:
+                            goes_on = is_restless(update, farthest_move(world, s), scale)
+                            most = wp.min(2 * sweeps, limit)
                 if goes_on:
                     continue
 
