@@ -17,7 +17,7 @@ from newton_avbd.__main__ import main
 from newton_avbd.drivers.coloring import COLORS, PASSES
 from newton_avbd.scenes.chains import add_chain
 from newton_avbd.scenes.named import add_brick_ring
-from newton_avbd.step.scale import COLD_STEPS, STRUCK_FACTOR
+from newton_avbd.step.scale import FURTHER
 
 PYRAMID = [
     (0.55 * (i - 0.5 * (5 - row)), 0.5 * (row + 0.5)) for row in range(5) for i in range(5 - row)
@@ -122,8 +122,8 @@ def test_impacts_that_go_on_take_another_round_of_sweeps() -> None:
         np.testing.assert_array_equal(both.pose[: len(PYRAMID)], colored.pose)
         sweeps.append([*colored.solver.status.sweeps, *both.solver.status.sweeps])
         assert sweeps[-1][0] == serial.solver.status.sweeps[0] == sweeps[-1][1]
-    warm = np.array(sweeps[COLD_STEPS:])
-    assert warm[:, 0].max() == STRUCK_FACTOR * iterations
+    warm = np.array(sweeps[1:])
+    assert warm[:, 0].max() == FURTHER * iterations
     assert warm[:, 2].max() <= iterations
 
 

@@ -152,17 +152,27 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
     def begin_round(
         # In:
         begin: int,
+        end: int,
         # Work out:
         has_more: wp.array[wp.int32],
         colors: ColorWork,
     ):
-        """Whether a further round of sweeps follows, anew if impacts go on; one thread a world."""
+        """Whether the round of sweeps from ``begin`` to ``end`` follows; one thread a world.
+
+        It does where a world may take as many and has not settled, and where impacts go on.
+        """
         world = wp.tid()
-        if goes_on(begin, world, colors.moved, colors.most, colors):
-            has_more[0] = 1
-            if wp.static(effects.stiffening):
-                if is_struck(begin, colors.moved[begin, world], colors.scale[world]):
+        update = colors.moved[begin, world]
+        scale = colors.scale[world]
+        if colors.most[world] < begin or is_settled(update, scale):
+            return
+        if wp.static(effects.switching):
+            if is_struck(begin, update, scale):
+                colors.most[world] = wp.max(colors.most[world], end)
+                if wp.static(effects.stiffening):
                     colors.begin[world] = begin
+        if colors.most[world] > begin:
+            has_more[0] = 1
 
     @kernel(effects.stiffening)
     def stiffen(begin: int, s: wp.array[Solver]):

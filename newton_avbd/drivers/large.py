@@ -15,7 +15,7 @@ from .. import data
 from ..effects import Effects
 from ..model.topology import Topology
 from ..rows.contact import RECOVERY
-from ..step.scale import FURTHER, JOINT_PASSES, LONGER, LOOP_PASSES, MOST_ROUNDS, ROUND
+from ..step.scale import FURTHER, JOINT_PASSES, LOOP_PASSES, round_end
 from . import coloring, joining, scan
 from .barrier import block_size
 from .colored import Colored, make_colored
@@ -89,9 +89,6 @@ class LargeWorlds:
         body_start, bodies = worlds.body_start.numpy(), worlds.bodies.numpy()
         self._body_count, self._world_count = bodies.size, body_start.size - 1
         self._device = device
-        self.may_be_cold = True
-        """Whether the next step may be the first of a world, as far as the host knows."""
-        self._h = 0.0
         slots = bodies.size + 1
         lane_start, world_lane = _lanes(body_start)
         self._lanes = lanes = lane_start.size - 1
@@ -167,10 +164,14 @@ class LargeWorlds:
 
     def _allocate_sweeps(self, iterations: int) -> None:
         most = int(FURTHER) * iterations
+        self._round_ends = [int(round_end(0, iterations))]
+        while self._round_ends[-1] < most:
+            self._round_ends.append(int(round_end(self._round_ends[-1], iterations)))
+        rounds = len(self._round_ends) - 1
         with wp.ScopedDevice(self._device):
             self.colors.moved = wp.zeros((most + 1, self._world_count), dtype=float)
-            self.colors.has_more = wp.zeros(int(MOST_ROUNDS), dtype=wp.int32)
-            self._has_more = [self.colors.has_more[i : i + 1] for i in range(int(MOST_ROUNDS))]
+            self.colors.has_more = wp.zeros(rounds, dtype=wp.int32)
+        self._has_more = [self.colors.has_more[i : i + 1] for i in range(rounds)]
 
     def allocate_contacts(self, capacity: int) -> tuple[wp.array, ...]:
         """Buffers by contact; returns those that they replace, which graphs may hold."""
@@ -184,7 +185,6 @@ class LargeWorlds:
     def forget(self, launch: Launcher, body_world: wp.array, mask: wp.array) -> None:
         """Starts the masked worlds from no colors; all, with an empty mask."""
         launch(coloring.forget_colors, self._body_count, [body_world, mask, self.colors])
-        self.may_be_cold = True
 
     def found(self) -> tuple[int, int]:
         """How many colors the last step took, and how many blocks found none."""
@@ -202,7 +202,6 @@ class LargeWorlds:
         step: Any,
         whole: data.Context,
         places: int,
-        h: float,
         iterations: int,
     ) -> None:
         """The step after prediction.
@@ -213,14 +212,10 @@ class LargeWorlds:
             step: The :class:`.data.Step`.
             whole: What the kernels see of the solver.
             places: Contacts that the buffer has room for.
-            h: Time step [s].
-            iterations: Most sweeps of a round.
+            iterations: Most sweeps of a step that no impact and no cold start makes longer.
         """
         views = self._views_of(whole)
         lanes, colors = views.lanes, self.colors
-        if h > float(LONGER) * self._h:
-            self.may_be_cold = True
-        self._h = h
         if colors.moved.shape[0] <= int(FURTHER) * iterations:
             launch.forget()
             self._allocate_sweeps(iterations)
@@ -375,25 +370,16 @@ class LargeWorlds:
         """The motion: rounds of sweeps, and blocks of bodies before each."""
         bodies, colors = self._body_count, self.colors
 
-        # beyond the usual sweeps only worlds that start from rest go on
-        may_be_cold = self.may_be_cold or self._device.is_capturing
-        most = (int(FURTHER) if may_be_cold else 1) * iterations
-
-        def sweep_round(begin: int) -> None:
+        def sweep_round(begin: int, end: int) -> None:
             if begin > 0 and kernels.stiffen is not None:
                 launch(kernels.stiffen, bodies, [begin, lanes])
             launch(kernels.assemble, bodies, [begin, step, lanes])
-            sweep(begin, min(begin + max(begin, int(ROUND)), most), 0.0, colors.most, colors.moved)
+            sweep(begin, end, 0.0, colors.most, colors.moved)
 
-        sweep_round(0)
-        begin = int(ROUND)
-        for has_more in self._has_more:
-            if begin >= most:
-                break
-            launch(kernels.begin_round, self._world_count, [begin, has_more, colors])
-            self._launch_if(has_more, functools.partial(sweep_round, begin))
-            begin *= 2
-        self.may_be_cold = False
+        sweep_round(0, self._round_ends[0])
+        for (begin, end), has_more in zip(pairwise(self._round_ends), self._has_more, strict=True):
+            launch(kernels.begin_round, self._world_count, [begin, end, has_more, colors])
+            self._launch_if(has_more, functools.partial(sweep_round, begin, end))
 
     def _keep_forces(
         self, launch: Launcher, kernels: Colored, effects: Effects, step: Any, views: _Views
@@ -505,17 +491,17 @@ class LargeWorlds:
             launch(kernels.drop_all_tensions, count, [lanes])
 
     def _launch_if(
-        self, condition: wp.array, launches: Callable[[], None], *, is_due: bool = True
+        self, condition: wp.array, launches: Callable[[], None]
     ) -> None:
         """Launches what a number on the device calls for.
 
-        Where the host cannot leave that to the device it launches all, unless it knows that nothing
-        ``is_due``: kernels that are not needed return at once.
+        Where the host cannot leave that to the device it launches all: kernels that are not needed
+        return at once.
         """
         is_graph = self._device.is_capturing and wp.is_conditional_graph_supported()
         if self._device.is_cpu or is_graph:
             wp.capture_if(condition, launches)
-        elif is_due or self._device.is_capturing:
+        else:
             launches()
 
 

@@ -29,14 +29,13 @@ from ..step.links import (
 )
 from ..step.scale import (
     COLD_STEPS,
-    FURTHER,
-    ROUND,
     farthest_move,
     is_restless,
     is_settled,
     is_struck,
     is_unsettled,
     most_rounds,
+    round_end,
 )
 from ..step.sides import make_written_side
 from .stages import make_stages
@@ -117,7 +116,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             count = int(most)
             if wp.static(not effects.ramp):
                 if recovery == 0.0:
-                    count = wp.min(most - sweeps, wp.max(sweeps, ROUND))
+                    count = wp.min(most, round_end(sweeps, step.iterations)) - sweeps
             taken, update = sweep_to_rest(world, count, goes_on, recovery, scale, step, s)
             if recovery > 0.0:
                 break
@@ -125,11 +124,11 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             goes_on = False
             if wp.static(not effects.ramp):
                 if taken == count and not is_settled(update, scale):
-                    limit = FURTHER * step.iterations
+                    end = round_end(sweeps, step.iterations)
                     goes_on = sweeps < most
                     if wp.static(effects.switching):
-                        if sweeps < limit and is_struck(sweeps, update, scale):
-                            most = wp.max(most, wp.min(2 * sweeps, limit))
+                        if sweeps < end and is_struck(sweeps, update, scale):
+                            most = wp.max(most, end)
                             goes_on = True
                             if wp.static(effects.stiffening):
                                 # from the start, with other blocks
@@ -137,9 +136,9 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                                 goes_on = False
                                 continue
                     if wp.static(effects.piles):
-                        if not goes_on and sweeps < limit:
+                        if not goes_on and sweeps < end:
                             goes_on = is_restless(update, farthest_move(world, s), scale)
-                            most = wp.min(2 * sweeps, limit)
+                            most = end
                 if goes_on:
                     continue
 

@@ -168,6 +168,14 @@ def length_of(update: float) -> float:
     return wp.where(update < STOPPING, wp.sqrt(update), wp.inf)
 
 
+@wp.func
+def round_end(sweeps: int, iterations: int) -> int:
+    """With which sweep the round ends that begins after so many sweeps."""
+    if sweeps < iterations:
+        return wp.min(wp.max(2 * sweeps, ROUND), iterations)
+    return wp.min(2 * sweeps, FURTHER * iterations)
+
+
 def most_rounds(effects: Effects) -> int:
     """Most rounds of sweeps of a step: those of the motion, and the recovery."""
     return 1 if effects.ramp else int(MOST_ROUNDS) + 1
