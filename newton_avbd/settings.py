@@ -65,8 +65,9 @@ Newton's own ``newton:maxSolverIterations`` of -1 leaves the number to the solve
 
 ITERATIONS = 40
 """Most sweeps where neither the user nor the scene asks for a number."""
-RAMP_ITERATIONS = 10
-"""The same where none is left out: the seed's ramp does not end them earlier."""
+FEW_ITERATIONS = 10
+"""The same with the seed's ramp, which does not end them earlier, and with Newton's cables, whose
+tensions more sweeps may drive apart."""
 
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
@@ -144,8 +145,8 @@ class Settings:
             for name, argument in arguments.items()
         }
         if arguments["iterations"] is None and values["iterations"] == -1:
-            is_ramp = values["formulation"] == "ramp"
-            values["iterations"] = RAMP_ITERATIONS if is_ramp else ITERATIONS
+            takes_few = values["formulation"] == "ramp" or model.tendon_count > 0
+            values["iterations"] = FEW_ITERATIONS if takes_few else ITERATIONS
 
         def check(name: str, makes_sense: bool, wanted: str) -> None:
             if makes_sense:

@@ -490,9 +490,7 @@ class LargeWorlds:
         if effects.cables:
             launch(kernels.drop_all_tensions, count, [lanes])
 
-    def _launch_if(
-        self, condition: wp.array, launches: Callable[[], None]
-    ) -> None:
+    def _launch_if(self, condition: wp.array, launches: Callable[[], None]) -> None:
         """Launches what a number on the device calls for.
 
         Where the host cannot leave that to the device it launches all: kernels that are not needed
