@@ -153,9 +153,10 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             model: The model. Its arrays are read live in every step; after a change that calls for
                 something new, as other bodies that move, call :meth:`notify_model_changed`.
             iterations: Most sweeps over the bodies in each step, 40 by default, 10 with Newton's
-                cables; a step takes as many as it needs to settle, mostly one to three. The first step after a reset, if
-                the world starts from rest, takes up to three times as many, and so do steps in
-                which impacts do not settle, and those of piles that should come to rest and do not.
+                cables; a step takes as many as it needs to settle, mostly one to three. The first
+                step after a reset, if the world starts from rest, takes up to three times as many,
+                and so do steps in which impacts do not settle, and those of piles that should come
+                to rest and do not.
             tolerance: A world's sweeps end early when one moves no body by more than this [m]; a
                 rotation counts by the radius of gyration. Penetration up to a tenth of it is left
                 alone. With 0, the default, they end only when nothing moves any more.
