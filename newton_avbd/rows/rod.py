@@ -45,32 +45,45 @@ def rod_turn(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat)
 
 
 @wp.func
+def carried(across: wp.vec3, start: wp.vec3, end: wp.vec3) -> wp.vec3:
+    """What is across the start's tangent, carried along to the end's without twisting."""
+    along = wp.max(1.0 + wp.dot(start, end), 1.0e-3)
+    return across - (wp.dot(across, end) / along) * (start + end)
+
+
+@wp.func
 def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
     """Torque on the child [N m], world frame, of what answers the bends and the twist [N m].
 
-    That is J^T response: a bend changes by 1 + kb^2/4 times the turn, the twist by the turn about
-    the mean tangent.
+    That is J^T response, the derivative of what they store: a bend changes by 1 + kb^2/4 times the
+    turn about its axis, which is carried along from the start's tangent to the end's, the twist by
+    the turn about the mean tangent.
     """
     start = tangent(q_p)
     end = tangent(q_c)
     along = wp.max(1.0 + wp.dot(start, end), 1.0e-3)
-    bend = wp.cross(start, end)
-    growth = 1.0 + wp.length_sq(bend) / (along * along)
+    growth = 1.0 + wp.length_sq(wp.cross(start, end)) / (along * along)
     across = wp.quat_rotate(q_p, wp.vec3(response[0], response[1], 0.0))
-    return growth * across + (response[2] / along) * (start + end)
+    return growth * carried(across, start, end) + (response[2] / along) * (start + end)
+
+
+@wp.func
+def row_bound(row: wp.vec3) -> wp.vec3:
+    """Diagonal that bounds row^T row: each axis gets the sum of its row (Gershgorin)."""
+    size = wp.vec3(wp.abs(row[0]), wp.abs(row[1]), wp.abs(row[2]))
+    return (size[0] + size[1] + size[2]) * size
 
 
 @wp.func
 def rod_stiffness(q_p: wp.quat, q_c: wp.quat, stiffness: wp.vec3) -> wp.vec3:
     """Bound of J^T K J about each axis of the parent frame [N m/rad], J as in :func:`rod_torque`.
 
-    The twist of a bent rod couples the axes: each gets the sum of its row (Gershgorin).
+    The bends and the twist of a bent rod couple the axes (:func:`row_bound`).
     """
-    start = tangent(q_p)
-    end = tangent(q_c)
-    along = wp.max(1.0 + wp.dot(start, end), 1.0e-3)
+    start = wp.vec3(0.0, 0.0, 1.0)
+    end = wp.quat_rotate_inv(q_p, tangent(q_c))
+    along = wp.max(1.0 + end[2], 1.0e-3)
     growth = 1.0 + wp.length_sq(wp.cross(start, end)) / (along * along)
-    mean = wp.quat_rotate_inv(q_p, start + end) / along
-    row = wp.vec3(wp.abs(mean[0]), wp.abs(mean[1]), wp.abs(mean[2]))
-    bend = growth * growth * wp.vec3(stiffness[0], stiffness[1], 0.0)
-    return bend + (stiffness[2] * (row[0] + row[1] + row[2])) * row
+    bound = stiffness[0] * row_bound(growth * carried(wp.vec3(1.0, 0.0, 0.0), start, end))
+    bound += stiffness[1] * row_bound(growth * carried(wp.vec3(0.0, 1.0, 0.0), start, end))
+    return bound + stiffness[2] * row_bound((start + end) / along)
