@@ -15,7 +15,7 @@ from newton_avbd import SolverAVBD
 from newton_avbd.io.examples import ExampleSimulation
 from newton_avbd.io.simulation import Request
 
-pytestmark = [pytest.mark.usefixtures("shared_kernels"), pytest.mark.optimised]
+pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 KE, EPS, TAU = 250.0, 0.1, 0.05
 """Stiffness of each rod [N m/rad], its most torque by that [rad], the angle over which it grows."""

@@ -10,8 +10,6 @@ import pytest
 import warp as wp
 from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, surface
 
-pytestmark = pytest.mark.optimised
-
 
 def box_on_slope(angle: float, mu: float) -> tuple[Simulation, np.ndarray]:
     """A cube resting on a slope that falls towards +x, and the direction downhill."""

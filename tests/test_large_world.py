@@ -19,8 +19,6 @@ from newton_avbd.scenes.chains import add_chain
 from newton_avbd.scenes.named import add_brick_ring
 from newton_avbd.step.scale import FURTHER
 
-pytestmark = pytest.mark.optimised
-
 PYRAMID = [
     (0.55 * (i - 0.5 * (5 - row)), 0.5 * (row + 0.5)) for row in range(5) for i in range(5 - row)
 ]

@@ -14,8 +14,6 @@ from scipy.spatial.transform import Rotation
 from newton_avbd import SolverAVBD
 from newton_avbd.measure import state as measure
 
-pytestmark = pytest.mark.optimised
-
 LENGTH = 1.0
 
 

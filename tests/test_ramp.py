@@ -11,8 +11,6 @@ from newton.solvers import SolverBase, SolverVBD
 
 from newton_avbd import SolverAVBD
 
-pytestmark = pytest.mark.optimised
-
 DT = 1.0 / 240.0
 
 

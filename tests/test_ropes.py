@@ -18,8 +18,6 @@ from newton_avbd.scenes.named import SCENES
 from newton_avbd.study.contestants import NewtonContestant
 from newton_avbd.study.peers import Peer
 
-pytestmark = pytest.mark.optimised
-
 EYE = np.eye(3)
 FORCE, PLACE, TURN = 0, 3, 6
 """Where a link's unknowns begin: force at its upper joint, position, turn in the step."""

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from helpers import G, Simulation, add_ground
 
-pytestmark = pytest.mark.optimised
-
 Usd = pytest.importorskip("pxr.Usd", reason="needs usd-core: pip install newton-avbd[scenes]")
 UsdPhysics = pytest.importorskip("pxr.UsdPhysics")
 
