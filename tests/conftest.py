@@ -2,10 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What saves all tests time: kernels take longer to make than most scenes to run.
 
-Kernels are compiled as ``processes/sitecustomize.py`` says, also in the processes that tests start;
-but those of files of tests that take few steps are not optimised at all. That takes half of the
-time, and makes steps ten times as long. Files with ``pytestmark = pytest.mark.optimised`` come
-first, since a process that has a kernel keeps it.
+Kernels are compiled as ``processes/sitecustomize.py`` says, also in the processes that tests start.
 Newton's collision kernels are made once: Newton makes them anew for each pipeline, which takes four
 times as long as the rest of a small simulation, and longer the more there are.
 """
@@ -17,7 +14,6 @@ import runpy
 from pathlib import Path
 
 import pytest
-import warp as wp
 
 _PROCESSES = Path(__file__).parent / "processes"
 runpy.run_path(str(_PROCESSES / "sitecustomize.py"))  # before Newton is imported, which looks once
@@ -44,26 +40,6 @@ _ALL_KINDS = JointKinds(
     rods=True,
     distances=True,
 )
-
-
-_OPTIMISED = wp.config.cpu_compiler_flags
-
-
-def _is_optimised(node: pytest.Item) -> bool:
-    return node.get_closest_marker("optimised") is not None
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files whose kernels are worth optimising come first."""
-    items.sort(key=_is_optimised, reverse=True)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _compilation(request: pytest.FixtureRequest) -> None:
-    """How the kernels of a file are compiled."""
-    is_optimised = _is_optimised(request.node)
-    wp.config.optimization_level = None if is_optimised else 0
-    wp.config.cpu_compiler_flags = _OPTIMISED if is_optimised else "-march=native"
 
 
 @pytest.fixture

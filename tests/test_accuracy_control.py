@@ -30,8 +30,6 @@ from newton_avbd.__main__ import main
 from newton_avbd.drivers import workers
 from newton_avbd.setup.inner_steps import smallest_accuracy
 
-pytestmark = pytest.mark.optimised
-
 FRAME = 1.0 / 60.0
 """Time of a call [s]."""
 SAVED = 0.25

@@ -24,8 +24,6 @@ from newton_avbd.study.contestants import GRAPH_STEPS, NewtonContestant, Quality
 from newton_avbd.study.mujoco.native import MujocoContestant
 from newton_avbd.study.peers import PEERS, Peer
 
-pytestmark = pytest.mark.optimised
-
 
 def _bench(*arguments: str) -> int:
     return bench.main(parse("bench", list(arguments)))

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from helpers import G, Simulation, add_box, add_ground, add_sphere
 
-pytestmark = pytest.mark.optimised
-
 RADIUS = 0.25
 
 

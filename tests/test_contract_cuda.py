@@ -128,7 +128,7 @@ MAKERS = {
     if name.startswith("make_") and typing.get_type_hints(value).get("return") is wp.Kernel
 }
 
-pytestmark = [pytest.mark.cuda_compile, pytest.mark.optimised]
+pytestmark = pytest.mark.cuda_compile
 
 
 EVERYTHING = "COMPILE_ALL" in os.environ

@@ -22,8 +22,6 @@ from scipy.special import ellipk
 
 from newton_avbd import SolverAVBD
 
-pytestmark = pytest.mark.optimised
-
 PARENT_F = SolverBase.ObservableKind.BODY_PARENT_F
 LENGTH = 1.0
 CELL = 0.1

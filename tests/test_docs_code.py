@@ -27,8 +27,6 @@ from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS
 from newton_avbd.commands.program import parse
 
-pytestmark = pytest.mark.optimised
-
 DOCS = Path(__file__).parent.parent / "docs"
 ALL_PAGES = [*sorted(DOCS.glob("*.md")), *sorted((DOCS / "howto").glob("*.md"))]
 ALL_PAGES += [DOCS.parent / name for name in ("README.md", "CONTRIBUTING.md")]

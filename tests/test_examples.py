@@ -19,8 +19,6 @@ import pytest
 from newton_avbd.io.examples import ExampleSimulation
 from newton_avbd.io.simulation import Request
 
-pytestmark = pytest.mark.optimised
-
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 NEWTON_EXAMPLES = re.findall(

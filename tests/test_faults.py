@@ -23,8 +23,6 @@ from workshop import BODIES, add_workshop, spoil, workshops
 
 from newton_avbd import SolverAVBD
 
-pytestmark = pytest.mark.optimised
-
 WORLDS = 3
 SICK = 1
 OTHERS = (0, 2)

@@ -19,7 +19,7 @@ from helpers import (
     surface,
 )
 
-pytestmark = [pytest.mark.usefixtures("shared_kernels"), pytest.mark.optimised]
+pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 
 @pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0, 1.0 / 1000.0])

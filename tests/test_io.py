@@ -22,8 +22,6 @@ from newton_avbd.io.swap import swapped
 from newton_avbd.io.timing import StepTimer
 from newton_avbd.measure.state import Probe, deepest_penetration
 
-pytestmark = pytest.mark.optimised
-
 EXAMPLE_ASSETS = Path(newton.examples.get_asset_directory())
 TEST_ASSETS = Path(newton.__file__).parent / "tests" / "assets"
 

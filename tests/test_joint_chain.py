@@ -23,8 +23,6 @@ from scipy.spatial.transform import Rotation
 
 from newton_avbd import SolverAVBD
 
-pytestmark = pytest.mark.optimised
-
 LENGTH = 0.1
 
 

@@ -20,7 +20,7 @@ from joint_scenes import (
 )
 from scipy.spatial.transform import Rotation
 
-pytestmark = [pytest.mark.usefixtures("shared_kernels"), pytest.mark.optimised]
+pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 TURNED = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
 GAINS = [(0.0, 5.0), (100.0, 0.0), (100.0, 3.0), (1.0e4, 20.0), (1.0e6, 0.0)]

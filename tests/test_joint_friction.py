@@ -20,7 +20,7 @@ from joint_scenes import (
     transform,
 )
 
-pytestmark = [pytest.mark.usefixtures("shared_kernels"), pytest.mark.optimised]
+pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 FRICTION = 3.0
 

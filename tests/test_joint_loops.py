@@ -27,7 +27,7 @@ from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import Request
 from newton_avbd.measure.joints import Joints
 
-pytestmark = [pytest.mark.usefixtures("shared_kernels"), pytest.mark.optimised]
+pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 HINGE = (0.0, 1.0, 0.0)
 AT_END = pytest.mark.filterwarnings("ignore:.*another joint already connects.*")

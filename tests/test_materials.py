@@ -10,8 +10,6 @@ import pytest
 import warp as wp
 from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, surface
 
-pytestmark = pytest.mark.optimised
-
 
 def sliding_box(mu_floor: float, mu_box: float, **settings: object) -> Simulation:
     """A flat box that slides along x at 2 m/s."""

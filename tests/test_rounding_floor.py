@@ -17,8 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from newton_avbd import SolverAVBD
 
-pytestmark = pytest.mark.optimised
-
 LEFT_OUT = {"carried_rounding": False}
 SECONDS = 3.0
 FLOOR = 2.0e-5  # [m]

@@ -32,8 +32,6 @@ from newton_avbd import SolverAVBD
 from newton_avbd.scenes.chains import add_chain
 from newton_avbd.study.accuracy.pendulums import pendulum_errors
 
-pytestmark = pytest.mark.optimised
-
 STEPS = (1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0)
 
 ALPHA = "generalized_alpha"

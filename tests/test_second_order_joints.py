@@ -28,7 +28,7 @@ from test_second_order import ALPHA, STEPS, assert_second_order
 from newton_avbd.study.stability.case import Trial
 from newton_avbd.study.stability.cases import CASES
 
-pytestmark = [pytest.mark.usefixtures("shared_kernels"), pytest.mark.optimised]
+pytestmark = pytest.mark.usefixtures("shared_kernels")
 
 HINGE = (0.0, 1.0, 0.0)
 INERTIA = (0.2, 0.3, 0.4)

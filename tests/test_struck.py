@@ -11,8 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from newton_avbd.scenes.robots import add_humanoid
 
-pytestmark = pytest.mark.optimised
-
 TILTS = Rotation.random(8, random_state=11)
 """How the robot comes down."""
 
