@@ -10,7 +10,7 @@ from ..data import ColorWork, Solver, Step
 from ..effects import Effects
 from ..step.contacts import stiffen_rows
 from ..step.kernels import KernelDecorator
-from ..step.scale import is_settled, is_struck
+from ..step.scale import is_settled, is_struck, is_too_soft
 from .colored_joints import loop_world
 from .stages import Stages
 
@@ -170,7 +170,8 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
             if is_struck(begin, update, scale):
                 colors.most[world] = wp.max(colors.most[world], end)
                 if wp.static(effects.stiffening):
-                    colors.begin[world] = begin
+                    if is_too_soft(update, scale):
+                        colors.begin[world] = begin
         if colors.most[world] > begin:
             has_more[0] = 1
 

@@ -33,6 +33,7 @@ from ..step.scale import (
     is_restless,
     is_settled,
     is_struck,
+    is_too_soft,
     is_unsettled,
     most_rounds,
     round_end,
@@ -131,10 +132,11 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                             most = wp.max(most, end)
                             goes_on = True
                             if wp.static(effects.stiffening):
-                                # from the start, with other blocks
-                                stiffen_impacts(world, scale, s)
-                                goes_on = False
-                                continue
+                                if is_too_soft(update, scale):
+                                    # from the start, with other blocks
+                                    stiffen_impacts(world, scale, s)
+                                    goes_on = False
+                                    continue
                     if wp.static(effects.piles):
                         if not goes_on and sweeps < end:
                             goes_on = is_restless(update, farthest_move(world, s), scale)

@@ -19,8 +19,11 @@ SETTLED = wp.constant(5.0e-6)
 ROUNDED = wp.constant(1.0e-7)
 """Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
 GOING_ON = wp.constant(0.01)
-"""Update of a last sweep from which impacts go on, as a share of g h^2: with twice as much a chain
-that lands on the ground at 60 Hz is 1.1 mm deep, and a table that takes an impact 0.5 mm."""
+"""Update of a last sweep from which impacts go on, as a share of g h^2: with five times as much a
+piston at 60 Hz goes 25 mm into the boxes that it throws."""
+TOO_SOFT = wp.constant(25.0)
+"""How many times that much says that contacts are too soft: with twice as much a chain that lands
+on the ground at 60 Hz is 1.1 mm deep, and a table that takes an impact 0.5 mm."""
 WEIGHTLESS = wp.constant(1.0e-2)
 """What stands for g h^2 there without gravity, as a share of the reach: at 5 m/s and 60 Hz about as
 much."""
@@ -190,6 +193,13 @@ def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
     """
     struck = wp.max(impact_of(scale), settled_update(scale))
     return sweeps > 1 and update > struck * struck and wp.isfinite(update)
+
+
+@wp.func
+def is_too_soft(update: float, scale: WorldScale) -> bool:
+    """Whether the last sweep's update, squared [m^2], says that contacts are too soft."""
+    much = TOO_SOFT * impact_of(scale)
+    return update > much * much
 
 
 @wp.func
