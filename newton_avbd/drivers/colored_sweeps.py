@@ -155,24 +155,24 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
         end: int,
         # Work out:
         has_more: wp.array[wp.int32],
-        colors: ColorWork,
+        s: wp.array[Solver],
     ):
         """Whether the round of sweeps from ``begin`` to ``end`` follows; one thread a world.
 
         It does where a world may take as many and has not settled, and where impacts go on.
         """
         world = wp.tid()
-        update = colors.moved[begin, world]
-        scale = colors.scale[world]
-        if colors.most[world] < begin or is_settled(update, scale):
+        update = s[0].colors.moved[begin, world]
+        scale = s[0].colors.scale[world]
+        if s[0].colors.most[world] < begin or is_settled(update, scale):
             return
         if wp.static(effects.switching):
             if is_struck(begin, update, scale):
-                colors.most[world] = wp.max(colors.most[world], end)
+                s[0].colors.most[world] = wp.max(s[0].colors.most[world], end)
                 if wp.static(effects.stiffening):
-                    if is_too_soft(update, scale):
-                        colors.begin[world] = begin
-        if colors.most[world] > begin:
+                    if is_too_soft(update, s[0].history.age[world], scale):
+                        s[0].colors.begin[world] = begin
+        if s[0].colors.most[world] > begin:
             has_more[0] = 1
 
     @kernel(effects.stiffening)

@@ -378,7 +378,7 @@ class LargeWorlds:
 
         sweep_round(0, self._round_ends[0])
         for (begin, end), has_more in zip(pairwise(self._round_ends), self._has_more, strict=True):
-            launch(kernels.begin_round, self._world_count, [begin, end, has_more, colors])
+            launch(kernels.begin_round, self._world_count, [begin, end, has_more, lanes])
             self._launch_if(has_more, functools.partial(sweep_round, begin, end))
 
     def _keep_forces(

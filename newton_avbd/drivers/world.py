@@ -132,7 +132,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                             most = wp.max(most, end)
                             goes_on = True
                             if wp.static(effects.stiffening):
-                                if is_too_soft(update, scale):
+                                if is_too_soft(update, s.history.age[world], scale):
                                     # from the start, with other blocks
                                     stiffen_impacts(world, scale, s)
                                     goes_on = False

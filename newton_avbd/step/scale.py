@@ -196,10 +196,13 @@ def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
 
 
 @wp.func
-def is_too_soft(update: float, scale: WorldScale) -> bool:
-    """Whether the last sweep's update, squared [m^2], says that contacts are too soft."""
+def is_too_soft(update: float, age: int, scale: WorldScale) -> bool:
+    """Whether the last sweep's update, squared [m^2], says that contacts are too soft.
+
+    It does not in the first steps after a reset, in which multipliers start from nothing.
+    """
     much = TOO_SOFT * impact_of(scale)
-    return update > much * much
+    return age >= COLD_STEPS and update > much * much
 
 
 @wp.func
