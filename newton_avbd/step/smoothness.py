@@ -46,6 +46,8 @@ FAR_STIR = wp.constant(5.0e-7)
 """What positions far from the origin, which are rounded by a tenth of it, add to that. By the same
 share of the position, and by as many radians, a pose may be off that says nothing of how fast what
 holds the body changes."""
+FARTHEST = wp.constant(100.0)
+"""Distance [m] from which the latter grows no more: at 10 km it would be as fast as things move."""
 RESOLVED = wp.constant(0.3)
 """Share of its velocity, or of that of a free fall, that a body may gain in a step by how much its
 acceleration has changed since the last one: w^2 h^2 of an oscillation. With 0.5 taut grids stay
@@ -169,7 +171,7 @@ def is_resolved(
     fall = RESOLVED * scale.gravity * scale.h
     allowed = RESOLVED * RESOLVED * energy_of(mass, inertia, velocity) + mass * fall * fall
     rounded = FAR_STIR / scale.h
-    far = mass * wp.length_sq(s.work.com[body]) + wp.trace(inertia)
+    far = mass * wp.min(wp.length_sq(s.work.com[body]), FARTHEST * FARTHEST) + wp.trace(inertia)
     allowed += rounded * rounded * far
     return (
         energy_of(mass, inertia, scale.h * change) <= allowed + INPUTS * s.work.input_energy[body]
