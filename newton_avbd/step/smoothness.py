@@ -46,7 +46,7 @@ FAR_STIR = wp.constant(5.0e-7)
 """What positions far from the origin, which are rounded by a tenth of it, add to that. By the same
 share of the position, and by as many radians, a pose may be off that says nothing of how fast what
 holds the body changes."""
-FARTHEST = wp.constant(100.0)
+FARTHEST = wp.constant(10.0)
 """Distance [m] from which the latter grows no more: at 10 km it would be as fast as things move."""
 RESOLVED = wp.constant(0.3)
 """Share of its velocity, or of that of a free fall, that a body may gain in a step by how much its
