@@ -537,8 +537,8 @@ class Effects:
 
     @property
     def stiffening(self) -> bool:
-        """Whether contacts become stiffer while impacts go on: what joints put behind them is known
-        by the forces alone."""
+        """Whether contacts become stiffer while impacts go on, since what joints put behind them is
+        known by the forces alone."""
         return self.contact and self.joints and not self.compliance
 
     @property
