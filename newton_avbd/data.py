@@ -1829,7 +1829,10 @@ class ColorWork:
     begin: wp.array[wp.int32]
     """Sweep with which the last round of sweeps of each world begins."""
     has_more: wp.array[wp.int32]
-    """1 for each round of sweeps that a world takes, shape (rounds,)."""
+    """1 where a world takes further sweeps, shape (1,): in its first steps after a reset, or where
+    impacts go on."""
+    is_cold: wp.array[wp.int32]
+    """1 where a world takes still more of them, shape (1,): in its first step after a reset."""
     is_excessive: wp.array[wp.int32]
     """1 where a world did not settle, whose energy may have to be bounded, shape (1,)."""
     lane_move: wp.array[float]

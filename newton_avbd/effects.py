@@ -536,12 +536,6 @@ class Effects:
         return self.contact or self.stops or (self.joints and not self.cables)
 
     @property
-    def stiffening(self) -> bool:
-        """Whether contacts become stiffer while impacts go on, since what joints put behind them is
-        known by the forces alone."""
-        return self.contact and self.joints and not self.compliance
-
-    @property
     def balanced(self) -> bool:
         """Whether sweeps may end before they have settled, and the energy of such steps is
         bounded."""

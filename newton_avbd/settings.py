@@ -63,11 +63,10 @@ SCENE_SETTINGS: dict[str, SceneSetting] = {
 Newton's own ``newton:maxSolverIterations`` of -1 leaves the number to the solver.
 """
 
-ITERATIONS = 40
-"""Most sweeps where neither the user nor the scene asks for a number."""
-FEW_ITERATIONS = 10
-"""The same with the seed's ramp, which does not end them earlier, and with Newton's cables, whose
-tensions more sweeps may drive apart."""
+ITERATIONS = 10
+"""Sweeps where neither the user nor the scene asks for a number."""
+MOST_ITERATIONS = 40
+"""The same where an accuracy is asked for, which ends them earlier."""
 
 _CHOICES = {
     "friction_mix_mode": tuple(FRICTION_MIXES),
@@ -145,8 +144,7 @@ class Settings:
             for name, argument in arguments.items()
         }
         if arguments["iterations"] is None and values["iterations"] == -1:
-            takes_few = values["formulation"] == "ramp" or model.tendon_count > 0
-            values["iterations"] = FEW_ITERATIONS if takes_few else ITERATIONS
+            values["iterations"] = ITERATIONS if values["accuracy"] is None else MOST_ITERATIONS
 
         def check(name: str, makes_sense: bool, wanted: str) -> None:
             if makes_sense:

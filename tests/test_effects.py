@@ -334,7 +334,7 @@ def test_a_large_world_has_no_kernels_of_absent_effects(scheme: str) -> None:
             "close_joints",
         ),
         *("sweep_loops", "keep_loops", "give_loops_back", "end_armatures", "end_loop_armatures"),
-        *("stiffen", "align_spins", "break_trees", "break_loops"),
+        *("align_spins", "break_trees", "break_loops"),
         *("join_clusters", "begin_clusters", "solve_clusters", "give_cables_back"),
         *("join_bodies", "add_all_cables", "slow_all_rotors", "drop_all_tensions"),
     }

@@ -30,12 +30,12 @@ def test_worlds_that_are_done_sweep_no_more() -> None:
     sim = easy_and_hard()
     sim.step(40)
     report = sim.solver.report()
-    assert report.sweeps.tolist() == [1, 40]
+    assert report.sweeps.tolist() == [1, 10]
     assert report.settled.tolist() == [True, False]
     assert list(report.order) == [1, 1]
     lines = str(report).splitlines()
-    assert lines[0] == "2 worlds, 1 settled, 41 sweeps"
-    assert lines[2].split()[:2] == ["1", "40"]
+    assert lines[0] == "2 worlds, 1 settled, 11 sweeps"
+    assert lines[2].split()[:2] == ["1", "10"]
     assert re.search(r"not settled: '\w+' on 'shape_\d+' misses by \S+ m$", lines[2])
     assert report.worst.keys() == {1}
     assert lines[3].split()[:2] == ["0", "1"]

@@ -87,7 +87,7 @@ def test_a_stage_that_says_nothing_leaves_the_defaults(
     """-1 is Newton's word for it."""
     solver = SolverAVBD(model_of(tmp_path, authored))
     plain = SolverAVBD(resting_box().finalize(device="cpu"))
-    assert (solver.iterations, solver.tolerance) == (plain.iterations, plain.tolerance) == (40, 0.0)
+    assert (solver.iterations, solver.tolerance) == (plain.iterations, plain.tolerance) == (10, 0.0)
     assert not (solver.effects.flags.compliance or solver.effects.flags.ramp)
 
 

@@ -11,7 +11,7 @@ from ..effects import Effects
 from ..step.contacts import body_slot, find_row, make_linearise_rows, make_rows, owner_of
 from ..step.finite import make_is_world_finite
 from ..step.kernels import KernelDecorator, absent
-from ..step.scale import LONGER, make_measure_world, sweeps_at_age
+from ..step.scale import LONGER, STRUCK_FACTOR, make_measure_world, sweeps_at_age
 from ..step.weights import make_weigh
 from .coloring import is_owner, sort_part
 
@@ -68,8 +68,8 @@ def make_colored_rows(effects: Effects, kernel: KernelDecorator) -> RowKernels:
         is_finite = is_world_finite(lane, step, s[0])
         s[0].colors.lane_finite[lane] = int(is_finite)
         if lane == 0:
-            for i in range(s[0].colors.has_more.shape[0]):
-                s[0].colors.has_more[i] = 0
+            s[0].colors.has_more[0] = 0
+            s[0].colors.is_cold[0] = 0
             s[0].colors.is_apart[0] = 0
             s[0].colors.is_excessive[0] = 0
 
@@ -110,6 +110,10 @@ def make_colored_rows(effects: Effects, kernel: KernelDecorator) -> RowKernels:
         s[0].history.step[world] = step.h
         most = sweeps_at_age(s[0].history.age[world], step.iterations, scale)
         s[0].colors.most[world] = is_finite * most
+        if most > step.iterations:
+            s[0].colors.has_more[0] = 1
+        if most > STRUCK_FACTOR * step.iterations:
+            s[0].colors.is_cold[0] = 1
 
     @kernel()
     def build_rows(step: Step, s: wp.array[Solver]):

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..data import ColorWork, Solver, Step
+from ..data import ColorWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..step.contacts import stiffen_rows
 from ..step.kernels import KernelDecorator
-from ..step.scale import is_settled, is_struck, is_too_soft
+from ..step.scale import is_struck, last_update
 from .colored_joints import loop_world
 from .stages import Stages
 
@@ -25,6 +25,13 @@ class SweepKernels:
     solve_clusters: wp.Kernel | None
     begin_round: wp.Kernel
     stiffen: wp.Kernel | None
+
+
+@wp.func
+def is_settled(moved: float, scale: WorldScale) -> bool:
+    """Whether a sweep that moved a body by no more than the root of ``moved`` [m^2] is the last."""
+    enough = last_update(scale)
+    return moved <= enough * enough
 
 
 @wp.func
@@ -151,31 +158,20 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
     @kernel()
     def begin_round(
         # In:
+        iterations: int,
         begin: int,
-        end: int,
         # Work out:
-        has_more: wp.array[wp.int32],
-        s: wp.array[Solver],
+        colors: ColorWork,
     ):
-        """Whether the round of sweeps from ``begin`` to ``end`` follows; one thread a world.
-
-        It does where a world may take as many and has not settled, and where impacts go on.
-        """
+        """Another round of sweeps where impacts go on after the last; one thread a world."""
         world = wp.tid()
-        update = s[0].colors.moved[begin, world]
-        scale = s[0].colors.scale[world]
-        if s[0].colors.most[world] < begin or is_settled(update, scale):
-            return
-        if wp.static(effects.switching):
-            if is_struck(begin, update, scale):
-                s[0].colors.most[world] = wp.max(s[0].colors.most[world], end)
-                if wp.static(effects.stiffening):
-                    if is_too_soft(update, s[0].history.age[world], scale):
-                        s[0].colors.begin[world] = begin
-        if s[0].colors.most[world] > begin:
-            has_more[0] = 1
+        if colors.most[world] == begin:
+            if is_struck(begin, colors.moved[begin, world], colors.scale[world]):
+                colors.most[world] = begin + iterations
+                colors.begin[world] = begin
+                colors.has_more[0] = 1
 
-    @kernel(effects.stiffening)
+    @kernel(effects.contact and not effects.compliance)
     def stiffen(begin: int, s: wp.array[Solver]):
         """Contacts as stiff as the forces that sweeps have found ask for; one thread a body.
 

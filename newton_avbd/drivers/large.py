@@ -15,7 +15,7 @@ from .. import data
 from ..effects import Effects
 from ..model.topology import Topology
 from ..rows.contact import RECOVERY
-from ..step.scale import FURTHER, JOINT_PASSES, LOOP_PASSES, round_end
+from ..step.scale import COLD_FACTOR, JOINT_PASSES, LONGER, LOOP_PASSES, STRUCK_FACTOR
 from . import coloring, joining, scan
 from .barrier import block_size
 from .colored import Colored, make_colored
@@ -89,6 +89,9 @@ class LargeWorlds:
         body_start, bodies = worlds.body_start.numpy(), worlds.bodies.numpy()
         self._body_count, self._world_count = bodies.size, body_start.size - 1
         self._device = device
+        self.may_be_cold = True
+        """Whether the next step may be the first of a world, as far as the host knows."""
+        self._h = 0.0
         slots = bodies.size + 1
         lane_start, world_lane = _lanes(body_start)
         self._lanes = lanes = lane_start.size - 1
@@ -135,6 +138,8 @@ class LargeWorlds:
                 setattr(colors, name, wp.zeros(self._world_count, dtype=wp.int32))
             passes = 1 + max(int(JOINT_PASSES), int(LOOP_PASSES))
             colors.recovered = wp.zeros((passes, self._world_count), dtype=float)
+            colors.has_more = wp.zeros(1, dtype=wp.int32)
+            colors.is_cold = wp.zeros(1, dtype=wp.int32)
             colors.is_apart = wp.zeros(1, dtype=wp.int32)
             colors.is_excessive = wp.zeros(1, dtype=wp.int32)
             self._worlds.body_start = colors.lane_start
@@ -163,15 +168,8 @@ class LargeWorlds:
         return self._views
 
     def _allocate_sweeps(self, iterations: int) -> None:
-        most = int(FURTHER) * iterations
-        self._round_ends = [int(round_end(0, iterations))]
-        while self._round_ends[-1] < most:
-            self._round_ends.append(int(round_end(self._round_ends[-1], iterations)))
-        rounds = len(self._round_ends) - 1
-        with wp.ScopedDevice(self._device):
-            self.colors.moved = wp.zeros((most + 1, self._world_count), dtype=float)
-            self.colors.has_more = wp.zeros(rounds, dtype=wp.int32)
-        self._has_more = [self.colors.has_more[i : i + 1] for i in range(rounds)]
+        shape = (int(COLD_FACTOR) * iterations + 1, self._world_count)
+        self.colors.moved = wp.zeros(shape, dtype=float, device=self._device)
 
     def allocate_contacts(self, capacity: int) -> tuple[wp.array, ...]:
         """Buffers by contact; returns those that they replace, which graphs may hold."""
@@ -185,6 +183,7 @@ class LargeWorlds:
     def forget(self, launch: Launcher, body_world: wp.array, mask: wp.array) -> None:
         """Starts the masked worlds from no colors; all, with an empty mask."""
         launch(coloring.forget_colors, self._body_count, [body_world, mask, self.colors])
+        self.may_be_cold = True
 
     def found(self) -> tuple[int, int]:
         """How many colors the last step took, and how many blocks found none."""
@@ -202,6 +201,7 @@ class LargeWorlds:
         step: Any,
         whole: data.Context,
         places: int,
+        h: float,
         iterations: int,
     ) -> None:
         """The step after prediction.
@@ -212,11 +212,15 @@ class LargeWorlds:
             step: The :class:`.data.Step`.
             whole: What the kernels see of the solver.
             places: Contacts that the buffer has room for.
-            iterations: Most sweeps of a step that no impact and no cold start makes longer.
+            h: Time step [s].
+            iterations: Most sweeps of a round.
         """
         views = self._views_of(whole)
         lanes, colors = views.lanes, self.colors
-        if colors.moved.shape[0] <= int(FURTHER) * iterations:
+        if h > float(LONGER) * self._h:
+            self.may_be_cold = True
+        self._h = h
+        if colors.moved.shape[0] <= int(COLD_FACTOR) * iterations:
             launch.forget()
             self._allocate_sweeps(iterations)
         kernels = make_colored(effects)
@@ -370,16 +374,25 @@ class LargeWorlds:
         """The motion: rounds of sweeps, and blocks of bodies before each."""
         bodies, colors = self._body_count, self.colors
 
-        def sweep_round(begin: int, end: int) -> None:
-            if begin > 0 and kernels.stiffen is not None:
-                launch(kernels.stiffen, bodies, [begin, lanes])
-            launch(kernels.assemble, bodies, [begin, step, lanes])
+        def sweep_on(begin: int, end: int) -> None:
             sweep(begin, end, 0.0, colors.most, colors.moved)
 
-        sweep_round(0, self._round_ends[0])
-        for (begin, end), has_more in zip(pairwise(self._round_ends), self._has_more, strict=True):
-            launch(kernels.begin_round, self._world_count, [begin, end, has_more, lanes])
-            self._launch_if(has_more, functools.partial(sweep_round, begin, end))
+        def sweep_again(begin: int) -> None:
+            if kernels.stiffen is not None:
+                launch(kernels.stiffen, bodies, [begin, lanes])
+            launch(kernels.assemble, bodies, [begin, step, lanes])
+            sweep_on(begin, begin + iterations)
+
+        def sweep_cold() -> None:
+            sweep_on(int(STRUCK_FACTOR) * iterations, int(COLD_FACTOR) * iterations)
+
+        launch(kernels.assemble, bodies, [0, step, lanes])
+        sweep_on(0, iterations)
+        for turn in range(1, int(STRUCK_FACTOR)):
+            launch(kernels.begin_round, self._world_count, [iterations, turn * iterations, colors])
+            self._launch_if(colors.has_more, functools.partial(sweep_again, turn * iterations))
+        self._launch_if(colors.is_cold, sweep_cold, is_due=self.may_be_cold)
+        self.may_be_cold = False
 
     def _keep_forces(
         self, launch: Launcher, kernels: Colored, effects: Effects, step: Any, views: _Views
@@ -490,16 +503,18 @@ class LargeWorlds:
         if effects.cables:
             launch(kernels.drop_all_tensions, count, [lanes])
 
-    def _launch_if(self, condition: wp.array, launches: Callable[[], None]) -> None:
+    def _launch_if(
+        self, condition: wp.array, launches: Callable[[], None], *, is_due: bool = True
+    ) -> None:
         """Launches what a number on the device calls for.
 
-        Where the host cannot leave that to the device it launches all: kernels that are not needed
-        return at once.
+        Where the host cannot leave that to the device it launches all, unless it knows that nothing
+        ``is_due``: kernels that are not needed return at once.
         """
         is_graph = self._device.is_capturing and wp.is_conditional_graph_supported()
         if self._device.is_cpu or is_graph:
             wp.capture_if(condition, launches)
-        else:
+        elif is_due or self._device.is_capturing:
             launches()
 
 

@@ -29,14 +29,13 @@ from ..step.links import (
 )
 from ..step.scale import (
     COLD_STEPS,
+    RESTLESS_FACTOR,
+    STRUCK_FACTOR,
     farthest_move,
     is_restless,
-    is_settled,
     is_struck,
-    is_too_soft,
     is_unsettled,
     most_rounds,
-    round_end,
 )
 from ..step.sides import make_written_side
 from .stages import make_stages
@@ -99,8 +98,9 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         if wp.static(effects.joints):
             is_open = begin_joints(world, scale, body_qd, step, s)
 
-        # Rounds of sweeps by one call, which is most of the code: the motion, round after round
-        # until it settles, with stiffer contacts where impacts go on; and the recovery.
+        # Rounds of sweeps by one call, which is most of the code: the motion, again and with
+        # stiffer contacts where impacts go on, and on where a world does not come to rest; and the
+        # recovery.
         most = int(0)
         sweeps = int(0)
         update = float(0.0)
@@ -111,36 +111,23 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
         rounds = int(wp.static(most_rounds(effects)))
         for _round in range(rounds):
             if recovery == 0.0 and not goes_on:
-                allowed = begin_sweeps(world, scale, step, s)
-                if sweeps == 0:
-                    most = allowed
-            count = int(most)
-            if wp.static(not effects.ramp):
-                if recovery == 0.0:
-                    count = wp.min(most, round_end(sweeps, step.iterations)) - sweeps
-            taken, update = sweep_to_rest(world, count, goes_on, recovery, scale, step, s)
+                most = begin_sweeps(world, scale, step, s)
+                if sweeps > 0:
+                    most = step.iterations
+            taken, update = sweep_to_rest(world, most, recovery, scale, step, s)
             if recovery > 0.0:
                 break
             sweeps += taken
             goes_on = False
-            if wp.static(not effects.ramp):
-                if taken == count and not is_settled(update, scale):
-                    end = round_end(sweeps, step.iterations)
-                    goes_on = sweeps < most
-                    if wp.static(effects.switching):
-                        if sweeps < end and is_struck(sweeps, update, scale):
-                            most = wp.max(most, end)
-                            goes_on = True
-                            if wp.static(effects.stiffening):
-                                if is_too_soft(update, s.history.age[world], scale):
-                                    # from the start, with other blocks
-                                    stiffen_impacts(world, scale, s)
-                                    goes_on = False
-                                    continue
-                    if wp.static(effects.piles):
-                        if not goes_on and sweeps < end:
-                            goes_on = is_restless(update, farthest_move(world, s), scale)
-                            most = end
+            if wp.static(effects.switching and not effects.ramp):
+                is_cut_off = taken == step.iterations and sweeps < STRUCK_FACTOR * step.iterations
+                if is_cut_off and is_struck(sweeps, update, scale):
+                    if wp.static(effects.contact and not effects.compliance):
+                        stiffen_impacts(world, scale, s)
+                    continue
+            if wp.static(effects.piles):
+                if taken == most and sweeps < RESTLESS_FACTOR * most:
+                    goes_on = is_restless(update, farthest_move(world, s), scale)
                 if goes_on:
                     continue
 

@@ -34,7 +34,6 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
     def sweep_to_rest(
         world: int,
         sweeps: int,
-        goes_on: bool,
         recovery: float,
         scale: WorldScale,
         step: wp.ref[Step],
@@ -42,17 +41,15 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
     ):
         """At most so many sweeps, fewer where one moves nothing by more than is asked for.
 
-        They go on with those before, or begin anew. With a ``recovery`` above zero what was wrong
-        at the start of the step goes, too, and multipliers stay. Returns how many it took, and the
-        square of the last update [m^2].
+        With a ``recovery`` above zero what was wrong at the start of the step goes, too, and
+        multipliers stay. Returns how many it took, and the square of the last update [m^2].
         """
         enough = last_update(scale)
         most = int(sweeps)
         update = float(0.0)
         sweep = int(0)
         while sweep < most:
-            has_dual = goes_on or sweep > 0
-            update = sweep_world(world, has_dual, recovery, scale.slop, scale.step, step, s)
+            update = sweep_world(world, sweep > 0, recovery, scale.slop, scale.step, step, s)
             sweep += 1
             if wp.static(not effects.ramp):
                 if update <= enough * enough:

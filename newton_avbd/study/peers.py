@@ -14,7 +14,7 @@ from newton.solvers import SolverBase
 from newton_avbd.scenes.named import Scene
 
 ITERATIONS = 10
-"""Iterations a step of Newton's solvers that sweep over bodies or constraints."""
+"""Iterations a step of the solvers that sweep over bodies or constraints."""
 
 MJ_STEP = "mj_step"
 """Name of MuJoCo without Newton around it, which is no solver of Newton's."""
@@ -54,7 +54,7 @@ class Peer:
 def _avbd(model: newton.Model) -> SolverBase:
     from newton_avbd import SolverAVBD
 
-    return SolverAVBD(model)
+    return SolverAVBD(model, iterations=ITERATIONS)
 
 
 def _vbd(model: newton.Model) -> SolverBase:

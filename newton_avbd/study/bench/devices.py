@@ -112,7 +112,7 @@ def run(case: Case, device: str) -> Run:
         model = builder.finalize()
         pipeline = newton.CollisionPipeline(model, broad_phase="sap", deterministic=True)
         contacts = pipeline.contacts() if model.shape_contact_pair_count else None
-        solver = SolverAVBD(model, **case.settings)
+        solver = SolverAVBD(model, iterations=10, **case.settings)
         states = [model.state(), model.state()]
 
         def two_steps() -> None:

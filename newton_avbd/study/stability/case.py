@@ -138,11 +138,6 @@ class Catalog(dict[str, Case]):
         return add
 
 
-LOOK_AHEAD = 1.1
-"""How many steps ahead speculative detection looks: it goes by the velocities at the start, and the
-end of a falling needle comes down by 4 % more than that."""
-
-
 class Trial:
     """A solver at work on a hard case.
 
@@ -191,7 +186,7 @@ class Trial:
     def step(self, dt: float) -> None:
         """Detect contacts and step."""
         if self._pipeline is not None:
-            self._pipeline.collide(self.state, self._contacts, dt=LOOK_AHEAD * dt)
+            self._pipeline.collide(self.state, self._contacts, dt=dt)
         self.solver.step(self.state, self._next, self.control, self._contacts, dt)
         self.state, self._next = self._next, self.state
         self.time += dt
