@@ -13,7 +13,7 @@ import math
 from pathlib import Path
 
 from newton_avbd.io.names import AUTO, CONTROLS, SOLVERS, SUFFIXES, VIEWERS
-from newton_avbd.io.options import add_scene_arguments, positive
+from newton_avbd.io.options import add_device, add_scene_arguments, positive
 from newton_avbd.study.falls.kinds import KINDS
 from newton_avbd.study.properties.solvers import SOLVERS as TRIED
 
@@ -117,22 +117,12 @@ def falls(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="so many starts of each kind, or FIRST:END (default: 8)",
     )
-    parser.add_argument(
-        "--solver",
-        nargs="+",
-        choices=SOLVERS,
-        default=["avbd"],
-        metavar="SOLVER",
-        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
-    )
+    _add_solvers(parser)
     parser.add_argument(
         "--dt", type=positive(float), default=1 / 240, help="time step in seconds (default: 1/240)"
     )
     parser.add_argument(
         "--seconds", type=positive(float), default=3.0, help="of each fall (default: 3)"
-    )
-    parser.add_argument(
-        "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
     )
     parser.add_argument(
         "--scheme", choices=("euler", "generalized_alpha", "runge_kutta"), help="of SolverAVBD"
@@ -178,9 +168,7 @@ core. Returns are means over the episodes with their standard deviation."""
 
 def bench(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``newton-avbd bench``."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="scenes; --list names them (default: all)"
-    )
+    _add_scenes(parser)
     parser.add_argument(
         "--solvers",
         metavar="NAMES",
@@ -193,9 +181,7 @@ def bench(parser: argparse.ArgumentParser) -> None:
 
 def accuracy(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``newton-avbd accuracy``."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="scenes; --list names them (default: all)"
-    )
+    _add_scenes(parser)
     parser.add_argument(
         "--solvers",
         metavar="NAMES",
@@ -228,9 +214,7 @@ def accuracy(parser: argparse.ArgumentParser) -> None:
 
 def growth(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``newton-avbd growth``."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="scenes; --list names them (default: all)"
-    )
+    _add_scenes(parser)
     parser.add_argument(
         "--most",
         type=positive(int),
@@ -238,7 +222,7 @@ def growth(parser: argparse.ArgumentParser) -> None:
         metavar="BODIES",
         help="bodies of the largest scenes (default: %(default)s)",
     )
-    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    add_device(parser)
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for plots (SVG) and numbers (JSON)"
     )
@@ -246,9 +230,7 @@ def growth(parser: argparse.ArgumentParser) -> None:
 
 def large(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``newton-avbd large``."""
-    parser.add_argument(
-        "scenes", nargs="*", metavar="SCENE", help="scenes; --list names them (default: all)"
-    )
+    _add_scenes(parser)
     parser.add_argument(
         "--bodies",
         type=positive(int),
@@ -272,7 +254,7 @@ def large(parser: argparse.ArgumentParser) -> None:
         default="bodies",
         help="what threads share (default: %(default)s); worlds: one thread does it all",
     )
-    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    add_device(parser)
     parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
 
 
@@ -284,17 +266,7 @@ def stability(parser: argparse.ArgumentParser) -> None:
         metavar="CASE",
         help="cases, by the start of their names; --list names them (default: all)",
     )
-    parser.add_argument(
-        "--solver",
-        nargs="+",
-        choices=SOLVERS,
-        default=["avbd"],
-        metavar="SOLVER",
-        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
-    )
-    parser.add_argument(
-        "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
-    )
+    _add_solvers(parser)
     parser.add_argument(
         "--rate",
         type=positive(float),
@@ -318,7 +290,7 @@ def stability(parser: argparse.ArgumentParser) -> None:
         metavar="STEPS",
         help="take so many steps of SolverAVBD on resting_pile and driven_four_bar instead",
     )
-    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    add_device(parser)
 
 
 def properties(parser: argparse.ArgumentParser) -> None:
@@ -343,6 +315,26 @@ def properties(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="FILE",
         help="outcomes; those that the file already has are kept, unless they are tried anew",
+    )
+
+
+def _add_scenes(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "scenes", nargs="*", metavar="SCENE", help="scenes; --list names them (default: all)"
+    )
+
+
+def _add_solvers(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--solver",
+        nargs="+",
+        choices=SOLVERS,
+        default=["avbd"],
+        metavar="SOLVER",
+        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
+    )
+    parser.add_argument(
+        "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
     )
 
 

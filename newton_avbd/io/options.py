@@ -39,8 +39,13 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
         help="error that a second may add, in meters: SolverAVBD divides steps as that needs; --dt "
         "is a frame then, where it is not given",
     )
-    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
+    add_device(parser)
     parser.epilog = "Arguments after -- go to a Newton example."
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """Add the device, for :func:`use_device`."""
+    parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
 
 
 def positive(kind: type[int] | type[float]) -> "type[int] | type[float]":

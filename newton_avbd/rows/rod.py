@@ -45,26 +45,29 @@ def rod_turn(joints: wp.ref[JointModel], joint: int, q_p: wp.quat, q_c: wp.quat)
 
 
 @wp.func
-def carried(across: wp.vec3, start: wp.vec3, end: wp.vec3) -> wp.vec3:
-    """What is across the start's tangent, carried along to the end's without twisting."""
+def bend_row(across: wp.vec3, start: wp.vec3, end: wp.vec3) -> wp.vec3:
+    """How the bend about an axis across the start's tangent changes by a turn of the child.
+
+    By 1 + kb^2/4 times the turn about that axis, carried along to the end's tangent without
+    twisting.
+    """
     along = wp.max(1.0 + wp.dot(start, end), 1.0e-3)
-    return across - (wp.dot(across, end) / along) * (start + end)
+    growth = 1.0 + wp.length_sq(wp.cross(start, end)) / (along * along)
+    return growth * (across - (wp.dot(across, end) / along) * (start + end))
 
 
 @wp.func
 def rod_torque(q_p: wp.quat, q_c: wp.quat, response: wp.vec3) -> wp.vec3:
     """Torque on the child [N m], world frame, of what answers the bends and the twist [N m].
 
-    That is J^T response, the derivative of what they store: a bend changes by 1 + kb^2/4 times the
-    turn about its axis, which is carried along from the start's tangent to the end's, the twist by
-    the turn about the mean tangent.
+    That is J^T response, the derivative of what they store: a bend changes as in :func:`bend_row`,
+    the twist by the turn about the mean tangent.
     """
     start = tangent(q_p)
     end = tangent(q_c)
     along = wp.max(1.0 + wp.dot(start, end), 1.0e-3)
-    growth = 1.0 + wp.length_sq(wp.cross(start, end)) / (along * along)
     across = wp.quat_rotate(q_p, wp.vec3(response[0], response[1], 0.0))
-    return growth * carried(across, start, end) + (response[2] / along) * (start + end)
+    return bend_row(across, start, end) + (response[2] / along) * (start + end)
 
 
 @wp.func
@@ -83,7 +86,6 @@ def rod_stiffness(q_p: wp.quat, q_c: wp.quat, stiffness: wp.vec3) -> wp.vec3:
     start = wp.vec3(0.0, 0.0, 1.0)
     end = wp.quat_rotate_inv(q_p, tangent(q_c))
     along = wp.max(1.0 + end[2], 1.0e-3)
-    growth = 1.0 + wp.length_sq(wp.cross(start, end)) / (along * along)
-    bound = stiffness[0] * row_bound(growth * carried(wp.vec3(1.0, 0.0, 0.0), start, end))
-    bound += stiffness[1] * row_bound(growth * carried(wp.vec3(0.0, 1.0, 0.0), start, end))
+    bound = stiffness[0] * row_bound(bend_row(wp.vec3(1.0, 0.0, 0.0), start, end))
+    bound += stiffness[1] * row_bound(bend_row(wp.vec3(0.0, 1.0, 0.0), start, end))
     return bound + stiffness[2] * row_bound((start + end) / along)

@@ -26,12 +26,17 @@ def solved_model(joined: JoinedModel, welds: Welds) -> "SolvedModel | None":
         joined: The user's model with the joints that it lacks.
         welds: What welds make of that.
     """
-    has_own_joints = welds.any or joined.own_rows.size > 0
+    has_own_joints = _has_own_joints(joined, welds)
     is_led = joined.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
     if not has_own_joints and np.all((joined.body_mass.numpy() > 0.0) | is_led):
         return None
     solved = SolvedModel(joined, welds)
     return solved if has_own_joints or solved.has_tokens else None
+
+
+def _has_own_joints(joined: JoinedModel, welds: Welds) -> bool:
+    """Whether the joints solved are other than the user's model's."""
+    return welds.any or joined.own_rows.size > 0
 
 
 @dataclass(frozen=True)
@@ -64,7 +69,7 @@ class SolvedModel:
         self.body_of_link = welds.body
         self._own = np.flatnonzero(welds.joint >= joined.model.joint_count)
         """Joints that the user's model lacks, and which no weld has taken."""
-        self._has_own_joints = welds.any or joined.own_rows.size > 0
+        self._has_own_joints = _has_own_joints(joined, welds)
         with wp.ScopedDevice(model.device):
             self._make_bodies()
             if self._has_own_joints:
@@ -130,7 +135,7 @@ class SolvedModel:
         if welds.any and model.shape_count:
             shape_link = model.shape_body.numpy()
             self.shape_body = _new(body[shape_link])
-            frame = np.vstack([welds.frame, np.array([[0, 0, 0, 0, 0, 0, 1.0]])])
+            frame = np.vstack([welds.frame, IDENTITY])
             self.shape_frame = wp.array(frame[shape_link].astype(np.float32), dtype=wp.transform)
 
     def _make_links(self) -> None:
