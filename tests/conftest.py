@@ -11,12 +11,15 @@ import dataclasses
 import functools
 import os
 import runpy
+import sys
 from pathlib import Path
 
 import pytest
 
 _PROCESSES = Path(__file__).parent / "processes"
-runpy.run_path(str(_PROCESSES / "sitecustomize.py"))  # before Newton is imported, which looks once
+_COMPILER = str(_PROCESSES / "sitecustomize.py")
+if getattr(sys.modules.get("sitecustomize"), "__file__", None) != _COMPILER:  # as workers have
+    runpy.run_path(_COMPILER)  # before Newton is imported, which looks once
 
 from newton._src.geometry import narrow_phase  # noqa: E402
 

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the tests, and the processes that they start, compile kernels: fast, for few steps of each.
 
-Without derivatives, which no test takes; and optimised less, so that clang takes two thirds of its
-time, and steps up to twice as long. Warp looks through a struct, and all that it holds, for each
-variable that has it: here once a module; and through the overloads of its own functions for each
-call: here once for the same types. That is a tenth of the time.
+Without derivatives, which no test takes; and optimised less, with no function inlined that does
+not ask for it, so that clang takes half of its time, and steps up to twice as long. Warp looks
+through a struct, and all that it holds, for each variable that has it: here once a module; and
+through the overloads of its own functions for each call: here once for the same types. It copies
+an array's description for each element that is read: here it does not.
 """
 
+import re
+from collections import Counter
 from typing import Any
 
 import warp as wp
@@ -57,6 +60,52 @@ def _resolve_once(
 
 
 codegen.Adjoint.resolve_func = _resolve_once
+
+_of_function, _of_struct = codegen.codegen_func, codegen.codegen_struct
+_VARIABLE = re.compile(r"\bvar_\d+\b")
+_LOADED_ARRAY = re.compile(
+    r" +(var_\d+) = wp::load\((var_\d+)\);\n( +(?:var_\d+ = wp::address|wp::array_store)\()\1,"
+)
+_ARRAY = re.compile(r" +wp::array_t<[^;\n]*> (var_\d+);\n")
+_LOADED = re.compile(r"wp::load\((var_\d+)\)")
+_ADJOINT_OF_STRUCT = re.compile(r"^(?:static )?CUDA_CALLABLE void adj_[^{;]*\{[^}]*\}", re.M)
+
+
+def _without_copies(source: str) -> str:
+    """The source of a function with arrays read where they are, not by a copy for each element."""
+    times = Counter(_VARIABLE.findall(source))
+    copies = set()
+
+    def in_place(match: re.Match[str]) -> str:
+        copy, array, call = match.groups()
+        if times[copy] != 3:  # its declaration, this load and this use
+            return match[0]
+        copies.add(copy)
+        return f"{call}*{array},"
+
+    source = _LOADED_ARRAY.sub(in_place, source)
+    source = _ARRAY.sub(lambda match: "" if match[1] in copies else match[0], source)
+    return _LOADED.sub(r"(*\1)", source)
+
+
+def _function(
+    *args: Any, device: str, reverse_only: bool, inline_hint: str | None, **settings: Any
+) -> str:
+    """As Warp's function, without the adjoint; for a CPU out of line, and without copies."""
+    if reverse_only:
+        return ""
+    settings |= {"device": device, "forward_only": True}
+    if device != "cpu":
+        return _of_function(*args, inline_hint=inline_hint, **settings)
+    return _without_copies(_of_function(*args, inline_hint=inline_hint or "noinline", **settings))
+
+
+def _struct(*args: Any, **settings: Any) -> str:
+    """As Warp's function, without the adjoints."""
+    return _ADJOINT_OF_STRUCT.sub("", _of_struct(*args, **settings))
+
+
+codegen.codegen_func, codegen.codegen_struct = _function, _struct
 
 wp.config.enable_backward = False
 wp.config.cpu_compiler_flags = " ".join(
