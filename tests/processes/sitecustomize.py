@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """How the tests, and the processes that they start, compile kernels: fast, for few steps of each.
 
-Without derivatives, which no test takes; and optimised less, with no function inlined that does
-not ask for it, so that clang takes half of its time, and steps up to twice as long. Warp looks
-through a struct, and all that it holds, for each variable that has it: here once a module; and
-through the overloads of its own functions for each call: here once for the same types. It copies
-an array's description for each element that is read: here it does not.
+Without derivatives, which no test takes; and optimised less, with large functions out of line:
+clang takes half of its time, and steps up to twice as long. Warp looks through a struct, and all
+that it holds, for each variable that has it: here once a module; and through the overloads of its
+own functions for each call: here once for the same types. It copies an array's description for
+each element that is read: here it does not.
 """
 
 import re
@@ -62,6 +62,8 @@ def _resolve_once(
 codegen.Adjoint.resolve_func = _resolve_once
 
 _of_function, _of_struct = codegen.codegen_func, codegen.codegen_struct
+_SMALL = 60  # assignments of a function that may be inlined
+_ASSIGNED = re.compile(r"^ +var_", re.M)
 _VARIABLE = re.compile(r"\bvar_\d+\b")
 _LOADED_ARRAY = re.compile(
     r" +(var_\d+) = wp::load\((var_\d+)\);\n( +(?:var_\d+ = wp::address|wp::array_store)\()\1,"
@@ -91,13 +93,19 @@ def _without_copies(source: str) -> str:
 def _function(
     *args: Any, device: str, reverse_only: bool, inline_hint: str | None, **settings: Any
 ) -> str:
-    """As Warp's function, without the adjoint; for a CPU out of line, and without copies."""
+    """As Warp's function, without the adjoint; for a CPU out of line if large, without copies.
+
+    Small functions stay in line: products and sums are fused as in the kernels of users there.
+    """
     if reverse_only:
         return ""
-    settings |= {"device": device, "forward_only": True}
+    settings |= {"device": device, "inline_hint": inline_hint, "forward_only": True}
+    source = _of_function(*args, **settings)
     if device != "cpu":
-        return _of_function(*args, inline_hint=inline_hint, **settings)
-    return _without_copies(_of_function(*args, inline_hint=inline_hint or "noinline", **settings))
+        return source
+    if inline_hint is None and len(_ASSIGNED.findall(source)) > _SMALL:
+        source = source.replace("static ", "static WP_NOINLINE ", 1)
+    return _without_copies(source)
 
 
 def _struct(*args: Any, **settings: Any) -> str:
