@@ -30,7 +30,8 @@ from newton_avbd.rows.joint import JointKinds  # noqa: E402
 _paths = [str(_PROCESSES), os.environ.get("PYTHONPATH")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, _paths))
 
-gc.set_threshold(50_000, 20, 20)  # compiling makes many objects that stay: a twentieth of the time
+# Compiling makes many objects that stay; looking through them took a twentieth of the time.
+gc.set_threshold(50_000, 20, 20)
 
 for _make in ("create_narrow_phase_kernel_gjk_mpr", "create_narrow_phase_primitive_kernel"):
     setattr(narrow_phase, _make, functools.cache(getattr(narrow_phase, _make)))

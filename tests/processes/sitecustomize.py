@@ -90,20 +90,17 @@ def _without_copies(source: str) -> str:
     return _LOADED.sub(r"(*\1)", source)
 
 
-def _function(
-    *args: Any, device: str, reverse_only: bool, inline_hint: str | None, **settings: Any
-) -> str:
+def _function(*args: Any, **settings: Any) -> str:
     """As Warp's function, without the adjoint; for a CPU out of line if large, without copies.
 
     Small functions stay in line: products and sums are fused as in the kernels of users there.
     """
-    if reverse_only:
+    if settings["reverse_only"]:
         return ""
-    settings |= {"device": device, "inline_hint": inline_hint, "forward_only": True}
-    source = _of_function(*args, **settings)
-    if device != "cpu":
+    source = _of_function(*args, **settings | {"forward_only": True})
+    if settings["device"] != "cpu":
         return source
-    if inline_hint is None and len(_ASSIGNED.findall(source)) > _SMALL:
+    if settings["inline_hint"] is None and len(_ASSIGNED.findall(source)) > _SMALL:
         source = source.replace("static ", "static WP_NOINLINE ", 1)
     return _without_copies(source)
 
