@@ -5,6 +5,7 @@
 
 import difflib
 import importlib.util
+import re
 import textwrap
 from collections.abc import Iterable
 
@@ -32,6 +33,19 @@ class UserError(Exception):
     """What was asked for cannot be done; the message says why and what would help."""
 
 
+def meant(name: str, known: Iterable[str]) -> list[str]:
+    """At most three of ``known`` that a name may stand for: by a word, a part, or nearly."""
+    words = {other: re.split(r"[_/. -]", other.lower()) for other in known}
+    wanted = name.lower()
+    close = (
+        [other for other in words if wanted in words[other]]
+        or [other for other in words if wanted and wanted in other.lower()]
+        or difflib.get_close_matches(name, words)
+        or [other for other in words if difflib.get_close_matches(wanted, words[other], 1, 0.8)]
+    )
+    return close[:3]
+
+
 def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
     """Error for a name that is none of ``known``: which there are, and last which may be meant."""
     names = list(known)
@@ -41,8 +55,7 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> UserError:
         subsequent_indent="  ",
         break_on_hyphens=False,
     )
-    alike = [other for other in names if name and name.lower() in other.lower()]
-    close = (alike or difflib.get_close_matches(name, names))[:3]
+    close = meant(name, names)
     return UserError(f"{told}\nDid you mean {' or '.join(close)}?" if close else told)
 
 

@@ -3,7 +3,6 @@
 
 """Finding what is to be simulated by its name, and putting a solver into it."""
 
-import difflib
 from pathlib import Path
 
 import newton
@@ -14,7 +13,7 @@ from newton_avbd.scenes.scene import FRAMES_PER_SECOND, GivenScene, Scene
 
 from . import examples, robots, solvers
 from .assets import FRAMES, open_asset, set_up_asset
-from .errors import UserError, missing_of
+from .errors import UserError, meant, missing_of
 from .names import SUFFIXES
 from .simulation import ModelSimulation, Request, Simulation
 from .terminal import showing
@@ -136,7 +135,7 @@ def _open(name: str, request: Request) -> Simulation:
         return _open_own(scenes.SCENES[name], request)
     if _is_asset(name):
         return open_asset(Path(name), request)
-    close = difflib.get_close_matches(name, dict.fromkeys([*scenes.SCENES, *examples.names()]))
+    close = meant(name, [*scenes.SCENES, *examples.names()])
     told = f"there is no scene {name!r}, and no such file."
     if close:
         told += f" Did you mean {' or '.join(close)}?"

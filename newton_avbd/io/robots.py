@@ -3,7 +3,6 @@
 
 """The robots of installed packages, by name."""
 
-import difflib
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import newton
 from newton_avbd.scenes.pose import stand
 
 from .assets import read_asset, simulate
-from .errors import UserError
+from .errors import UserError, meant
 from .names import SUFFIXES
 from .simulation import ModelSimulation, Request
 
@@ -140,13 +139,7 @@ def find_robot(name: str) -> Robot:
     for robot in robots():
         if wanted == robot.name or wanted in robot.aliases:
             return robot
-    known = [robot.name for robot in robots()]
-    alike = [
-        known_name
-        for known_name in known
-        if wanted in known_name.replace("/", " ").replace(".", " ").split()
-    ]
-    close = alike or difflib.get_close_matches(wanted, known)
+    close = meant(wanted, [robot.name for robot in robots()])
     hint = f" Did you mean {' or '.join(PREFIX + name for name in close)}?" if close else ""
     what = "robot or file" if wanted.endswith(SUFFIXES) else "robot"
     raise UserError(

@@ -12,6 +12,7 @@ each element that is read: here it does not.
 import re
 from collections import Counter
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import warp as wp
 from warp._src import codegen
@@ -61,6 +62,33 @@ def _resolve_once(
 
 codegen.Adjoint.resolve_func = _resolve_once
 
+_build = ModuleBuilder.build_function
+_built: Any = WeakKeyDictionary()  # by function: options, structs and native types
+_sources: Any = WeakKeyDictionary()  # by what is built of a function: its name and source
+
+
+def _build_once(builder: ModuleBuilder, func: Any) -> None:
+    """As Warp's function, once for all modules with the same options that call a function."""
+    if func in builder.functions:
+        return
+    options = vars(builder).setdefault("_built_for", (builder.target, str(builder.options)))
+    seen = builder.structs, builder.native_types
+    if func not in _built or _built[func][0] != options:
+        builder.structs, builder.native_types = {}, {}
+        vars(builder).pop("_seen_structs", None)
+        _build(builder, func)
+        _built[func] = options, (builder.structs, builder.native_types)
+        _sources.pop(func.adj, None)
+        builder.structs, builder.native_types = seen
+    for callee in func.adj.called_user_functions:
+        _build_once(builder, callee)
+    for found, of_func in zip(seen, _built[func][1], strict=True):
+        found.update(of_func)
+    builder.functions[func] = None
+
+
+ModuleBuilder.build_function = _build_once
+
 _of_function, _of_struct = codegen.codegen_func, codegen.codegen_struct
 _SMALL = 60  # assignments of a function that may be inlined
 _ASSIGNED = re.compile(r"^ +var_", re.M)
@@ -97,12 +125,17 @@ def _function(*args: Any, **settings: Any) -> str:
     """
     if settings["reverse_only"]:
         return ""
+    adjoint, name = args[0], (settings["device"], settings["c_func_name"])
+    if _sources.get(adjoint, (None,))[0] == name:
+        return _sources[adjoint][1]
     source = _of_function(*args, **settings | {"forward_only": True})
+    _sources[adjoint] = name, source
     if settings["device"] != "cpu":
         return source
     if settings["inline_hint"] is None and len(_ASSIGNED.findall(source)) > _SMALL:
         source = source.replace("static ", "static WP_NOINLINE ", 1)
-    return _without_copies(source)
+    _sources[adjoint] = name, _without_copies(source)
+    return _sources[adjoint][1]
 
 
 def _struct(*args: Any, **settings: Any) -> str:
@@ -113,6 +146,7 @@ def _struct(*args: Any, **settings: Any) -> str:
 codegen.codegen_func, codegen.codegen_struct = _function, _struct
 
 wp.config.enable_backward = False
+wp.config.optimization_level = 0
 wp.config.cpu_compiler_flags = " ".join(
     [
         "-march=native",
@@ -122,6 +156,6 @@ wp.config.cpu_compiler_flags = " ".join(
         "-mllvm=-inline-threshold=25",
         "-mllvm=-inline-cold-callsite-threshold=5",
         "-mllvm=-enable-gvn-memdep=0",
-        "-mllvm=-regalloc=basic",
+        "-mllvm=-regalloc=fast",
     ]
 )
