@@ -10,22 +10,51 @@ times as long as the rest of a small simulation, and longer the more there are.
 import dataclasses
 import functools
 import gc
+import importlib
 import os
+import pkgutil
 import runpy
 import sys
 from pathlib import Path
 
 import pytest
+import warp as wp
 
 _PROCESSES = Path(__file__).parent / "processes"
 _COMPILER = str(_PROCESSES / "sitecustomize.py")
-if getattr(sys.modules.get("sitecustomize"), "__file__", None) != _COMPILER:  # as workers have
-    runpy.run_path(_COMPILER)  # before Newton is imported, which looks once
+if getattr(sys.modules.get("sitecustomize"), "__file__", None) == _COMPILER:  # as workers have
+    _LEVEL = sys.modules["sitecustomize"].LEVEL
+else:
+    _LEVEL = runpy.run_path(_COMPILER)["LEVEL"]  # before Newton is imported, which looks once
 
 from newton._src.geometry import narrow_phase  # noqa: E402
 
+from newton_avbd import drivers, step  # noqa: E402
 from newton_avbd.effects import Effects  # noqa: E402
 from newton_avbd.rows.joint import JointKinds  # noqa: E402
+from newton_avbd.step.kernels import KERNEL  # noqa: E402
+
+for _package in (drivers, step):  # kernels of modules are optimised, whoever imports them
+    for _module in pkgutil.iter_modules(_package.__path__, f"{_package.__name__}."):
+        importlib.import_module(_module.name)
+
+_get_module = wp.get_module
+
+
+def _module_of_level(name: str) -> wp.Module:
+    """As Warp's function, with another module for kernels of large worlds of each level."""
+    is_made = name.startswith(f"{drivers.__name__}.colored_")
+    return _get_module(f"{name}_{_LEVEL['optimization_level']}" if is_made else name)
+
+
+wp.get_module = _module_of_level
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Kernels that a test makes are optimised only if it is long."""
+    _LEVEL["optimization_level"] = 2 if item.get_closest_marker("long") else 0
+    KERNEL["module_options"] |= _LEVEL
+
 
 _paths = [str(_PROCESSES), os.environ.get("PYTHONPATH")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, _paths))

@@ -11,6 +11,8 @@ import pytest
 from newton_avbd.study.bench import run as bench
 from newton_avbd.study.bench.targets import TARGETS
 
+pytestmark = pytest.mark.long
+
 USD = ("cartpole", "humanoid_usd", "ant_usd", "fourbar")
 QUALITY = [
     target for target in TARGETS if target.against is None and not target.scene.endswith("worlds")

@@ -162,6 +162,7 @@ def sink_of_a_cantilever(example, is_frictional: bool) -> np.ndarray:
     return np.array(sink)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("force", [0.5, 3.65], ids=["as authored", "as far as vbd bends"])
 def test_loops_of_newton_s_example_follow_closed_forms(force: float) -> None:
     """``cable_dahl_hysteresis`` swapped: all along, bends within 1 % of the largest, where small

@@ -21,6 +21,8 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 
 from newton_avbd.environments import TASKS, RobotVectorEnv  # noqa: E402
 
+pytestmark = pytest.mark.long
+
 WORLDS = 3
 
 

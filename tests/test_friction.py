@@ -171,6 +171,7 @@ def test_hinged_boxes_slide_at_any_time_step() -> None:
     np.testing.assert_allclose(sim.velocity[:, 0], 2.0 - 0.5 * G * 0.1, rtol=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0])
 @pytest.mark.parametrize("shape", ["box", "sphere"])
 def test_what_slides_or_rolls_evenly_takes_few_sweeps(shape: str, dt: float) -> None:

@@ -307,6 +307,7 @@ def test_asset_below_zero_gets_a_ground_under_it_and_stays_where_it_was_put(tmp_
 
 # Penetration after 4 s, of ellipsoids that rock on each other after 8: at rest, the 0.01 mm that
 # the solver leaves, and as much for the next step's fall.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("path", "bodies", "penetration"),
     [

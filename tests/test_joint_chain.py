@@ -187,6 +187,7 @@ def test_ball_joints_turn_alike_beside_a_drive(end: float) -> None:
     assert np.abs(paths[0][:, :3]).max() > 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("end", [1.0, 100.0])
 def test_chains_that_collapse_on_themselves_stay_closed(end: float) -> None:
     """20 balls on ball joints, upright on the first one, fall and pile up from 16 tilts.

@@ -459,6 +459,7 @@ def test_a_net_that_floats_keeps_its_momentum() -> None:
     assert sim.energy < energy
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("ignore:SolverAVBD steps without contacts")
 def test_a_sphere_of_scissors_does_not_push_itself_apart() -> None:
     """A Hoberman sphere that opens: most of what its loops lock they imply of each other.

@@ -455,6 +455,7 @@ def test_rest_frames_are_the_joints_and_not_where_bodies_were_put(kind: str) -> 
     assert states[0].body_q.numpy() == pytest.approx(placed.numpy(), abs=1.0e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("settings", [{}, {"scheme": "euler"}, {"parallel": "bodies"}])
 def test_joined_bodies_that_float_keep_their_momentum(settings: dict) -> None:
     """Two links on a hinge, thrown without gravity, for 2 s: joints push equally and oppositely.

@@ -63,6 +63,7 @@ def test_a_sweep_of_trees_is_that_of_one_thread_in_the_order_of_the_colors() -> 
     np.testing.assert_array_equal(colored.solver._large.colors.order.numpy()[:5], order)
 
 
+@pytest.mark.long
 def test_a_heap_of_ragdolls_comes_to_rest() -> None:
     """Twelve fall on each other; joints are closed all the way.
 

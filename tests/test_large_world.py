@@ -89,6 +89,7 @@ def test_what_rests_rests_in_the_same_place() -> None:
     np.testing.assert_allclose(colored.pose, serial.pose, atol=1e-6)
 
 
+@pytest.mark.long
 def test_impacts_that_go_on_take_another_round_of_sweeps() -> None:
     """Of a pyramid that falls at 2.8 m/s, as one thread sweeps it; another world takes none.
 

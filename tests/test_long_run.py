@@ -12,6 +12,8 @@ from newton_avbd.__main__ import main
 from newton_avbd.commands import stability
 from newton_avbd.study.stability.long_run import IN_GRAPH, LONG_RUNS, LongRun, run_long
 
+pytestmark = pytest.mark.long
+
 
 def test_a_resting_pile_rests() -> None:
     """To the rounding of its poses, of at most 1 m; with the same contacts all the time."""

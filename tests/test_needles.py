@@ -52,6 +52,7 @@ def tumbling(aspect: float, count: int, **settings: object) -> Simulation:
     return Simulation(builder, keep_inertia=True, **settings)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dt", [1.0 / 60.0, 1.0 / 240.0])
 @pytest.mark.parametrize("aspect", [1000.0, 100.0])
 @pytest.mark.parametrize("scheme", ["generalized_alpha", "euler"])

@@ -11,6 +11,8 @@ from newton.solvers import SolverBase, SolverVBD
 
 from newton_avbd import SolverAVBD
 
+pytestmark = pytest.mark.long
+
 DT = 1.0 / 240.0
 
 

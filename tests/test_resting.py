@@ -13,6 +13,8 @@ from helpers import G, Simulation, add_box, add_ground, add_sphere
 from newton_avbd.scenes.named import add_brick_ring, add_pyramid, add_stack
 from newton_avbd.study.stability.piles import add_box as add_solid
 
+pytestmark = pytest.mark.long
+
 
 def contact_wrenches(sim: Simulation, forces: np.ndarray) -> np.ndarray:
     """Sum of the contact forces on each body [N] and of their torques about its COM [N m].

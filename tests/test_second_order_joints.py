@@ -170,6 +170,7 @@ def test_a_turning_arm_is_pulled_evenly_after_its_start(dt: float) -> None:
     assert pulls[4:] == pytest.approx([1.0] * 20, abs=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [240.0, 480.0])
 def test_a_taut_grid_gains_no_energy_however_many_sweeps(rate: float) -> None:
     """Its joints open by micrometers, so what swings is faster than any step. Extrapolated, and

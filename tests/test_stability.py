@@ -23,6 +23,8 @@ from newton_avbd.study.stability import page as stability_page
 from newton_avbd.study.stability.case import Bounds, Case, Outcome, try_case
 from newton_avbd.study.stability.cases import CASES, GROUPS
 
+pytestmark = pytest.mark.long
+
 WHOLE = os.environ.get("HARD_CASES") == "all"
 
 SECONDS = {

@@ -3,20 +3,43 @@
 """How the tests, and the processes that they start, compile kernels: fast, for few steps of each.
 
 Without derivatives, which no test takes; and optimised less, with large functions out of line:
-clang takes half of its time, and steps up to twice as long. Warp looks through a struct, and all
+clang takes half of its time, and steps up to twice as long. Without any optimisation, as for tests
+that are not marked as long (``conftest.py``), it takes a quarter. What the package caches, such as
+kernels, it caches for each level of optimisation. Warp looks through a struct, and all
 that it holds, for each variable that has it: here once a module; and through the overloads of its
 own functions for each call: here once for the same types. It copies an array's description for
 each element that is read: here it does not.
 """
 
+import functools
 import re
 from collections import Counter
+from collections.abc import Callable
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import warp as wp
 from warp._src import codegen
 from warp._src.context import ModuleBuilder
+
+_cache = functools.cache
+LEVEL = {"optimization_level": 2}
+"""Option of the kernels that are made next."""
+
+
+def _cache_by_level(made: Callable[..., Any]) -> Any:
+    """As ``functools.cache``, of each level by itself."""
+    caches = {level: _cache(made) for level in (0, 2)}
+
+    @functools.wraps(made)
+    def call(*args: Any, **settings: Any) -> Any:
+        return caches[LEVEL["optimization_level"]](*args, **settings)
+
+    vars(call)["cache_clear"] = lambda: [cached.cache_clear() for cached in caches.values()]
+    return call
+
+
+functools.cache = _cache_by_level
 
 _collect = ModuleBuilder._collect_native_types
 
@@ -146,7 +169,6 @@ def _struct(*args: Any, **settings: Any) -> str:
 codegen.codegen_func, codegen.codegen_struct = _function, _struct
 
 wp.config.enable_backward = False
-wp.config.optimization_level = 0
 wp.config.cpu_compiler_flags = " ".join(
     [
         "-march=native",
@@ -156,6 +178,5 @@ wp.config.cpu_compiler_flags = " ".join(
         "-mllvm=-inline-threshold=25",
         "-mllvm=-inline-cold-callsite-threshold=5",
         "-mllvm=-enable-gvn-memdep=0",
-        "-mllvm=-regalloc=fast",
     ]
 )
