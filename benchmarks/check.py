@@ -17,7 +17,7 @@ import statistics
 import sys
 from pathlib import Path
 
-from newton_avbd.study.bench.run import describe_machine
+from newton_avbd.study.bench.run import describe_machine, pinned
 
 from .ratios import SCENES, ratio
 
@@ -74,7 +74,9 @@ def main(argv: list[str] | None = None) -> int:
         )
     if args.write:
         ordered = {scene: known[scene] for scene in SCENES if scene in known}
-        content = {"machine": describe_machine(None), "unit": "mj_steps", "ratios": ordered}
+        with pinned() as core:  # as ratio does
+            machine = describe_machine(core)
+        content = {"machine": machine, "unit": "mj_steps", "ratios": ordered}
         BASELINE.write_text(json.dumps(content, indent=1) + "\n")
     elif failed:
         print(f"slower by more than {ALLOWED - 1:.0%} than the baseline: {', '.join(failed)}")

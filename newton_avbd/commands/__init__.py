@@ -116,6 +116,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
             (
                 ("--quick", "some scenes, in two minutes"),
                 ("--quick --output out", "with plots; a second run goes on where this ended"),
+                ("--ask robot:nv_ant", "what each accuracy costs in a scene of your own"),
             ),
         ),
         "growth": Command(
