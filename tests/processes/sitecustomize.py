@@ -28,7 +28,9 @@ LEVEL = {"optimization_level": 2}
 
 
 def _cache_by_level(made: Callable[..., Any]) -> Any:
-    """As ``functools.cache``, of each level by itself."""
+    """As ``functools.cache``; for what the package makes, of each level by itself."""
+    if not made.__module__.startswith("newton_avbd."):
+        return _cache(made)
     caches = {level: _cache(made) for level in (0, 2)}
 
     @functools.wraps(made)
@@ -87,7 +89,7 @@ codegen.Adjoint.resolve_func = _resolve_once
 
 _build = ModuleBuilder.build_function
 _built: Any = WeakKeyDictionary()  # by function: options, structs and native types
-_sources: Any = WeakKeyDictionary()  # by what is built of a function: its name and source
+_sources: Any = WeakKeyDictionary()  # by what is built of a function: by device and name
 
 
 def _build_once(builder: ModuleBuilder, func: Any) -> None:
@@ -141,24 +143,28 @@ def _without_copies(source: str) -> str:
     return _LOADED.sub(r"(*\1)", source)
 
 
-def _function(*args: Any, **settings: Any) -> str:
-    """As Warp's function, without the adjoint; for a CPU out of line if large, without copies.
+def _forward(adjoint: Any, **settings: Any) -> str:
+    """As Warp's function; for a CPU out of line if large, without copies.
 
     Small functions stay in line: products and sums are fused as in the kernels of users there.
     """
-    if settings["reverse_only"]:
-        return ""
-    adjoint, name = args[0], (settings["device"], settings["c_func_name"])
-    if _sources.get(adjoint, (None,))[0] == name:
-        return _sources[adjoint][1]
-    source = _of_function(*args, **settings | {"forward_only": True})
-    _sources[adjoint] = name, source
+    source = _of_function(adjoint, **settings | {"forward_only": True})
     if settings["device"] != "cpu":
         return source
     if settings["inline_hint"] is None and len(_ASSIGNED.findall(source)) > _SMALL:
         source = source.replace("static ", "static WP_NOINLINE ", 1)
-    _sources[adjoint] = name, _without_copies(source)
-    return _sources[adjoint][1]
+    return _without_copies(source)
+
+
+def _function(adjoint: Any, **settings: Any) -> str:
+    """As Warp's function, without the adjoint; once for all modules that call it."""
+    if settings["reverse_only"]:
+        return ""
+    sources = _sources.setdefault(adjoint, {})
+    name = settings["device"], settings["c_func_name"]
+    if name not in sources:
+        sources[name] = _forward(adjoint, **settings)
+    return sources[name]
 
 
 def _struct(*args: Any, **settings: Any) -> str:
