@@ -25,6 +25,7 @@ _COMPILER = str(_PROCESSES / "sitecustomize.py")
 if getattr(sys.modules.get("sitecustomize"), "__file__", None) == _COMPILER:  # as workers have
     _LEVEL = sys.modules["sitecustomize"].LEVEL
 else:
+    sys.path.append(str(_PROCESSES))
     _LEVEL = runpy.run_path(_COMPILER)["LEVEL"]  # before Newton is imported, which looks once
 
 from newton._src.geometry import narrow_phase  # noqa: E402

@@ -18,9 +18,10 @@ from collections.abc import Callable
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import shared_objects  # noqa: F401
 import warp as wp
 from warp._src import codegen
-from warp._src.context import ModuleBuilder
+from warp._src.context import ModuleBuilder, ModuleHasher
 
 _cache = functools.cache
 LEVEL = {"optimization_level": 2}
@@ -72,12 +73,41 @@ def _plain(kind: Any) -> Any:
     return None
 
 
+_hash = ModuleHasher.hash_function
+_hashes: Any = WeakKeyDictionary()  # by function of the package, of all that it is made of
+_first: dict[Any, Any] = {}  # functions, by what a module is made for and their hash
+
+
+def _hash_once(hasher: ModuleHasher, func: Any) -> bytes:
+    """As Warp's function, once for all modules."""
+    if func not in _hashes:
+        made = _hash(hasher, func)
+        if not func.adj.func.__module__.startswith("newton_avbd."):
+            return made
+        _hashes[func] = made
+    return _hashes[func]
+
+
+ModuleHasher.hash_function = _hash_once
+
+
+def _first_alike(builder: ModuleBuilder, func: Any) -> Any:
+    """What a function of the package is called for: the first one that is made of the same."""
+    made = _hashes.get(func)
+    if made is None or len(func.user_overloads) != 1 or func.user_templates:
+        return func
+    return _first.setdefault((_built_for(builder), made), func)
+
+
 def _resolve_once(
     adjoint: Any, func: Any, arg_types: Any, kwarg_types: Any, min_outputs: Any
 ) -> Any:
     """As Warp's function: an overload of one of its own functions depends on the types alone."""
+    if not func.is_builtin():
+        found = _resolve(adjoint, func, arg_types, kwarg_types, min_outputs)
+        return _first_alike(adjoint.builder, found)
     kinds = tuple(map(_plain, arg_types))
-    if not func.is_builtin() or kwarg_types or None in kinds:
+    if kwarg_types or None in kinds:
         return _resolve(adjoint, func, arg_types, kwarg_types, min_outputs)
     call = func, kinds, min_outputs
     if call not in _resolved:
@@ -92,11 +122,16 @@ _built: Any = WeakKeyDictionary()  # by function: options, structs and native ty
 _sources: Any = WeakKeyDictionary()  # by what is built of a function: by device and name
 
 
+def _built_for(builder: ModuleBuilder) -> tuple[str, str]:
+    """What decides how functions are built."""
+    return vars(builder).setdefault("_built_for", (builder.target, str(builder.options)))
+
+
 def _build_once(builder: ModuleBuilder, func: Any) -> None:
     """As Warp's function, once for all modules with the same options that call a function."""
     if func in builder.functions:
         return
-    options = vars(builder).setdefault("_built_for", (builder.target, str(builder.options)))
+    options = _built_for(builder)
     seen = builder.structs, builder.native_types
     if func not in _built or _built[func][0] != options:
         builder.structs, builder.native_types = {}, {}
@@ -123,6 +158,7 @@ _LOADED_ARRAY = re.compile(
 )
 _ARRAY = re.compile(r" +wp::array_t<[^;\n]*> (var_\d+);\n")
 _LOADED = re.compile(r"wp::load\((var_\d+)\)")
+_SUM_OF_STRUCT = re.compile(r"^CUDA_CALLABLE (?=\w+ add\()", re.M)
 _ADJOINT_OF_STRUCT = re.compile(r"^(?:static )?CUDA_CALLABLE void adj_[^{;]*\{[^}]*\}", re.M)
 
 
@@ -168,8 +204,9 @@ def _function(adjoint: Any, **settings: Any) -> str:
 
 
 def _struct(*args: Any, **settings: Any) -> str:
-    """As Warp's function, without the adjoints."""
-    return _ADJOINT_OF_STRUCT.sub("", _of_struct(*args, **settings))
+    """As Warp's function, without the adjoints; the sum only if it is called."""
+    source = _ADJOINT_OF_STRUCT.sub("", _of_struct(*args, **settings))
+    return _SUM_OF_STRUCT.sub("inline CUDA_CALLABLE ", source)
 
 
 codegen.codegen_func, codegen.codegen_struct = _function, _struct
