@@ -14,6 +14,7 @@ import os
 import re
 import shutil
 import subprocess
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -83,21 +84,48 @@ def parted(source: str) -> Source | None:
     return Source(source[: heads[0].start()], functions, source[kernels.start() :])
 
 
-def keys_of(functions: dict[str, Function], settings: str) -> dict[str, str]:
-    """By name, what tells a function, with all that it calls, from others."""
+def _sided(function: Function, name: str) -> str:
+    """What callers of a function see of it: its name, without Warp's number, and its types."""
+    return "".join(function.heads).replace(f"{name}(", f"{name.rpartition('_')[0]}(")
+
+
+def named(functions: dict[str, Function], settings: str) -> tuple[dict[str, str], dict[str, str]]:
+    """By name: what tells a function from others; and what its callers call it.
+
+    They call it by what they see of it, so that they are the same whatever it does. Only where a
+    module has several such functions, and where it is a part of its callers, they call it by what
+    it does.
+    """
     keys: dict[str, str] = {}
+    called: dict[str, str] = {}
+    sides = {name: _sided(function, name) for name, function in functions.items()}
+    times = Counter(sides.values())
 
     def key_of(name: str) -> str:
         if name not in keys:
             function = functions[name]
-            text = "".join(function.heads + function.texts).replace(name, "")
-            of_callees = "".join(f"{callee}{key_of(callee)}" for callee in sorted(function.callees))
-            keys[name] = hashlib.md5(f"{settings}{text}{of_callees}".encode()).hexdigest()
+            for callee in function.callees:
+                call_of(callee)
+            parts = [settings, sides[name], str(function.is_inline)]
+            parts += [renamed(text, called) for text in function.texts]
+            keys[name] = hashlib.md5("".join(parts).encode()).hexdigest()
         return keys[name]
+
+    def call_of(name: str) -> None:
+        if name not in called:
+            is_only = times[sides[name]] == 1 and not functions[name].is_inline
+            side = hashlib.md5(sides[name].encode()).hexdigest() if is_only else key_of(name)
+            called[name] = f"{'i' if is_only else 'f'}_{side}"
 
     for name in functions:
         key_of(name)
-    return keys
+        call_of(name)
+    return keys, called
+
+
+def renamed(text: str, called: dict[str, str]) -> str:
+    """Code with other names for what it calls."""
+    return _CALL.sub(lambda call: called.get(call[1], call[1]), text)
 
 
 class Store:
@@ -130,27 +158,37 @@ class Store:
         return str(path)
 
 
-def written(source: Source, keys: dict[str, str], known: set[str]) -> str:
-    """The source of a module without the functions that are known, which it declares."""
-
-    def renamed(text: str) -> str:
-        return _CALL.sub(lambda call: f"f_{keys[call[1]]}" if call[1] in keys else call[1], text)
-
-    parts, done = [source.start], set()
+def written(
+    source: Source, keys: dict[str, str], called: dict[str, str], known: set[str]
+) -> tuple[str, str]:
+    """The source of a module without the functions that are known; and what the linker is told."""
+    declared, defined, links = [source.start], [], []
+    done = set()
     for name, function in source.functions.items():
-        if keys[name] in done:  # under another name
+        key, own, call = keys[name], f"f_{keys[name]}", called[name]
+        if own in done:  # under another name
             continue
-        done.add(keys[name])
-        attributes = "static WP_FORCEINLINE "
-        if not function.is_inline:
-            key = keys[name]
-            attributes = f'__attribute__((weak, noinline, section(".ltext.{key}"))) '
-        for head, text in zip(function.heads, function.texts, strict=True):
-            first = attributes + head.replace(f"{name}(", f"f_{keys[name]}(", 1)
-            parts.append(f"{first};\n" if name in known else f"{first}\n{renamed(text)}\n")
+        done.add(own)
+        for i, (head, text) in enumerate(zip(function.heads, function.texts, strict=True)):
+            first = head.replace(f"{name}(", f"{own}(", 1)
+            if function.is_inline:
+                declared.append(f"static WP_FORCEINLINE {first};\n")
+            else:
+                weak = f'__attribute__((weak, noinline, section(".ltext.{key}")))'
+                declared.append(f'{weak} {first} __asm__("{own}_{i}");\n')
+                links.append(f"EXTERN({own}_{i})\n")
+                if call != own:
+                    as_called = head.replace(f"{name}(", f"{call}(", 1)
+                    declared.append(f'{as_called} __asm__("{call}_{i}");\n')
+                    links.append(f"{call}_{i} = {own}_{i};\n")
+            if name not in known:
+                inline = "static WP_FORCEINLINE " if function.is_inline else ""
+                defined.append(f"{inline}{first}\n{renamed(text, called)}\n")
     own = hashlib.md5(source.kernels.encode()).hexdigest()
     section = rf'\1__attribute__((section(".ltext.k{own}"))) static void '
-    return "".join(parts) + _KERNEL.sub(section, renamed(source.kernels))
+    kernels = _KERNEL.sub(section, renamed(source.kernels, called))
+    links += [f"EXTERN({entry})\n" for entry in _ENTRY.findall(source.kernels)]
+    return "".join(declared + defined) + kernels, "".join(links)
 
 
 _build: Callable[..., None] = wp._src.build.build_cpu
@@ -169,18 +207,18 @@ def build(obj_path: str, cpp_path: str, **settings: Any) -> None:
     store.look()
     options = {name: value for name, value in settings.items() if name != "pch_dir"}
     before = source.start[: source.start.find("\nstruct ")]
-    keys = keys_of(source.functions, f"{before}{options}")
+    keys, called = named(source.functions, f"{before}{options}")
     shared = {name for name, function in source.functions.items() if not function.is_inline}
     known = {name for name in shared if keys[name] in store.objects}
-    text_path, made = f"{cpp_path}.part.cpp", f"{obj_path}.part.o"
-    Path(text_path).write_text(written(source, keys, known), encoding="utf-8")
+    text_path, made, links = f"{cpp_path}.part.cpp", f"{obj_path}.part.o", f"{obj_path}.links"
+    text, linked = written(source, keys, called, known)
+    Path(text_path).write_text(text, encoding="utf-8")
+    Path(links).write_text(linked)
     _build(made, text_path, **settings)
     others = {store.objects[keys[name]] for name in known}
     path = store.add(sorted({keys[name] for name in shared - known}), made)
-    entries = _ENTRY.findall(source.kernels)
     command = [LINKER, "-r", "--gc-sections", "-z", "muldefs", "-o", obj_path]
-    command += [option for entry in entries for option in ("-u", entry)]
-    subprocess.run([*command, path, *sorted(others)], check=True)
+    subprocess.run([*command, path, *sorted(others), links], check=True)
 
 
 wp._src.build.build_cpu = build
