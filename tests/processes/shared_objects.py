@@ -29,7 +29,7 @@ _END = "\n}\n"
 _BETWEEN = re.compile(r"(?:\s|//[^\n]*\n)*\Z")
 _CALL = re.compile(r"\b(?<!::)(\w+_\d+)(?=\()")
 _KERNELS = re.compile(r"^struct wp_args_", re.M)
-_KERNEL = re.compile(r"^(template <[^\n]*>\n)?static void (?=\w+_cpu_kernel_forward\()", re.M)
+_KERNEL = re.compile(r"^(?=(?:static|WP_API) void \w+\()", re.M)
 _ENTRY = re.compile(r"^WP_API void (\w+)\(", re.M)
 
 
@@ -185,7 +185,7 @@ def written(
                 inline = "static WP_FORCEINLINE " if function.is_inline else ""
                 defined.append(f"{inline}{first}\n{renamed(text, called)}\n")
     own = hashlib.md5(source.kernels.encode()).hexdigest()
-    section = rf'\1__attribute__((section(".ltext.k{own}"))) static void '
+    section = f'__attribute__((section(".ltext.k{own}"))) '
     kernels = _KERNEL.sub(section, renamed(source.kernels, called))
     links += [f"EXTERN({entry})\n" for entry in _ENTRY.findall(source.kernels)]
     return "".join(declared + defined) + kernels, "".join(links)
