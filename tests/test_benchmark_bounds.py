@@ -37,7 +37,7 @@ ALONE = """
 import dataclasses
 import warp as wp
 
-wp.config.cpu_compiler_flags = "-ffp-contract=on"
+wp.config.cpu_compiler_flags += " -ffp-contract=on"
 from newton_avbd.scenes import robots
 from newton_avbd.study.bench import run as bench
 
