@@ -4,9 +4,11 @@
 
 Kernels that are not optimised consist of the functions that Warp writes for them, one by one: clang
 puts none of them in line, unless it is told to. Scenes that differ in an effect share most of them.
-So what one module is compiled from is compiled without the functions that other modules have been
-compiled with before, and the linker takes those from there. The machine code is the same as if all
-were compiled at once.
+So a module is compiled without the functions that earlier modules have been compiled with, and the
+linker takes those from there. The machine code of each is the same as if all were compiled at once.
+
+A function calls others by what it sees of them (``i_...``), so that it is the same whatever they
+do; the linker is told for each module which functions (``f_...``) those are.
 """
 
 import hashlib
@@ -14,6 +16,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -21,8 +24,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-LINKER = shutil.which("ld") if os.name == "posix" else None
-"""Without one, modules are compiled as Warp does it."""
+LINKER = shutil.which("ld") if sys.platform == "linux" else None
+"""GNU's; without it, modules are compiled as Warp does it."""
 
 _HEAD = re.compile(r"^static ((?:WP_\w+ |CUDA_CALLABLE )*)([^\n(;]*?)\b(\w+)\(\n", re.M)
 _END = "\n}\n"
@@ -138,13 +141,12 @@ class Store:
         self.objects: dict[str, str] = {}
 
     def look(self) -> None:
-        """Finds the functions that have been added."""
+        """Finds the functions that other processes have added."""
         for entry in os.scandir(self.folder):
             if entry.name.endswith(".keys") and entry.name not in self.seen:
                 self.seen.add(entry.name)
                 path = entry.path.removesuffix(".keys") + ".o"
-                for key in Path(entry.path).read_text().split():
-                    self.objects.setdefault(key, path)
+                self.objects |= dict.fromkeys(Path(entry.path).read_text().split(), path)
 
     def add(self, keys: list[str], made: str) -> str:
         """Takes over an object file; returns where it is."""
@@ -209,16 +211,19 @@ def build(obj_path: str, cpp_path: str, **settings: Any) -> None:
     before = source.start[: source.start.find("\nstruct ")]
     keys, called = named(source.functions, f"{before}{options}")
     shared = {name for name, function in source.functions.items() if not function.is_inline}
-    known = {name for name in shared if keys[name] in store.objects}
+    objects = {name: store.objects[keys[name]] for name in shared if keys[name] in store.objects}
+    others = {path for path in set(objects.values()) if os.path.exists(path)}
+    known = {name for name, path in objects.items() if path in others}
     text_path, made, links = f"{cpp_path}.part.cpp", f"{obj_path}.part.o", f"{obj_path}.links"
     text, linked = written(source, keys, called, known)
     Path(text_path).write_text(text, encoding="utf-8")
     Path(links).write_text(linked)
     _build(made, text_path, **settings)
-    others = {store.objects[keys[name]] for name in known}
     path = store.add(sorted({keys[name] for name in shared - known}), made)
     command = [LINKER, "-r", "--gc-sections", "-z", "muldefs", "-o", obj_path]
     subprocess.run([*command, path, *sorted(others), links], check=True)
+    os.remove(text_path)
+    os.remove(links)
 
 
 wp._src.build.build_cpu = build

@@ -4,11 +4,13 @@
 
 Without derivatives, which no test takes; and optimised less, with large functions out of line:
 clang takes half of its time, and steps up to twice as long. Without any optimisation, as for tests
-that are not marked as long (``conftest.py``), it takes a quarter. What the package caches, such as
-kernels, it caches for each level of optimisation. Warp looks through a struct, and all
-that it holds, for each variable that has it: here once a module; and through the overloads of its
-own functions for each call: here once for the same types. It copies an array's description for
-each element that is read: here it does not.
+that are not marked as long (``conftest.py``), it takes a quarter, and what modules share is
+compiled once (``shared_objects.py``). What the package caches, such as kernels, it caches for each
+level of optimisation. Functions that are made of the same for different scenes are one, which Warp
+hashes and writes once. Warp looks through a struct, and all that it holds, for each variable that
+has it: here once a module; and through the overloads of its own functions for each call: here once
+for the same types. It copies an array's description for each element that is read: here it does
+not.
 """
 
 import functools
