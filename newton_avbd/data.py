@@ -1359,6 +1359,8 @@ class TreeWork:
     """At the first body of a tree: fewest axes that a sweep of the step left on a wrong piece."""
     patience: wp.array[wp.int32]
     """At the first body of a tree: sweeps left in which that number may fail to fall."""
+    is_minimal: wp.array[wp.bool]
+    """Whether the last sweep took the body's tree all of the way to the minimum of its model."""
     start_velocity: wp.array[float]
     """Velocity of each degree of freedom of the model at the start of the step [m/s or rad/s]."""
     rotation: wp.array[wp.quat]

@@ -530,6 +530,11 @@ class Effects:
         return self.joint_friction or self.effort_limits
 
     @property
+    def recovers_by_duals(self) -> bool:
+        """Whether sweeps of the recovery go on from what those before have left of a gap."""
+        return self.joints and not (self.compliance or self.ramp)
+
+    @property
     def switching(self) -> bool:
         """Whether velocities may jump, at contacts, at stops, or where a tree is pulled straight.
         Such steps may take more sweeps, which does cables no good."""

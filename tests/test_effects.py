@@ -303,7 +303,7 @@ ALONE, DOF, PILE, CONTACT = 433, 8, 296, 180
 (beside those), and contact."""
 BODY = ALONE + 224
 """Of each body in a scene with contacts or joints."""
-LINK, AXIS = 683, 188
+LINK, AXIS = 684, 188
 """Of each body and each axis in a scene with joints, beside those."""
 SLEEPER, SLEEPING_CONTACT = 176, 100
 """Of each body and each contact with sleeping, beside those."""

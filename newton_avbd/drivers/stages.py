@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..effects import Effects
-from ..rows import contact as contact_rows
 from ..step.beginning import make_begin_body, make_coasting
 from ..step.block_start import BlockStartFunctions, make_block_start
 from ..step.breaking import BreakFunctions, make_break_joints
@@ -15,7 +14,7 @@ from ..step.cables import make_join, make_solve_cluster
 from ..step.closures import ClosureFunctions, make_closures
 from ..step.ending import EndFunctions, make_end, make_remember
 from ..step.energy import EnergyFunctions, make_energy
-from ..step.gathering import make_assemble, make_gather
+from ..step.gathering import make_assemble, make_contact_law, make_gather
 from ..step.impacts import ImpactFunctions, make_impacts
 from ..step.kernels import ABSENT, absent
 from ..step.loops import LoopFunctions, make_loops
@@ -62,16 +61,16 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
         join: Device function that makes one island of two: ``join_islands`` where one thread has
             the world, ``join_at_once`` where many have.
     """
-    contact_force = contact_rows.force if effects.friction else contact_rows.normal_force
-    sweep_gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+    law = make_contact_law(effects)
     loops = make_loops(effects) if effects.loops else ABSENT
-    gather = make_gather(effects, contact_force, sweep_gap, loops.loop_wrench)
+    gather = make_gather(effects, law, loops.loop_wrench)
     closures = make_closures(effects) if effects.closures else ABSENT
     trees = ABSENT
     if effects.joints:
         trees = make_trees(
             effects,
-            gather,
+            law,
+            make_gather(effects, law, loops.loop_wrench, follows=effects.contact),
             closures.begin_rows,
             closures.keep_forces,
             closures.settle_tendons,
@@ -93,7 +92,7 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
         block_start=block_start,
         begin_body=make_begin_body(effects, make_assemble(effects, loops.loop_curvature)),
         sweep_block=make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree),
-        remember_rows=make_remember(effects, contact_force, sweep_gap, join),
+        remember_rows=make_remember(effects, law.force, law.gap, join),
         join_cluster=make_join(join) if effects.cables else absent,
         join_tendons=make_join_tendons(join) if effects.tendons else absent,
         breaking=breaking,

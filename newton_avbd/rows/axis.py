@@ -18,7 +18,7 @@ next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim
 takes or leaves its effort limit within the sweep: given the motion of the parent its axis has one
 equation left (:func:`free_step`). If a sweep does not lower the number of axes that are off, the
 next one goes along its update only as far as the energy falls (``least_energy`` in
-:mod:`.step.active_set`). If the number does not fall for longer, one stop or friction at a time
+:mod:`.step.line_search`). If the number does not fall for longer, one stop or friction at a time
 takes its next piece (block principal pivoting, which always ends: Portugal, Judice, Vicente, Math.
 Comput. 63, 1994). With compliance a limit is a spring and damper instead, or where an MJCF file
 authors it one with MuJoCo's impedance.

@@ -36,6 +36,9 @@ LINK_RELEASE_RATIO = wp.constant(0.1)
 """Likewise of the penalty that a link of a pile has for what is behind it."""
 STRUCK = wp.constant(0.5)
 """Closing to expect that is an impact, as a share of g h^2."""
+CREEP = wp.constant(0.1)
+"""Share of the tangential penalty that what slides keeps along its slip, where blocks follow their
+rows: if it turns round, friction holds it with all of it."""
 SLIDING = wp.constant(0.98)
 """Share of the most that friction pushes with from which a row slides."""
 RECOVERY = wp.constant(0.5)
@@ -139,6 +142,44 @@ def normal_force(row: ContactRow, u: wp.vec3, gap: float) -> wp.vec3:
     """Force on body b [N] at the slip u [m], without friction."""
     f_n = wp.dot(row.normal, row.force) - row.k_n * (wp.dot(row.normal, u) + gap)
     return row.normal * wp.max(f_n, 0.0)
+
+
+@wp.func
+def stiffness(row: ContactRow, u: wp.vec3, gap: float) -> wp.mat33:
+    """How the force on body b falls as the slip u [m] grows [N/m]; zero where the row is open.
+
+    Symmetric: that friction follows the normal force is left to the next sweep.
+    """
+    n = row.normal
+    trial = row.force - row.k_t * u
+    trial_n = wp.dot(n, trial)
+    f_n = trial_n - (row.k_n - row.k_t) * wp.dot(n, u) - row.k_n * gap
+    if f_n <= 0.0:
+        return wp.mat33(0.0)
+    f_t = trial - n * trial_n
+    limit = row.mu * f_n
+    f_t2 = wp.dot(f_t, f_t)
+    if f_t2 <= limit * limit:
+        return whole_stiffness(row)
+    # across the slip friction turns with it
+    k_t = row.k_t * limit / wp.sqrt(f_t2)
+    along = (CREEP * row.k_t - k_t) / f_t2
+    k = wp.diag(wp.vec3(k_t)) + wp.outer((row.k_n - k_t) * n, n)
+    return k + wp.outer(along * f_t, f_t)
+
+
+@wp.func
+def whole_stiffness(row: ContactRow) -> wp.mat33:
+    """What :func:`stiffness` is at most [N/m]: that of a row that sticks."""
+    return wp.diag(wp.vec3(row.k_t)) + wp.outer((row.k_n - row.k_t) * row.normal, row.normal)
+
+
+@wp.func
+def normal_stiffness(row: ContactRow, u: wp.vec3, gap: float) -> wp.mat33:
+    """As :func:`stiffness`, without friction."""
+    if wp.dot(row.normal, row.force) <= row.k_n * (wp.dot(row.normal, u) + gap):
+        return wp.mat33(0.0)
+    return wp.outer(row.k_n * row.normal, row.normal)
 
 
 @wp.func
@@ -247,11 +288,13 @@ def penalise(
     u: wp.vec3,
     moved: wp.vec3,
     scale: WorldScale,
+    is_followed: bool,
 ):
     """The row with its penalties for this step.
 
     The row is classified once a step, by the motion that the bodies would have without it: the
-    curvature of rows that are about to open, or to slide, would only hold the bodies back.
+    curvature of rows that are about to open, or to slide, would only hold the bodies back. Not
+    where blocks follow the row (``is_followed``): they have its curvature only while it pushes.
 
     Args:
         row: The row, with its multiplier warm-started.
@@ -271,11 +314,13 @@ def penalise(
     f_n = lambda_n - k * opening
     if f_n <= 0.0:
         out.force = wp.vec3(0.0)
-        k = wp.max(RELEASE_RATIO * least, LINK_RELEASE_RATIO * k)
+        if not is_followed:
+            k = wp.max(RELEASE_RATIO * least, LINK_RELEASE_RATIO * k)
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
-    if f_n > 0.0 and slides(row, out.k_t, mass, u, moved, f_n, scale.h):
-        out.k_t = RELEASE_RATIO * out.k_t
+    if f_n > 0.0 and not is_followed:
+        if slides(row, out.k_t, mass, u, moved, f_n, scale.h):
+            out.k_t = RELEASE_RATIO * out.k_t
     return out
 
 
@@ -380,6 +425,14 @@ def kept_force(push: wp.vec3, size: float, scale: WorldScale) -> wp.vec3:
     """
     most = JAMMED * scale.mass * size / (scale.h * scale.h)
     return push * wp.min(most / wp.max(wp.length(push), 1.0e-30), 1.0)
+
+
+@wp.func
+def stiffened(k: wp.mat33, arm: wp.vec3, ll: wp.mat33, al: wp.mat33, aa: wp.mat33):
+    """Adds a stiffness k [N/m] at an arm [m] to a body's block, as :func:`curvature` does."""
+    lever = wp.skew(arm)
+    turned = lever * k
+    return ll + k, al + turned, aa - turned * lever
 
 
 @wp.func

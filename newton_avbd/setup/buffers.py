@@ -201,6 +201,7 @@ def tree_work(model: newton.Model, topology: Topology) -> Any:
     tree.laws = wp.zeros(int(topology.axis_start[-1]), dtype=data.AxisLaw)
     tree.fewest = wp.zeros(slots, dtype=wp.int32)
     tree.patience = wp.zeros(slots, dtype=wp.int32)
+    tree.is_minimal = wp.zeros(slots, dtype=wp.bool)
     tree.start_velocity = wp.zeros(model.joint_dof_count, dtype=float)
     tree.rotation = wp.array(rotation, dtype=wp.quat)
     tree.turn = wp.zeros(slots, dtype=wp.vec3)

@@ -123,7 +123,8 @@ def make_begin_body(effects: Effects, assemble_body: wp.Function) -> wp.Function
         if is_touched and wp.static(not effects.ramp):
             h_ll, h_al, h_aa = assemble_body(body, h, step, s)
             if wp.static(effects.needles):
-                h_aa = stiffened_axis(body, h_aa, s)
+                if not is_jointed:
+                    h_aa = stiffened_axis(body, h_aa, s)
             if is_jointed:
                 if wp.static(effects.joints):
                     s.tree.own_ll[body] = h_ll

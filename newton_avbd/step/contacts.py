@@ -28,7 +28,7 @@ from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at
 from .crossing import SLICK, as_balls, has_long_lever
-from .gathering import is_same_block, is_visited_first
+from .gathering import is_followed, is_same_block, is_visited_first
 from .kernels import KERNEL, uncollected
 from .needles import is_needle, off_axes
 from .piles import mass_to_hold
@@ -552,7 +552,10 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                     )
                     s.rows.share[i] = share
                 else:
-                    row = contact_rows.penalise(row, mass, load, held, u, moved, scale)
+                    follows = bool(False)
+                    if wp.static(effects.joints):
+                        follows = is_followed(row, s)
+                    row = contact_rows.penalise(row, mass, load, held, u, moved, scale, follows)
                 if wp.static(effects.angular_friction):
                     spin = s.rows.spin[i]
                     if wp.static(effects.condim):

@@ -17,6 +17,7 @@ from ..effects import Effects
 from .anchors import is_linked
 from .eliminate_axes import make_eliminate_axes
 from .joint_frame import JointFrame, make_joint_frame
+from .needles import stiffened_axis
 from .tilting import (
     add_spin,
     forget_tilting,
@@ -121,32 +122,55 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
     eliminate_axes = make_eliminate_axes(effects)
 
     @wp.func
-    def assemble(body: int, wrench: wp.spatial_vector, h: float, s: wp.ref[Solver]):
-        """The body's own block, that of its contacts, and what its children have handed to it.
+    def gathered(
+        body: int,
+        has_dual: bool,
+        recovery: float,
+        slop: float,
+        h: float,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> Block:
+        """What pulls the body, and what its contacts add to its block."""
+        block = Block()
+        if wp.static(effects.contact):
+            block = gather(body, has_dual, recovery, slop, h, step, s)
+        else:
+            block.push = gather(body, has_dual, recovery, slop, h, step, s)
+        return block
 
-        Returns the block, and the wrench that the body's joint has to hold, with its children
-        [N, N m].
+    @wp.func
+    def assemble(body: int, block: wp.ref[Block], h: float, s: wp.ref[Solver]) -> wp.spatial_vector:
+        """Adds the body's own block, and what its children have handed to it, to its contacts'.
+
+        Returns the wrench that the body's joint has to hold, with its children [N, N m].
         """
         inv_h2 = 1.0 / (h * h)
-        block = Block()
-        block.ll = wp.diag(wp.vec3(s.model.mass[body] * inv_h2)) + s.tree.h_ll[body]
-        block.al = s.tree.h_al[body]
-        block.aa = s.work.inertia[body] * inv_h2 + s.tree.h_aa[body]
+        own_ll = wp.diag(wp.vec3(s.model.mass[body] * inv_h2))
+        own_al = wp.mat33(0.0)
+        own_aa = s.work.inertia[body] * inv_h2
         if wp.static(effects.drag):
-            block.ll += s.work.drag[body].ll / h
-            block.al += s.work.drag[body].al / h
-            block.aa += s.work.drag[body].aa / h
-        if wp.static(effects.contact or effects.loops):
+            own_ll += s.work.drag[body].ll / h
+            own_al += s.work.drag[body].al / h
+            own_aa += s.work.drag[body].aa / h
+        if wp.static(effects.loops):
             if s.tree.is_touched[body]:
-                block.ll = s.tree.own_ll[body] + s.tree.h_ll[body]
-                block.al = s.tree.own_al[body] + s.tree.h_al[body]
-                block.aa = s.tree.own_aa[body] + s.tree.h_aa[body]
+                own_ll = s.tree.own_ll[body]
+                own_al = s.tree.own_al[body]
+                own_aa = s.tree.own_aa[body]
+        block.ll += own_ll + s.tree.h_ll[body]
+        block.al += own_al + s.tree.h_al[body]
+        block.aa += own_aa
+        if wp.static(effects.needles):
+            if s.tree.is_touched[body]:
+                block.aa = stiffened_axis(body, block.aa, s)
+        block.aa += s.tree.h_aa[body]
         if wp.static(effects.cables):
             block.ll += s.tree.cables.ll[body]
             block.al += s.tree.cables.al[body]
             block.aa += s.tree.cables.aa[body]
-        block.push = wrench + s.tree.push[body]
-        load = wrench + s.tree.load[body]
+        load = block.push + s.tree.load[body]
+        block.push += s.tree.push[body]
         if wp.static(effects.closures and effects.loops):
             held, held_aa = held_by_loops(body, s)
             block.aa += held_aa
@@ -155,7 +179,7 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
             if s.tree.is_fast[body]:
                 add_spin(body, s.work.spin_momentum[body], h, s.tree)
         clear_children(body, s)
-        return block, load
+        return load
 
     @wp.func
     def close_rows(
@@ -264,8 +288,12 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
         Returns how far off the geometric stiffness and the curvature of tendons may be, as a share
         of the block.
         """
-        wrench = gather(body, has_dual, recovery, slop, h, step, s)
-        block, load = assemble(body, wrench, h, s)
+        updates_duals = has_dual
+        if wp.static(effects.contact):
+            # multipliers are those of forces at a minimum
+            updates_duals = has_dual and s.tree.is_minimal[body]
+        block = gathered(body, updates_duals, recovery, slop, h, step, s)
+        load = assemble(body, block, h, s)
         close_rows(body, has_dual, recovery, block, s)
         if not is_linked(body, s):
             return factor_root(body, block, s)

@@ -2,13 +2,17 @@
 # SPDX-License-Identifier: Apache-2.0
 """All that acts on a body, summed: its wrench in each sweep, and its block once a step."""
 
+from dataclasses import dataclass
+
 import warp as wp
 
+from ..blocks.tree import Block
 from ..data import ContactRow, Solver, Step, WorldWork
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
 from .anchors import parent_slot
+from .beginning import is_in_tree
 from .drag import resistance
 from .piles import in_pile, is_link
 
@@ -31,20 +35,70 @@ def is_visited_first(worlds: wp.ref[WorldWork], a: int, b: int) -> bool:
     return is_before
 
 
+@wp.func
+def is_followed(row: ContactRow, s: wp.ref[Solver]) -> bool:
+    """Whether the blocks of trees follow a row as it opens and slides.
+
+    Not where a free body has the whole curvature, or where both bodies move at once.
+    """
+    if is_same_block(s.worlds, row.a, row.b):
+        return False
+    if s.work.inv_mass[row.b] > 0.0 and not is_in_tree(s.worlds.rank[row.b], s):
+        return False
+    return is_in_tree(s.worlds.rank[row.a], s)
+
+
+@dataclass(frozen=True)
+class ContactLaw:
+    """Device functions of what contacts of a scene push with, by their slip and gap."""
+
+    force: wp.Function
+    stiffness: wp.Function
+    """How the force falls as the slip grows."""
+    gap: wp.Function
+    """Gap that a sweep closes."""
+
+
+def make_contact_law(effects: Effects) -> ContactLaw:
+    """The law of the contacts of a scene."""
+    gap = contact_rows.whole_gap if effects.compliance else contact_rows.rigid_gap
+    if effects.friction:
+        return ContactLaw(contact_rows.force, contact_rows.stiffness, gap)
+    return ContactLaw(contact_rows.normal_force, contact_rows.normal_stiffness, gap)
+
+
+def make_block_stiffness(law: ContactLaw) -> wp.Function:
+    """Device function: what a row adds to the block of a body of a tree, at its arm."""
+    contact_stiffness = law.stiffness
+
+    @wp.func
+    def block_stiffness(row: ContactRow, u: wp.vec3, gap: float, s: wp.ref[Solver]) -> wp.mat33:
+        """How the force on the body falls as the slip u [m] grows [N/m].
+
+        Where both bodies move at once, twice the most on each is an upper bound of what couples
+        them: (u_b - u_a)^2 <= 2 u_a^2 + 2 u_b^2.
+        """
+        if is_same_block(s.worlds, row.a, row.b):
+            return 2.0 * contact_rows.whole_stiffness(row)
+        return contact_stiffness(row, u, gap)
+
+    return block_stiffness
+
+
 def make_gather(
-    effects: Effects,
-    contact_force: wp.Function,
-    gap_of: wp.Function,
-    loop_wrench: wp.Function,
+    effects: Effects, law: ContactLaw, loop_wrench: wp.Function, *, follows: bool = False
 ) -> wp.Function:
     """Device function that sums what pulls a body: to its inertial target, and at its contacts.
 
     With ``has_dual`` the rows that the body owns start with the dual update lambda <- F that ends
     the sweep before: nothing has moved at them since. ``recovery`` is the share of the penetration
     beyond ``slop`` that is to go.
-    """
 
-    recovers_by_duals = effects.joints and not (effects.compliance or effects.ramp)
+    Where a block ``follows`` its rows it returns what they add to it, as they push there, with the
+    wrench as its push.
+    """
+    contact_force, gap_of = law.force, law.gap
+    block_stiffness = make_block_stiffness(law)
 
     @wp.func
     def still_to_close(
@@ -61,6 +115,27 @@ def make_gather(
         s.rows.left[i] = left
         return gap + left
 
+    @wp.func
+    def follow(
+        i: int,
+        row: ContactRow,
+        u: wp.vec3,
+        gap: float,
+        arm: wp.vec3,
+        block: wp.ref[Block],
+        s: wp.ref[Solver],
+    ):
+        """Adds to a body's block what a row at an arm of it does, as it pushes."""
+        share = wp.where(is_same_block(s.worlds, row.a, row.b), 2.0, 1.0)
+        ll, al, aa = contact_rows.stiffened(
+            block_stiffness(row, u, gap, s), arm, block.ll, block.al, block.aa
+        )
+        block.ll = ll
+        block.al = al
+        block.aa = aa
+        if wp.static(effects.angular_friction):
+            block.aa += share * spin_rows.curvature(s.rows.spin[i], row.normal)
+
     @wp.func(inline=effects.inline)
     def gather(
         body: int,
@@ -70,7 +145,8 @@ def make_gather(
         h: float,
         step: wp.ref[Step],
         s: wp.ref[Solver],
-    ) -> wp.spatial_vector:
+    ):
+        block = Block()
         increment = s.work.increment[body]
         away = s.work.target[body] - increment
         inv_h2 = 1.0 / (h * h)
@@ -101,7 +177,7 @@ def make_gather(
                 if wp.static(effects.drift):
                     u += s.rows.drift[i]
                 gap = gap_of(row.gap, recovery, slop)
-                if wp.static(recovers_by_duals):
+                if wp.static(effects.recovers_by_duals):
                     if recovery > 0.0:
                         gap = still_to_close(i, row, u, gap, has_dual, s)
                 push = contact_force(row, u, gap)
@@ -113,6 +189,8 @@ def make_gather(
                     push = contact_force(row, u, gap)
                 f -= push
                 tau -= wp.cross(row.arm, push)
+                if wp.static(follows):
+                    follow(i, row, u, gap, row.arm, block, s)
                 if wp.static(effects.angular_friction):
                     spin = s.rows.spin[i]
                     rolled = turn
@@ -141,12 +219,14 @@ def make_gather(
                 if wp.static(effects.drift):
                     u += s.rows.drift[other]
                 gap = gap_of(row.gap, recovery, slop)
-                if wp.static(recovers_by_duals):
+                if wp.static(effects.recovers_by_duals):
                     if recovery > 0.0:
                         gap += s.rows.left[other]
                 push = contact_force(row, u, gap)
                 f += push
                 tau += wp.cross(row.arm + span, push)
+                if wp.static(follows):
+                    follow(other, row, u, gap, row.arm + span, block, s)
                 if wp.static(effects.angular_friction):
                     f_n = wp.dot(row.normal, push)
                     rolled = turn
@@ -168,35 +248,41 @@ def make_gather(
         wrench = wp.spatial_vector(f, tau)
         if wp.static(effects.cables):
             wrench += s.tree.cables.wrench[body]
-        return wrench
+        if wp.static(follows):
+            block.push = wrench
+            return block
+        else:
+            return wrench
 
     return gather
 
 
 def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
-    """Device function: the block of a body, by its inertia and the curvature of its rows."""
+    """Device function: the block of a body, by its inertia and the curvature of its rows.
+
+    In a tree without that of contacts, which :func:`make_gather` sums in each sweep.
+    """
 
     @wp.func
     def share_of(row: ContactRow, s: wp.ref[Solver]) -> float:
         """What the block of one of its bodies sees of a row's curvature.
 
-        The link of a pile is solved for itself. Where both bodies move at once all the same, twice
-        the curvature on each is an upper bound of what couples them: (u_b - u_a)^2 <= 2 u_a^2 +
-        2 u_b^2.
+        The link of a pile is solved for itself. Where both bodies move at once all the same, it is
+        doubled as in :func:`make_block_stiffness`.
         """
         if wp.static(effects.piles):
             if is_link(row, s.rows):
                 return 0.0
             if in_pile(s.rows, row.a) and in_pile(s.rows, row.b):
                 return 2.0
-        if wp.static(effects.joints):
-            if is_same_block(s.worlds, row.a, row.b):
-                return 2.0
         return 1.0
 
     @wp.func(inline=effects.inline)
     def assemble_body(body: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """A body's block: its inertia and the curvature of its rows, the same all step long."""
+        is_jointed = bool(False)
+        if wp.static(effects.joints):
+            is_jointed = is_in_tree(s.worlds.rank[body], s)
         inv_h2 = 1.0 / (h * h)
         h_ll = wp.diag(wp.vec3(s.model.mass[body] * inv_h2))
         h_al = wp.mat33(0.0)
@@ -206,7 +292,8 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
             h_al += s.work.drag[body].al / h
             h_aa += s.work.drag[body].aa / h
         if wp.static(effects.contact):
-            for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            owned_end = wp.where(is_jointed, 0, s.rows.owned_end[body])
+            for i in range(s.rows.owned_start[body], owned_end):
                 row = s.rows.rows[i]
                 share = share_of(row, s)
                 if share == 0.0:
@@ -217,7 +304,8 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
                 if wp.static(effects.angular_friction):
                     h_aa += share * spin_rows.curvature(s.rows.spin[i], row.normal)
         if wp.static(effects.pairs):
-            for i in range(s.rows.other_start[body], s.rows.other_end[body]):
+            other_end = wp.where(is_jointed, 0, s.rows.other_end[body])
+            for i in range(s.rows.other_start[body], other_end):
                 row = s.rows.rows[s.rows.other_rows[i]]
                 share = share_of(row, s)
                 if share == 0.0:

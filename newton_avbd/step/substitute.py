@@ -59,14 +59,15 @@ def make_step_of_axis(effects: Effects) -> wp.Function:
         if axis.pivot > 0.0:
             q = axis.step
         held = axis.pivot * q + met - axis.push
-        if wp.static(effects.bounded_axes):
+        if wp.static(effects.bounded_axes or effects.contact):
             if axis.pivot > 0.0:
                 found.curvature += q * (axis.pivot * q + 2.0 * met)
                 found.held_work += held * q
             else:
                 found.curvature += axis.inv_pivot * axis.push * axis.push
-                if not is_searched:
-                    q = axis_rows.free_step(law, q, axis.inv_pivot)
+        if wp.static(effects.bounded_axes):
+            if axis.pivot <= 0.0 and not is_searched:
+                q = axis_rows.free_step(law, q, axis.inv_pivot)
         law.next = next_piece(law, q, held)
         s.tree.laws[k].next = law.next
         if wp.static(effects.joint_friction):
@@ -127,6 +128,8 @@ def make_step_of_axis(effects: Effects) -> wp.Function:
             axis.torque, wp.spatial_bottom(update)
         )
         q = axis.inv_pivot * (axis.push - met)
+        if wp.static(effects.contact and not effects.laws):
+            found.curvature += axis.inv_pivot * axis.push * axis.push
         if wp.static(effects.laws):
             q = step_within_law(k, q, met, is_searched, axis, found, s)
         if wp.static(effects.coordinates):
@@ -170,7 +173,7 @@ def make_substitute(effects: Effects) -> wp.Function:
             s.tree.update[body] = update + s.tree.closing[body]
         else:
             half = s.tree.update[body] - pushed
-            if wp.static(effects.bounded_axes):
+            if wp.static(effects.bounded_axes or effects.contact):
                 found.curvature = wp.dot(half, half)
             s.tree.update[body] = other_half(s.work.factor[body], half)
         if wp.static(effects.closures):

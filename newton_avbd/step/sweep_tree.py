@@ -11,12 +11,14 @@ from ..blocks.closure import MISSED, softness_of, solve_ground
 from ..data import LoopWork, Solver, Step
 from ..effects import Effects
 from ..rows.joint import make_counts
-from .active_set import PATIENCE, make_active_set
+from .active_set import PATIENCE, make_take_pieces
 from .anchors import is_linked
 from .bodies import body_at, has_rows
 from .carrying import is_short
 from .coordinates import make_coordinates
 from .eliminate import make_eliminate
+from .gathering import ContactLaw
+from .line_search import make_least_energy
 from .mimics import missed_by_lines
 from .rotations import turn_by
 from .scale import STOPPING
@@ -29,6 +31,9 @@ FAR = wp.constant(3.0e-2)
 """Turn by an update from which joint coordinates are measured again [rad]."""
 EULER_FAR = wp.constant(3.0e-3)
 """Likewise in scenes with joints of two or three angular axes, which turn each other."""
+ALL = wp.constant(0.9)
+"""Share of an update that takes a tree to where multipliers of its contacts may follow their
+forces: before, these are those of no state that the tree will be in."""
 MOST_TURN = wp.constant(1.0)
 """Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 
@@ -114,6 +119,7 @@ def make_move(effects: Effects) -> MoveFunctions:
 
 def make_sweep_tree(
     effects: Effects,
+    law: ContactLaw,
     gather: wp.Function,
     begin_rows: wp.Function,
     keep_forces: wp.Function,
@@ -123,6 +129,7 @@ def make_sweep_tree(
 
     Args:
         effects: What the kernel is compiled with.
+        law: What contacts push with.
         gather: Device function that sums the inertial and contact wrench of a body.
         begin_rows: Device function that starts the closures of a block.
         keep_forces: Device function that keeps what they push with.
@@ -132,8 +139,9 @@ def make_sweep_tree(
     substitute = make_substitute(effects)
     move_functions = make_move(effects)
     gimbal_step, move = move_functions.gimbal_step, move_functions.move
-    active_set = make_active_set(effects)
-    least_energy, take_pieces = active_set.least_energy, active_set.take_pieces
+    least_energy = make_least_energy(effects, law)
+    take_pieces = make_take_pieces(effects)
+    has_curvature = effects.bounded_axes or effects.contact
 
     @wp.func
     def eliminate_tree(
@@ -182,7 +190,7 @@ def make_sweep_tree(
             if s.work.inv_mass[body] > 0.0:
                 of_body = substitute(body, is_searched, h, s)
                 found.wrong += of_body.wrong
-                if wp.static(effects.bounded_axes):
+                if wp.static(has_curvature):
                     found.curvature += of_body.curvature
                     found.held_work += of_body.held_work
                 turned_most = wp.max(
@@ -191,6 +199,12 @@ def make_sweep_tree(
                 if wp.static(effects.kinds.gimbals):
                     turned_most = wp.max(turned_most, gimbal_step(body, s))
         return turned_most
+
+    @wp.func
+    def note_minimum(first: int, end: int, is_minimal: bool, s: wp.ref[Solver]):
+        """Notes whether the bodies of a tree go to the minimum of its model."""
+        for i in range(first, end):
+            s.tree.is_minimal[body_at(i, s.worlds)] = is_minimal
 
     @wp.func
     def is_newtons(body: int, s: wp.ref[Solver]) -> bool:
@@ -303,10 +317,16 @@ def make_sweep_tree(
         share = float(1.0)
         if turned_most > MOST_TURN * MOST_TURN:
             share = MOST_TURN / wp.sqrt(turned_most)
-        if wp.static(effects.bounded_axes):
-            if is_searched and found.wrong > 0:
-                least = least_energy(first, end, found.curvature, found.held_work, s)
+        if wp.static(has_curvature):
+            is_searched = is_searched and found.wrong > 0
+            is_seen = bool(False)
+            if wp.static(effects.contact):
+                is_seen = farthest_next(first, end, 1.0, False, slop, s) > 0.0
+            if is_searched or is_seen:
+                least = least_energy(first, end, found, is_searched, recovery, slop, s)
                 share = wp.min(share, least)
+            if wp.static(effects.contact):
+                note_minimum(first, end, found.wrong == 0 and share >= ALL, s)
         # Newton's method leaves half of the angle times the update, the angle of the step or, where
         # a stop takes it back, of the update; or what the joint forces of the last step are off by
         # in the first iteration.

@@ -14,6 +14,7 @@ import warp as wp
 from ..effects import Effects
 from .coordinates import make_coordinates
 from .forward_kinematics import make_forward_kinematics
+from .gathering import ContactLaw
 from .joint_start import make_joint_start
 from .spin_alignment import make_align_spins
 from .sweep_tree import make_sweep_tree
@@ -35,6 +36,7 @@ class TreeFunctions:
 
 def make_trees(
     effects: Effects,
+    law: ContactLaw,
     gather: wp.Function,
     begin_rows: wp.Function,
     keep_forces: wp.Function,
@@ -44,6 +46,7 @@ def make_trees(
 
     Args:
         effects: What the kernel is compiled with.
+        law: What contacts push with.
         gather: Device function that sums the inertial and contact wrench of a body.
         begin_rows: Device function that starts the closures of a block.
         keep_forces: Device function that keeps what they push with.
@@ -52,7 +55,7 @@ def make_trees(
     coordinates = make_coordinates(effects)
     start = make_joint_start(effects)
     forward = make_forward_kinematics(effects)
-    sweep_tree = make_sweep_tree(effects, gather, begin_rows, keep_forces, settle_tendons)
+    sweep_tree = make_sweep_tree(effects, law, gather, begin_rows, keep_forces, settle_tendons)
     return TreeFunctions(
         start.measure_start,
         start.measure_velocity,
