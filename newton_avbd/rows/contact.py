@@ -12,7 +12,8 @@ and pushes b with the force (a with its opposite)
 
 where proj maps to the circular Coulomb cone |F_t| <= mu F_n, F_n >= 0. The dual update is
 lambda <- F. Penalties are constant during a step, so the curvature k J^T J of all rows, active or
-not, majorises the objective and each body's block is factored once a step.
+not, majorises the objective and the block of a free body is factored once a step. Blocks of trees
+are made anew in each sweep, with the curvature of what pushes (:func:`stiffness`).
 """
 
 import warp as wp
