@@ -12,8 +12,9 @@ import warp as wp
 FUSED = "-ffp-contract=fast"
 """CPU compiler flag: fuses multiply and add also across inlined functions, 12 % faster sweeps.
 
-Which it fuses depends on the kernel around them. ``wp.config.cpu_compiler_flags``, set before the
-import, comes after it: with ``"-ffp-contract=on"`` one world and many go to the same bits."""
+Which it fuses depends on the kernel around them. What is added to ``wp.config.cpu_compiler_flags``
+before the import comes after it: with ``" -ffp-contract=on"`` one world and many go to the same
+bits."""
 INLINING = "-mllvm=-inline-threshold=1000 -mllvm=-inline-cold-callsite-threshold=225"
 """CPU compiler flags in place of Warp's thresholds, with which a robot's kernel takes 1.2 times as
 long to compile, and steps no faster."""
