@@ -17,7 +17,7 @@ from .bodies import body_at
 from .gathering import ContactLaw, is_same_block, make_block_stiffness
 from .substitute import Misplaced
 
-SEARCHES = wp.constant(4)
+SEARCHES = wp.constant(8)
 """Most guesses of the share of an update at which the energy along it is least."""
 LEVEL = wp.constant(0.1)
 """Slope there that counts as none, as a share of that at the start."""
