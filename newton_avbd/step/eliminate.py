@@ -290,8 +290,8 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
         """
         updates_duals = has_dual
         if wp.static(effects.contact):
-            # multipliers are those of forces at a minimum
-            updates_duals = has_dual and s.tree.is_minimal[body]
+            # multipliers are those of forces at a minimum; the recovery has none
+            updates_duals = has_dual and (recovery > 0.0 or s.tree.is_minimal[body])
         block = gathered(body, updates_duals, recovery, slop, h, step, s)
         load = assemble(body, block, h, s)
         close_rows(body, has_dual, recovery, block, s)
