@@ -1388,7 +1388,7 @@ class TreeWork:
     is_touched: wp.array[wp.bool]
     """Whether the body has contacts or joints that close loops."""
     own_ll: wp.array[wp.mat33]
-    """The body's own block, inertia and those, where it is touched."""
+    """The body's own block, inertia, drag and loops, where contacts or loops act on it."""
     own_al: wp.array[wp.mat33]
     own_aa: wp.array[wp.mat33]
     h_ll: wp.array[wp.mat33]

@@ -70,7 +70,7 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
         trees = make_trees(
             effects,
             law,
-            make_gather(effects, law, loops.loop_wrench, follows=effects.contact),
+            make_gather(effects, law, loops.loop_wrench, follows=True),
             closures.begin_rows,
             closures.keep_forces,
             closures.settle_tendons,

@@ -120,13 +120,16 @@ def make_begin_body(effects: Effects, assemble_body: wp.Function) -> wp.Function
         if wp.static(effects.joints):
             s.tree.is_touched[body] = is_touched
             is_jointed = is_in_tree(rank, s)
-        if is_touched and wp.static(not effects.ramp):
+        has_block = bool(is_touched)
+        if wp.static(not effects.loops):
+            has_block = is_touched and not is_jointed  # trees sum their contacts in each sweep
+        if has_block and wp.static(not effects.ramp):
             h_ll, h_al, h_aa = assemble_body(body, h, step, s)
             if wp.static(effects.needles):
                 if not is_jointed:
                     h_aa = stiffened_axis(body, h_aa, s)
             if is_jointed:
-                if wp.static(effects.joints):
+                if wp.static(effects.joints and effects.loops):
                     s.tree.own_ll[body] = h_ll
                     s.tree.own_al[body] = h_al
                     s.tree.own_aa[body] = h_aa

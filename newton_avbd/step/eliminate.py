@@ -116,28 +116,11 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
 
     Args:
         effects: What the kernel is compiled with.
-        gather: Device function that sums the inertial and contact wrench of a body.
+        gather: Device function that sums the inertial and contact wrench of a body, and what its
+            contacts add to its block.
     """
     joint_frame = make_joint_frame(effects)
     eliminate_axes = make_eliminate_axes(effects)
-
-    @wp.func
-    def gathered(
-        body: int,
-        has_dual: bool,
-        recovery: float,
-        slop: float,
-        h: float,
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
-    ) -> Block:
-        """What pulls the body, and what its contacts add to its block."""
-        block = Block()
-        if wp.static(effects.contact):
-            block = gather(body, has_dual, recovery, slop, h, step, s)
-        else:
-            block.push = gather(body, has_dual, recovery, slop, h, step, s)
-        return block
 
     @wp.func
     def assemble(body: int, block: wp.ref[Block], h: float, s: wp.ref[Solver]) -> wp.spatial_vector:
@@ -292,7 +275,7 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
         if wp.static(effects.contact):
             # multipliers are those of forces at a minimum; the recovery has none
             updates_duals = has_dual and (recovery > 0.0 or s.tree.is_minimal[body])
-        block = gathered(body, updates_duals, recovery, slop, h, step, s)
+        block = gather(body, updates_duals, recovery, slop, h, step, s)
         load = assemble(body, block, h, s)
         close_rows(body, has_dual, recovery, block, s)
         if not is_linked(body, s):

@@ -126,7 +126,6 @@ def make_gather(
         s: wp.ref[Solver],
     ):
         """Adds to a body's block what a row at an arm of it does, as it pushes."""
-        share = wp.where(is_same_block(s.worlds, row.a, row.b), 2.0, 1.0)
         ll, al, aa = contact_rows.stiffened(
             block_stiffness(row, u, gap, s), arm, block.ll, block.al, block.aa
         )
@@ -134,6 +133,7 @@ def make_gather(
         block.al = al
         block.aa = aa
         if wp.static(effects.angular_friction):
+            share = wp.where(is_same_block(s.worlds, row.a, row.b), 2.0, 1.0)
             block.aa += share * spin_rows.curvature(s.rows.spin[i], row.normal)
 
     @wp.func(inline=effects.inline)
@@ -281,7 +281,7 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
     def assemble_body(body: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
         """A body's block: its inertia and the curvature of its rows, the same all step long."""
         is_jointed = bool(False)
-        if wp.static(effects.joints):
+        if wp.static(effects.joints and effects.loops):
             is_jointed = is_in_tree(s.worlds.rank[body], s)
         inv_h2 = 1.0 / (h * h)
         h_ll = wp.diag(wp.vec3(s.model.mass[body] * inv_h2))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """How far a tree goes along its update: to where the energy along it is least.
 
-Newton's method with an exact search, as in MuJoCo's solver: no iteration goes uphill.
+Newton's method with a search for where the slope along the update vanishes, as in MuJoCo's solver.
 """
 
 import warp as wp
