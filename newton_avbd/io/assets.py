@@ -116,7 +116,7 @@ def read_driven(path: Path, solver: str = "avbd") -> tuple[newton.ModelBuilder, 
     builder = _prepared(solver)
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
     notes = add_mjcf(builder, path, ctrl_direct=True)
-    _collide_by_hulls(builder)
+    _collide_by_hulls(builder, of_world=True)
     filter_neighbors(builder)
     return builder, notes
 
@@ -181,7 +181,7 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
     builder = _prepared(solver)
     if suffix == ".xml":
         notes = add_mjcf(builder, path)
-        _collide_by_hulls(builder)
+        _collide_by_hulls(builder, of_world=True)
         filter_neighbors(builder)
         return builder, notes
     check_usd_masses(path)
@@ -258,11 +258,15 @@ def _weighed_by_shapes(
         )
 
 
-def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
+def _collide_by_hulls(builder: newton.ModelBuilder, *, of_world: bool = False) -> None:
     """Let meshes of bodies collide as their convex hulls.
 
     MuJoCo and PyBullet read URDF and MJCF so. Triangles of one link against those of another take
     seconds a step and find more contacts than buffers hold.
+
+    Args:
+        builder: Holds the meshes.
+        of_world: Whether those that no body has do likewise: they do in MuJoCo, and not in PyBullet.
     """
     meshes = [
         shape
@@ -271,7 +275,7 @@ def _collide_by_hulls(builder: newton.ModelBuilder) -> None:
         )
         if kind == newton.GeoType.MESH
         and flags & newton.ShapeFlags.COLLIDE_SHAPES
-        and builder.shape_body[shape] >= 0
+        and (of_world or builder.shape_body[shape] >= 0)
     ]
     if meshes:
         require("scipy")
