@@ -55,6 +55,9 @@ CAUSES: dict[str, Cause] = {
         "Pass blocks='body'.",
     ),
     "cylinders": Cause("shape", "of type CYLINDER, which may roll", "step/rolling.py"),
+    "ellipsoids": Cause(
+        "shape", "of type ELLIPSOID, which may touch without a normal", "step/ellipsoids.py"
+    ),
     "friction": Cause("shape", "with friction (mu) above zero", "rows/contact.py"),
     "angular_friction": Cause(
         "shape",
@@ -230,7 +233,8 @@ CAUSES: dict[str, Cause] = {
 _IMPLIED: dict[str, tuple[str, ...]] = {
     "contact": (
         *("pairs", "piles", "friction", "angular_friction", "put_bodies", "restitution", "ramp"),
-        *("light_links", "condim", "contact_pairs", "adhesion", "cylinders", "needles"),
+        *("light_links", "condim", "contact_pairs", "adhesion", "needles"),
+        *("cylinders", "ellipsoids"),
     ),
     "gyroscopic": ("needles",),
     "friction": ("put_bodies",),
@@ -336,6 +340,8 @@ class Effects:
     """Islands at rest are not solved, and each one by itself, where that was asked for."""
     cylinders: bool = False
     """A shape that is a cylinder, which may roll."""
+    ellipsoids: bool = False
+    """A shape that is an ellipsoid, for which detection may find no normal."""
     friction_mix: str = "geometric_average"
     """How the friction coefficients of two shapes mix."""
     angular_friction: bool = False

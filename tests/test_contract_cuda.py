@@ -72,7 +72,7 @@ VARIANTS = {
     "contacts": with_all(
         BODIES,
         "pairs piles restitution angular_friction matching moving_surfaces contact_materials "
-        "put_bodies condim contact_pairs cylinders needles",
+        "put_bodies condim contact_pairs cylinders ellipsoids needles",
     ),
     "an accuracy": with_all(HINGED, "adaptive second_order fourth_order drives limits"),
     "compliance": with_all(BODIES, "compliance matching contact_materials"),

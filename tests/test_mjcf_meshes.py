@@ -19,7 +19,7 @@ ROBOT = """<mujoco><compiler meshdir="assets"/>
 <body name="b"><freejoint/><geom size="0.1" mass="2"/><geom type="mesh" mesh="gone"/></body>
 </worldbody></mujoco>"""
 SCENE = """<mujoco><include file="robot.xml"/><worldbody>
-<geom type="plane" size="1 1 1"/></worldbody></mujoco>"""
+<geom type="plane" size="1 1 1"/><geom type="mesh" mesh="there"/></worldbody></mujoco>"""
 
 
 @pytest.fixture
@@ -41,7 +41,11 @@ def test_a_missing_mesh_is_named_and_the_rest_is_read(scene: Path) -> None:
         "geoms do: 'b' 2 kg",
     )
     kinds = newton.GeoType
-    assert sorted(builder.shape_type) == sorted([kinds.CONVEX_MESH, kinds.SPHERE, kinds.PLANE])
+    shapes = zip(builder.shape_body, builder.shape_type, strict=True)
+    assert sorted(shapes) == sorted(
+        # that of the world collides as its hull, too, as in MuJoCo
+        [(0, kinds.CONVEX_MESH), (-1, kinds.CONVEX_MESH), (1, kinds.SPHERE), (-1, kinds.PLANE)]
+    )
     np.testing.assert_allclose(builder.body_mass, (3.0, 2.0), rtol=1.0e-6)
 
 

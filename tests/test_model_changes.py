@@ -475,6 +475,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "contact_pairs",
             "carried_rounding",
             "cylinders",
+            "ellipsoids",
         ),  # what there is
         *("closures", "mimics", "equalities"),
         "breaking",  # that some joint can break is said before

@@ -266,7 +266,7 @@ def _collide_by_hulls(builder: newton.ModelBuilder, *, of_world: bool = False) -
 
     Args:
         builder: Holds the meshes.
-        of_world: Whether those that no body has do likewise: they do in MuJoCo, and not in PyBullet.
+        of_world: Whether those that no body has do, too, as in MuJoCo and not in PyBullet.
     """
     meshes = [
         shape

@@ -96,11 +96,12 @@ def _of_shapes(
 ) -> dict[str, np.ndarray]:
     """What calls for the effects of contacts."""
     shapes = _colliding(model)
-    cylinders = np.flatnonzero(model.shape_type.numpy() == int(newton.GeoType.CYLINDER))
+    kinds = model.shape_type.numpy()[shapes]
     by_condim = np.union1d(np.flatnonzero(condims.is_own), condims.pairs)
     return {
         "contact": shapes,
-        "cylinders": np.intersect1d(shapes, cylinders),
+        "cylinders": shapes[kinds == int(newton.GeoType.CYLINDER)],
+        "ellipsoids": shapes[kinds == int(newton.GeoType.ELLIPSOID)],
         "friction": _frictional(model, condims),
         "angular_friction": _twisting(model, condims, angular_friction),
         "condim": np.intersect1d(shapes, by_condim),

@@ -28,6 +28,7 @@ from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at
 from .crossing import SLICK, as_balls, has_long_lever
+from .ellipsoids import farthest_point, touching_normal
 from .gathering import is_followed, is_same_block, is_visited_first
 from .kernels import KERNEL, uncollected
 from .needles import is_needle, off_axes
@@ -85,7 +86,7 @@ def report_dropped(worlds: wp.ref[WorldWork], contact: int):
     if wp.atomic_add(worlds.dropped, 0, 1) == 0:
         wp.printf(
             "SolverAVBD: contact %d is left out: its shapes are not those of a pair in a world of "
-            "the model, or its numbers are not finite\n",
+            "the model, its numbers are not finite, or it has no normal\n",
             contact,
         )
 
@@ -308,6 +309,11 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
         # along the normal, not along the turned offset, lets a sphere roll.
         point0 = record.point0
         point1 = record.point1
+        if wp.static(effects.ellipsoids):
+            if wp.length_sq(normal) == 0.0:
+                normal = touching_normal(record, slot0, slot1, static_slot, s)
+                point0 = farthest_point(record.shape0, slot0, static_slot, point0, normal, s)
+                point1 = farthest_point(record.shape1, slot1, static_slot, point1, -normal, s)
         if wp.static(effects.cylinders):
             if s.work.inv_mass[slot0] > 0.0:
                 rotation0 = wp.transform_get_rotation(s.work.pose[slot0])
