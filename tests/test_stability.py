@@ -46,6 +46,7 @@ SECONDS = {
     "top_1000": 1.0,
     "top_10000": 1.0,
     "needle": 0.6,
+    "ellipsoids": 1.5,
     "overlap_free": 0.3,
     "overlap_ground": 0.3,
     "same_place": 0.3,

@@ -219,6 +219,27 @@ BODIES.add(
 
 
 @BODIES.declare(
+    "ellipsoids",
+    "twelve ellipsoids settle in a bin; where two just touch detection finds no normal",
+    # a tenth of the shortest axis in impacts at 2 m/s, and at rest what blocks may sink
+    Bounds(penetration=0.1 * 0.08, gain=1e-3, rest=SUNK),
+    seconds=3.0,
+    speculative=0.1,
+)
+def _(builder: newton.ModelBuilder) -> None:
+    add_ground(builder, mu=0.5)
+    for x, y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        wall = {"hx": 0.1 if x else 0.4, "hy": 0.1 if y else 0.4, "hz": 0.5}
+        builder.add_shape_box(-1, xform=at(0.33 * x, 0.33 * y, 0.5), cfg=block(builder), **wall)
+    rng = np.random.default_rng(3)
+    for i in range(12):
+        yaw, tilt = map(float, rng.uniform((0.0, -0.3), (2.0 * math.pi, 0.3)))
+        turn = wp.quat_from_axis_angle(wp.vec3(math.cos(yaw), math.sin(yaw), 0.0), tilt)
+        body = builder.add_body(xform=at(0.11 * (-1) ** i, 0.0, 0.06 + 0.11 * (i // 2), turn))
+        builder.add_shape_ellipsoid(body, rx=0.1, ry=0.08, rz=0.04, cfg=block(builder))
+
+
+@BODIES.declare(
     "overlap_ground",
     "three boxes within each other and half in the ground; until those that came up topple",
     # Slower than a fall from the depth
