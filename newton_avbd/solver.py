@@ -75,9 +75,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
     that the model authors. Supported: all types of joints, drives, limits, kinematic bodies, all
     shapes that Newton's collision pipeline handles, any number of worlds.
 
-    Sources: Giles, Diaz, Yuksel, "Augmented Vertex Block Descent", 2025; "Rigid Body Dynamics with
-    VBD, Section I: Free Bodies"; Featherstone, "Rigid Body Dynamics Algorithms", 2008; ``docs/``
-    says where this solver departs from them, and why.
+    Sources: Giles, Diaz, Yuksel, "Augmented Vertex Block Descent", 2025; Chen, "Rigid Body Dynamics
+    with VBD, Section I: Free Bodies", 2026, the seed document; Featherstone, "Rigid Body Dynamics
+    Algorithms", 2008; ``docs/`` says where this solver departs from them, and why.
 
     Example:
         As any of Newton's solvers::
