@@ -15,6 +15,7 @@ from pathlib import Path
 
 from newton_avbd.io.errors import UserError, unknown
 from newton_avbd.io.options import check_writable
+from newton_avbd.io.output import STANDARD_OUTPUT, tables_beside, write_json
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.study.properties.body import BODIES
 from newton_avbd.study.properties.cable import CABLES
@@ -80,19 +81,26 @@ def main(args: argparse.Namespace) -> int:
     chosen = _choose(args.names)
     known = _read(args.json)
     check_writable(args.json, args.output)
-    with interruptible() as interruption:
+    solvers = args.solvers or SOLVERS
+    with tables_beside(args.json), interruptible() as interruption:
         for property_ in progress(chosen, len(chosen), "properties", lambda tried: tried.name):
-            for solver in args.solvers:
+            for solver in solvers:
                 outcome = judge(property_, solver)
                 known[property_.name, solver] = outcome
                 say(f"{property_.name:36} {solver:7} {outcome.verdict}")
             # now and not at the end: some solvers take half an hour for all
-            if args.json:
-                entries = [asdict(outcome) for outcome in _in_order(known)]
-                _write(args.json, f"{json.dumps(entries, indent=1)}\n")
+            if args.json not in (None, STANDARD_OUTPUT):
+                write_json(args.json, _entries(known))
+    if args.json == STANDARD_OUTPUT:
+        write_json(args.json, _entries(known))
     if args.output:
         _write(args.output, page(_in_order(known)))
     return interruption.status(0)
+
+
+def _entries(known: dict[tuple[str, str], Outcome]) -> list[dict[str, object]]:
+    """Outcomes as JSON holds them."""
+    return [asdict(outcome) for outcome in _in_order(known)]
 
 
 def _in_order(known: dict[tuple[str, str], Outcome]) -> list[Outcome]:
@@ -148,7 +156,7 @@ def _choose(names: list[str]) -> list[Property]:
 
 def _read(path: Path | None) -> dict[tuple[str, str], Outcome]:
     """Outcomes of an earlier run; none without a file."""
-    if path is None or not path.exists():
+    if path in (None, STANDARD_OUTPUT) or not path.exists():
         return {}
     try:
         entries = [Outcome(**entry) for entry in json.loads(path.read_text())]
