@@ -167,9 +167,10 @@ def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray
         model: The model; its arrays are copied to the host.
 
     Returns:
-        By index of each body that moves: its rotation, from the body's frame to the world's, shape
-        (3, 3), and its acceleration by a unit wrench, world axes, shape (6, 6), linear before
-        angular [1/kg, 1/(kg m), 1/(kg m^2)]. Empty for a model without articulations.
+        A pair for the index of each body that moves. The first is the rotation from the body's
+        frame to the world's, shape (3, 3), the second the acceleration by a unit wrench, world
+        axes, shape (6, 6), linear before angular [1/kg, 1/(kg m), 1/(kg m^2)]. Empty for a model
+        without articulations.
     """
     state = model.state()
     jacobians = newton.eval_jacobian(model, state)

@@ -35,12 +35,12 @@ class InnerReport:
     steps: np.ndarray
     """Inner steps that the world took; those that were repeated are not among them."""
     rejected: np.ndarray
-    """Inner steps that were tried and not kept: the world repeated them shorter."""
+    """Inner steps that were not accurate enough, so that the world repeated them shorter."""
     worst: list[str]
     """Label of the body that was off most, compared with what was allowed; empty where nothing
     moved."""
     why: list[str]
-    """What led it astray: ``"smooth motion"``, ``"a step of first order"``, ``"a velocity that
+    """What led it astray, ``"smooth motion"``, ``"a step of first order"``, ``"a velocity that
     jumps"`` or ``"sweeps that did not settle"``."""
     total: np.ndarray
     """Sum of all estimated errors since the last reset [m]."""

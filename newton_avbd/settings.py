@@ -21,7 +21,7 @@ class SceneSetting:
     """How a scene authors a setting."""
 
     dtype: type
-    """Type of its value: a scalar of Warp's, or str."""
+    """Type of the value, a scalar of Warp's or str."""
     usd_name: str
     """Name of the attribute on the PhysicsScene prim."""
     default: Any

@@ -662,7 +662,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
 
     @property
     def parallel(self) -> Literal["worlds", "bodies"]:
-        """What the threads of the device share: the argument of that name, or what None chose."""
+        """What the threads of the device share, as asked for or chosen by the constructor."""
         return "worlds" if self._large is None else "bodies"
 
     @property
