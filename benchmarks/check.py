@@ -8,7 +8,7 @@
 
 Compared are ratios to ``mj_step`` in the same run with ratios of the baseline. A scene that is
 slower is measured again, since noise passes and a regression stays. Exit status 1 where one is
-slower each time.
+slower each time, 130 after Ctrl-C, which leaves what was measured until then.
 """
 
 import argparse
@@ -17,6 +17,7 @@ import statistics
 import sys
 from pathlib import Path
 
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.study.bench.run import describe_machine, pinned
 
 from .ratios import SCENES, ratio
@@ -50,28 +51,30 @@ def main(argv: list[str] | None = None) -> int:
             "same version have differed by up to 18%. Compare with the version before, here."
         )
     failed = []
-    for scene in args.scenes or SCENES:
-        measured = ratio(scene)
-        if args.write:
-            # noise would make a single ratio a baseline that is too high, or one never reached
-            measured = statistics.median([measured, *(ratio(scene) for _ in range(ATTEMPTS - 1))])
-            known[scene] = round(measured, 4)
-            print(f"{scene:<16} {measured:.3f} mj_steps", flush=True)
-            continue
-        if scene not in known:
-            print(f"{scene:<16} {measured:.3f} mj_steps, not in the baseline", flush=True)
-            continue
-        for _ in range(ATTEMPTS - 1):
-            if slower(measured, known[scene]):
-                measured = min(measured, ratio(scene))
-        change = measured / known[scene] - 1.0
-        verdict = "SLOWER" if slower(measured, known[scene]) else "ok"
-        failed += [scene] if verdict == "SLOWER" else []
-        print(
-            f"{scene:<16} {measured:.3f} mj_steps, baseline {known[scene]:.3f}, "
-            f"{change:+.0%}  {verdict}",
-            flush=True,
-        )
+    scenes = args.scenes or SCENES
+    with interruptible() as interruption:
+        for scene in progress(scenes, len(scenes), "scenes", str):
+            measured = ratio(scene)
+            if args.write:
+                # noise would make a single ratio a baseline that is too high, or one never reached
+                more = [ratio(scene) for _ in range(ATTEMPTS - 1)]
+                measured = statistics.median([measured, *more])
+                known[scene] = round(measured, 4)
+                say(f"{scene:<16} {measured:.3f} mj_steps")
+                continue
+            if scene not in known:
+                say(f"{scene:<16} {measured:.3f} mj_steps, not in the baseline")
+                continue
+            for _ in range(ATTEMPTS - 1):
+                if slower(measured, known[scene]):
+                    measured = min(measured, ratio(scene))
+            change = measured / known[scene] - 1.0
+            verdict = "SLOWER" if slower(measured, known[scene]) else "ok"
+            failed += [scene] if verdict == "SLOWER" else []
+            say(
+                f"{scene:<16} {measured:.3f} mj_steps, baseline {known[scene]:.3f}, "
+                f"{change:+.0%}  {verdict}"
+            )
     if args.write:
         ordered = {scene: known[scene] for scene in SCENES if scene in known}
         with pinned() as core:  # as ratio does
@@ -80,7 +83,7 @@ def main(argv: list[str] | None = None) -> int:
         BASELINE.write_text(json.dumps(content, indent=1) + "\n")
     elif failed:
         print(f"slower by more than {ALLOWED - 1:.0%} than the baseline: {', '.join(failed)}")
-    return int(bool(failed))
+    return interruption.status(int(bool(failed)))
 
 
 if __name__ == "__main__":

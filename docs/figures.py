@@ -5,6 +5,7 @@
 python docs/figures.py
 """
 
+import sys
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -13,6 +14,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd import SolverAVBD
+from newton_avbd.io.terminal import interruptible, progress, say
 
 IMAGES = Path(__file__).parent / "images"
 PARENT = {1: 3, 2: 3, 3: 7, 4: 6, 5: 6, 6: 7}
@@ -100,14 +102,15 @@ def draw_gaps() -> None:
     """Joint error against the mass of the chain's end."""
     figure, axis = plt.subplots(figsize=(6, 3.5))
     models = [chain(ratio) for ratio in RATIOS]
-    for blocks, iterations, name in (
+    settings = (
         ("body", 10, "body by body, at most 10 sweeps"),
         ("body", 100, "body by body, at most 100 sweeps"),
         ("articulation", 10, "one block, at most 10 sweeps"),
-    ):
+    )
+    for blocks, iterations, name in progress(settings, len(settings), "settings"):
         gaps = [1.0e3 * widest_gap(model, blocks, iterations) for model in models]
         axis.loglog(RATIOS, gaps, "o-", label=name)
-        print(name, gaps)
+        say(f"{name} {gaps}")
     axis.set(xlabel="mass of the last link over that of the others", ylabel="widest gap [mm]")
     axis.legend(fontsize="small")
     figure.tight_layout()
@@ -116,5 +119,7 @@ def draw_gaps() -> None:
 
 if __name__ == "__main__":
     plt.rcParams["svg.hashsalt"] = "newton-avbd"
-    draw_elimination()
-    draw_gaps()
+    with interruptible() as interruption:
+        draw_elimination()
+        draw_gaps()
+    sys.exit(interruption.status(0))

@@ -9,6 +9,7 @@ Needs the extras ``scenes`` and ``view``, and OpenGL: on a machine without a dis
 """
 
 import argparse
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from PIL import Image
 from newton_avbd.commands import view
 from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import ModelSimulation, Request
-from newton_avbd.io.terminal import gathered_warnings, start_warp
+from newton_avbd.io.terminal import gathered_warnings, interruptible, progress, start_warp
 
 FOLDER = Path(__file__).parent / "images" / "gallery"
 SIZE = (480, 270)
@@ -59,7 +60,7 @@ def draw(name: str, animation: Animation) -> None:
     if isinstance(simulation, ModelSimulation) or view.camera(viewer) == start:
         view.look_at(viewer, simulation.model, simulation.state)
     pictures = []
-    for frame in range(animation.frames):
+    for frame in progress(range(animation.frames), animation.frames, name):
         if frame % EVERY == 0:
             simulation.render()
             picture = Image.fromarray(viewer.get_frame().numpy())
@@ -74,18 +75,20 @@ def draw(name: str, animation: Animation) -> None:
     print(f"{file.name}: {len(pictures)} pictures, {file.stat().st_size / 1024:.0f} KiB")
 
 
-def main() -> None:
+def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.formatter_class = argparse.RawDescriptionHelpFormatter
     parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(ANIMATIONS)}")
     args = parser.parse_args()
     start_warp()
     FOLDER.mkdir(exist_ok=True)
-    for name in args.names or ANIMATIONS:
-        if name not in ANIMATIONS:
-            parser.error(f"there is no animation {name!r}; there are: {', '.join(ANIMATIONS)}")
-        draw(name, ANIMATIONS[name])
+    if unknown := [name for name in args.names if name not in ANIMATIONS]:
+        parser.error(f"there is no animation {unknown[0]!r}; there are: {', '.join(ANIMATIONS)}")
+    with interruptible() as interruption:
+        for name in args.names or ANIMATIONS:
+            draw(name, ANIMATIONS[name])
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

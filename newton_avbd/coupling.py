@@ -30,7 +30,11 @@ class RigidCoupling(CouplingInterface):
     model: newton.Model
 
     def coupling_effective_mass_refresh_flags(self) -> int:
-        """What of a model :meth:`coupling_eval_effective_mass_block` depends on."""
+        """What of a model :meth:`coupling_eval_effective_mass_block` depends on.
+
+        Returns:
+            Bits of :class:`newton.ModelFlags`.
+        """
         return int(
             ModelFlags.BODY_PROPERTIES
             | ModelFlags.BODY_INERTIAL_PROPERTIES
@@ -46,7 +50,15 @@ class RigidCoupling(CouplingInterface):
         endpoint_local_pos: wp.array,
         out: wp.array,
     ) -> None:
-        """As :meth:`coupling_eval_effective_mass_block`, masses only."""
+        """As :meth:`coupling_eval_effective_mass_block`, masses only.
+
+        Args:
+            endpoint_kind: Kinds of the endpoints, shape (endpoint_count,), int32.
+            endpoint_index: Body or particle of each endpoint, same shape, int32.
+            endpoint_local_pos: Offsets of the endpoints from the COM, body frame [m], same shape,
+                vec3.
+            out: Receives the effective masses [kg], same shape, float32.
+        """
         self.coupling_eval_effective_mass_block(
             endpoint_kind, endpoint_index, endpoint_local_pos, out
         )
@@ -69,11 +81,13 @@ class RigidCoupling(CouplingInterface):
         to the host.
 
         Args:
-            endpoint_kind: Kinds of the endpoints, shape (endpoint_count,).
-            endpoint_index: Body or particle of each endpoint.
-            endpoint_local_pos: Offsets of the endpoints from the COM, body frame [m].
-            out_mass: Effective masses [kg].
-            out_inertia: Effective inertias about the COM, body frame [kg m^2].
+            endpoint_kind: Kinds of the endpoints, shape (endpoint_count,), int32.
+            endpoint_index: Body or particle of each endpoint, same shape, int32.
+            endpoint_local_pos: Offsets of the endpoints from the COM, body frame [m], same shape,
+                vec3.
+            out_mass: Receives the effective masses [kg], same shape, float32.
+            out_inertia: Receives the effective inertias about the COM, body frame [kg m^2], same
+                shape, mat33; None for masses only.
         """
         super().coupling_eval_effective_mass(
             endpoint_kind, endpoint_index, endpoint_local_pos, out_mass
@@ -116,9 +130,12 @@ class RigidCoupling(CouplingInterface):
         body that turns freely is pushed by nothing, though its angular velocity changes.
 
         Args:
-            body_local_to_proxy_global: Where each body's force goes, -1 for no proxy.
-            out_body_f: Receives the sums of forces [N] and torques about the COM [N m].
-            body_qd_before: Velocities of the proxies before the step.
+            body_local_to_proxy_global: Where each body's force goes, -1 for no proxy, shape
+                (body_count,), int32.
+            out_body_f: The forces [N] and torques about the COM [N m] are added to it, by where
+                they go, spatial_vector.
+            body_qd_before: Velocities of the bodies before the step [m/s, rad/s], shape
+                (body_count,), spatial_vector.
             state: State that the step started from.
             state_out: State that it ended in.
             contacts: Not used.
@@ -150,8 +167,10 @@ def body_mobility(model: newton.Model) -> dict[int, tuple[np.ndarray, np.ndarray
         model: The model; its arrays are copied to the host.
 
     Returns:
-        The rotation of each body that moves, and its acceleration by a unit wrench, world axes,
-        shape (6, 6).
+        A pair for the index of each body that moves. The first is the rotation from the body's
+        frame to the world's, shape (3, 3), the second the acceleration by a unit wrench, world
+        axes, shape (6, 6), linear before angular [1/kg, 1/(kg m), 1/(kg m^2)]. Empty for a model
+        without articulations.
     """
     state = model.state()
     jacobians = newton.eval_jacobian(model, state)

@@ -252,7 +252,10 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Effects:
-    """The effects that a solver's kernels are compiled with."""
+    """The effects that a solver's kernels are compiled with.
+
+    A field says what of the scene its effect stands for; True where the kernels hold its code.
+    """
 
     contact: bool
     """Shapes that collide with others."""
@@ -679,11 +682,16 @@ class Effect:
 
 @dataclass(frozen=True)
 class SceneEffects(Mapping[str, Effect]):
-    """Every effect, on or off, why, and what it costs; prints as a table."""
+    """Every effect, on or off, why, and what it costs; prints as a table.
+
+    A mapping from an effect's name to its :class:`Effect`. A name that is no effect raises a
+    KeyError.
+    """
 
     flags: Effects
     """What the kernels are compiled with; equal flags share kernels."""
     effects: Mapping[str, Effect]
+    """The same effects, by name."""
     always: int
     """Memory that every solver of so many bodies needs [bytes]."""
 
@@ -720,7 +728,7 @@ class SceneEffects(Mapping[str, Effect]):
         return len(self.effects)
 
     def as_dict(self) -> dict[str, dict[str, bool | str | int]]:
-        """Plain values: ``on``, ``why`` and ``bytes`` by effect."""
+        """Plain values: ``on``, ``why`` and ``bytes`` [bytes] by effect, as JSON can hold them."""
         return {name: dataclasses.asdict(effect) for name, effect in self.items()}
 
     def __str__(self) -> str:

@@ -162,11 +162,12 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
 
         Args:
             seed: Of the random starts; None goes on with the present generator.
-            options: ``{"reset_mask": mask}`` starts those of a mask, shape (num_envs,); without it
-                all start.
+            options: ``{"reset_mask": mask}`` starts those of a mask, shape (num_envs,), bool;
+                without it all start.
 
         Returns:
-            Observations of all worlds, shape (num_envs, size), and no information.
+            Observations of all worlds [m, rad, m/s, rad/s], shape (num_envs, size), float32, and no
+            information.
         """
         super().reset(seed=seed)
         chosen = np.asarray((options or {}).get("reset_mask", np.ones(self.num_envs, bool)))
@@ -177,12 +178,14 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
         """Advance all worlds by one control.
 
         Args:
-            actions: Controls of the actuators, shape (num_envs, actuators); beyond their ranges
-                they are cut off.
+            actions: Controls of the actuators, shape (num_envs, actuators), in the units of the
+                file; beyond their ranges they are cut off.
 
         Returns:
-            Observations, rewards, which episodes ended by a fall, which by their length, and in
-            ``infos`` with the last observation of those that ended.
+            Observations, shape (num_envs, size), float32; rewards, float64; which episodes ended by
+            a fall, and which by their length, both bool, shape (num_envs,); and infos. Where
+            ``SAME_STEP`` put worlds back, these hold ``final_obs``, the observations of all worlds
+            before that, and ``_final_obs``, which of them ended.
         """
         task = self.task
         space = self.single_action_space

@@ -23,7 +23,8 @@ CAUSES_OF_ERROR = (
 class InnerReport:
     """How accurate the last call of a solver with ``accuracy`` was, by its estimate.
 
-    All arrays have shape (world_count,), as those of :class:`Report`.
+    All arrays and lists have an entry for each world, shape (world_count,), as those of
+    :class:`Report`. Lengths and velocities are float32, counts int32.
     """
 
     asked: float
@@ -32,17 +33,19 @@ class InnerReport:
     """Local errors of the call, of the body that was off most in each inner step, by time [m/s].
     Above ``asked`` it is also where a call may spend what earlier ones have left over."""
     steps: np.ndarray
-    """Inner steps that the world took."""
+    """Inner steps that the world took; those that were repeated are not among them."""
     rejected: np.ndarray
-    """Inner steps that were repeated."""
+    """Inner steps that were not accurate enough, so that the world repeated them shorter."""
     worst: list[str]
-    """Body that was off most, compared with what was allowed; empty where nothing moved."""
+    """Label of the body that was off most, compared with what was allowed; empty where nothing
+    moved."""
     why: list[str]
-    """What led it astray."""
+    """What led it astray, ``"smooth motion"``, ``"a step of first order"``, ``"a velocity that
+    jumps"`` or ``"sweeps that did not settle"``."""
     total: np.ndarray
     """Sum of all estimated errors since the last reset [m]."""
     missed: np.ndarray
-    """Calls since then for which ``inner_steps`` did not do."""
+    """Calls since the last reset for which ``inner_steps`` did not do."""
 
     def __str__(self) -> str:
         count = self.steps.size
@@ -67,8 +70,9 @@ class InnerReport:
 class Report:
     """Sweeps and residual of each world in the last step; printed, a table.
 
-    All arrays have shape (world_count,): Newton's worlds where they are solved apart, otherwise one
-    for all bodies. ``SolverAVBD.status`` has the same sweeps and updates.
+    All arrays have shape (world_count,), or (1,) where all bodies are solved as one world: then
+    world 0 is all of them. They are copies on the host; lengths are float32, counts int32.
+    :attr:`SolverAVBD.status` has the same sweeps and updates.
     """
 
     sweeps: np.ndarray
@@ -83,14 +87,16 @@ class Report:
     """Order of the step in time, 4 or 2 where a scheme of that order could be kept, otherwise 1; at
     rest there is no difference."""
     worst: dict[int, str]
-    """For each world that has not settled, the contact with the largest error, and that error."""
+    """For the index of each world that has not settled and has contacts, the two shapes of the
+    contact with the largest error, and that error [m], in words."""
     inner: InnerReport | None
     """How accurate the last call was, where an ``accuracy`` was asked for. What is said of sweeps
     and of the order is then that of the last inner step."""
 
     @property
     def settled(self) -> np.ndarray:
-        """Whether each world's sweeps ended because no body moved any more than allowed."""
+        """Whether each world's sweeps ended because no body moved any more than allowed, shape
+        (world_count,), bool."""
         return self.update <= self.allowed
 
     def __str__(self) -> str:
@@ -141,6 +147,7 @@ class Status:
     """What happened in a solver since its construction or the last reset; read on request.
 
     Arrays by world have shape (world_count,), or (1,) where all bodies are solved as one world.
+    All are copies on the host: counts are int32, :attr:`update` and :attr:`bounded_energy` float32.
     """
 
     held_steps: np.ndarray
@@ -162,7 +169,7 @@ class Status:
     """How often that was left alone because something that the user moves pushed the island. What a
     kinematic body or a moving surface gives is not known; by world as above."""
     broken_joints: np.ndarray
-    """Indices of the joints that broke, shape (count,)."""
+    """Indices of the model's joints that broke, shape (count,), int64."""
     sleeping_bodies: int
     """Bodies that sleep."""
     missed_accuracy: np.ndarray

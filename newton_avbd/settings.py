@@ -21,6 +21,7 @@ class SceneSetting:
     """How a scene authors a setting."""
 
     dtype: type
+    """Type of the value, a scalar of Warp's or str."""
     usd_name: str
     """Name of the attribute on the PhysicsScene prim."""
     default: Any
@@ -101,21 +102,33 @@ def _as_string(value: Any, context: dict[str, Any]) -> str:
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings that make sense, of :class:`newton_avbd.SolverAVBD`."""
+    """Settings that make sense, of :class:`newton_avbd.SolverAVBD`.
+
+    Its constructor explains the arguments of these names.
+    """
 
     iterations: int
+    """Most sweeps of a step, at least 1."""
     tolerance: float
+    """Update at which a world's sweeps end [m], at least 0."""
     compliant_contacts: bool
+    """Whether contacts and limits give way by the model's stiffness and damping."""
     friction_mix_mode: str | None
     """None for the geometric average, and MuJoCo's rule where a shape is MuJoCo's."""
     angular_friction: bool | None
     """None where MuJoCo's condim says."""
     formulation: str
+    """``"augmented"`` or ``"ramp"``."""
     scheme: str
+    """``"euler"``, ``"generalized_alpha"`` or ``"runge_kutta"``."""
     blocks: str
+    """``"articulation"`` or ``"body"``."""
     sleeping: bool
+    """Whether islands at rest are left out."""
     accuracy: float | None
+    """Error that a second may add [m/s]; None for steps as long as ``dt``."""
     inner_steps: int
+    """Most inner steps of a call with ``accuracy``, at least 1."""
 
     @property
     def ramp(self) -> bool:
@@ -135,6 +148,13 @@ class Settings:
     @classmethod
     def resolve(cls, model: newton.Model, **arguments: Any) -> "Settings":
         """Settings from explicit arguments, None where not given, and the scene.
+
+        Args:
+            model: The model; ``model.avbd`` is what the scene says, where it says anything.
+            **arguments: A value or None for each name of :data:`SCENE_SETTINGS`.
+
+        Returns:
+            The settings, each of them explicit.
 
         Raises:
             ValueError: If a setting makes no sense; names the argument, or the scene's attribute.

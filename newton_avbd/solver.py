@@ -75,9 +75,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
     that the model authors. Supported: all types of joints, drives, limits, kinematic bodies, all
     shapes that Newton's collision pipeline handles, any number of worlds.
 
-    Sources: Giles, Diaz, Yuksel, "Augmented Vertex Block Descent", 2025; "Rigid Body Dynamics with
-    VBD, Section I: Free Bodies"; Featherstone, "Rigid Body Dynamics Algorithms", 2008; ``docs/``
-    says where this solver departs from them, and why.
+    Sources: Giles, Diaz, Yuksel, "Augmented Vertex Block Descent", 2025; Chen, "Rigid Body Dynamics
+    with VBD, Section I: Free Bodies", 2026, the seed document; Featherstone, "Rigid Body Dynamics
+    Algorithms", 2008; ``docs/`` says where this solver departs from them, and why.
 
     Example:
         As any of Newton's solvers::
@@ -615,7 +615,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
 
     @property
     def effects(self) -> SceneEffects:
-        """Every effect, on or off, why, and what memory it takes; ``print`` it for a table.
+        """Every effect, on or off, why, and what memory it takes [bytes]; ``print`` it for a table.
 
         What a contact buffer calls for is on once a step had such a buffer.
         """
@@ -633,17 +633,19 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
 
     @property
     def joint_sigma_prev(self) -> wp.array:
-        """Torque of Dahl friction about the bends and the twist of each rod [N m], by joint.
+        """Torque of Dahl friction about the bends and the twist of each rod [N m].
 
-        As in :class:`newton.solvers.SolverVBD`: at the end of the last step. Zero for other joints.
+        Shape (joint_count,), vec3, on the device. As in :class:`newton.solvers.SolverVBD`: at the
+        end of the last step. Zero for other joints.
         """
         return self._by_joint(self._history.dahl_sigma)
 
     @property
     def joint_kappa_prev(self) -> wp.array:
-        """Bends and twist of each rod at the end of the last step [rad], by joint.
+        """Bends and twist of each rod at the end of the last step [rad].
 
-        In scenes with Dahl friction; infinite before the first step, zero for other joints.
+        Shape (joint_count,), vec3, on the device. In scenes with Dahl friction; infinite before the
+        first step, zero for other joints.
         """
         return self._by_joint(self._history.dahl_kappa)
 
@@ -660,12 +662,15 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
 
     @property
     def parallel(self) -> Literal["worlds", "bodies"]:
-        """What the threads of the device share."""
+        """What the threads of the device share, as asked for or chosen by the constructor."""
         return "worlds" if self._large is None else "bodies"
 
     @property
     def status(self) -> Status:
-        """What happened since the construction or the last reset, copied from the device."""
+        """What happened since the construction or the last reset.
+
+        Each access waits for the device and copies the counters from it: not for a captured graph.
+        """
         colors, clashes = (0, 0) if self._large is None else self._large.found()
         return Status(
             colors=colors,
@@ -698,9 +703,13 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         return int(np.sum(sleeps[self._welds.body[self._welds.body >= 0]]))
 
     def report(self) -> Report:
-        """Sweeps and residual of each world in the last step; copies them from the device.
+        """Sweeps and residual of each world in the last step.
 
-        Print it for a table, for instance to choose ``iterations`` and ``tolerance``.
+        Print it for a table, for instance to choose ``iterations`` and ``tolerance``. Each call
+        waits for the device and copies from it: not for a captured graph.
+
+        Returns:
+            Copies, which later steps do not change.
         """
         if self._worlds.sweeps is None:
             # every link is part of the static world
@@ -769,8 +778,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         Args:
             state: State to modify: ``body_q`` and ``body_qd``, and with ``update_joint_state``
                 ``joint_q`` and ``joint_qd``, as ``flags`` say.
-            world_mask: Which worlds, shape ``(world_count + 1,)``; the last entry is for global
-                bodies. None for all.
+            world_mask: Which worlds, shape (world_count + 1,), bool, on the solver's device; the
+                last entry is for global bodies. None for all.
             flags: What to reset; None for all, 0 for poses and velocities that the caller has
                 written. Multipliers are always dropped.
 
@@ -816,21 +825,27 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
 
         Together with the state that the step wrote, a run can go on from it to the same bits, in
         this solver or in another one of an equal model with equal settings and contact buffers.
+        Waits for the device, so that it cannot be part of a captured graph.
 
         Returns:
-            Copies of the solver's arrays, by name.
+            Copies of the solver's arrays, by name. Names, shapes and dtypes, some of them
+            structured, depend on the effects of the model and are no part of the interface.
+            ``numpy.savez`` can store them.
         """
         return {name: array.numpy().copy() for name, array in self._remembered()}
 
     def restore(self, checkpoint: Mapping[str, np.ndarray]) -> None:
         """Go on from what :meth:`checkpoint` returned, instead of the last step.
 
+        The state is not part of it: the next step has to start from the one that was the last
+        step's ``state_out`` when the checkpoint was taken.
+
         Args:
-            checkpoint: Arrays by name.
+            checkpoint: Arrays by name, with the names and sizes [bytes] of this solver's own.
 
         Raises:
             ValueError: If they are those of a solver of another model, with other settings or for
-                other contact buffers.
+                other contact buffers; names the arrays that do not fit. Nothing is changed then.
         """
         arrays = dict(self._remembered())
         own = {name: array.capacity for name, array in arrays.items()}
@@ -999,7 +1014,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         Deprecated in Newton in favour of the observable ``contact_f``.
 
         Args:
-            contacts: The contacts of the last step, with ``force`` allocated.
+            contacts: The contacts of the last step, with ``force`` allocated: [N, N m], shape
+                (rigid_contact_max + soft_contact_max,), spatial_vector.
             state: Not used.
 
         Raises:

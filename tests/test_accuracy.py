@@ -374,7 +374,7 @@ def test_command_measures_and_goes_on_where_it_ended(
         return measure(worker, solver, *rest, **more)  # type: ignore[arg-type]
 
     monkeypatch.setattr(accuracy, "measure", watched)
-    assert main([*command, "--solvers", "avbd,mj_step"]) == 0
+    assert main([*command, "--solvers", "avbd", "mj_step"]) == 0
     assert measured == ["mj_step", "mj_step"]
     page = (tmp_path / "results.md").read_text()
     assert "mj_step" in page and "![projectile](projectile.svg)" in page

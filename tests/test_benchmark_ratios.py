@@ -63,3 +63,20 @@ def test_the_baseline_is_what_was_measured(
 def test_the_stored_baseline_is_of_the_scenes(check: ModuleType) -> None:
     stored = json.loads((ROOT / "benchmarks" / "baseline.json").read_text())
     assert list(stored["ratios"]) == check.SCENES
+
+
+def test_ctrl_c_leaves_the_scenes_that_were_measured(
+    check: ModuleType, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The baseline gets the first scene, and keeps what it had of the one that was cut short."""
+    ratios = iter([0.3, 0.3, 0.3])
+
+    def ratio(scene: str) -> float:
+        if scene == "stack":
+            raise KeyboardInterrupt
+        return next(ratios)
+
+    monkeypatch.setattr(check, "ratio", ratio)
+    assert check.main(["pyramid", "stack", "--write"]) == 130
+    assert json.loads(check.BASELINE.read_text())["ratios"] == {"pyramid": 0.3, "stack": 0.5}
+    assert "stopped by Ctrl-C" in capsys.readouterr().err

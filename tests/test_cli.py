@@ -26,6 +26,7 @@ from newton_avbd.__main__ import main
 from newton_avbd.commands import COMMANDS, view
 from newton_avbd.commands.compare import Comparison, Course
 from newton_avbd.commands.program import parse
+from newton_avbd.io import names
 from newton_avbd.io.errors import UserError
 from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import ModelSimulation, Request
@@ -184,13 +185,33 @@ def test_run_writes_usd(monkeypatch, tmp_path):
 
 def test_compare_of_a_solver_with_itself_finds_no_difference(capsys):
     arguments = ["compare", "fall", "--solver", "xpbd", "--against", "xpbd", "--frames", "3"]
-    assert main([*arguments, "--json"]) == 0
+    assert main([*arguments, "--json", "-"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["distance_max"] == [0.0] * 4
     assert result["time"] == pytest.approx([0.0, 1 / 60, 2 / 60, 3 / 60])
     one, other = result["courses"]
     assert one["energy"] == other["energy"]
     assert one["penetration"] == [0.0] * 4
+
+
+def test_json_goes_to_a_file_or_to_standard_output(tmp_path, capsys):
+    """All numbers are the same, and the table moves to standard error for ``-``."""
+    path = tmp_path / "fall.json"
+    arguments = ["compare", "fall", "--against", "xpbd", "--frames", "1", "--json"]
+    assert main([*arguments, str(path)]) == 0
+    assert rows(capsys.readouterr().out)["step"].split() == ["4.167", "ms", "4.167", "ms"]
+    assert main([*arguments, "-"]) == 0
+    printed = capsys.readouterr()
+    assert "4.167 ms" in printed.err
+    found, written = json.loads(printed.out), json.loads(path.read_text())
+    assert found["distance_max"] == written["distance_max"]
+    assert len(written["time"]) == 2
+
+
+def test_solvers_that_can_be_named_are_those_that_are_measured():
+    """The command line knows the names before Newton is imported."""
+    assert names.TIMED == (*PEERS, MJ_STEP)
+    assert names.REFINED == tuple(MEASURED)
 
 
 def test_compare_drives_a_file_by_the_same_controls(tmp_path, capsys):
@@ -203,7 +224,7 @@ def test_compare_drives_a_file_by_the_same_controls(tmp_path, capsys):
     )
     arguments = ["--solver", "mujoco", "--frames", "10", "--dt", "0.001"]
     for kind in ("sine", "random"):
-        assert main(["compare", str(path), "--ctrl", kind, *arguments, "--json"]) == 0
+        assert main(["compare", str(path), "--ctrl", kind, *arguments, "--json", "-"]) == 0
         found = json.loads(capsys.readouterr().out)
         assert 0.0 < found["distance_max"][-1] < 0.02 * 0.2
         assert [course["solver"] for course in found["courses"]] == ["mujoco", "avbd"]
@@ -229,7 +250,7 @@ def test_compare_leaves_out_contacts_that_a_file_turns_off(tmp_path, capsys):
         <actuator><motor joint="hinge"/></actuator></mujoco>"""
     )
     arguments = ["--against", "mujoco", "--ctrl", "sine", "--frames", "10", "--dt", "0.001"]
-    assert main(["compare", str(path), *arguments, "--json"]) == 0
+    assert main(["compare", str(path), *arguments, "--json", "-"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["moved"][0] > 0.1
     assert found["distance_max"][-1] < 0.02 * 0.2
@@ -323,6 +344,8 @@ def test_what_cannot_be_done_is_told_in_a_sentence(arguments, message, capsys):
         (["run", "fall", "--dt", "inf"], "'inf' is not a number above zero"),
         (["jump"], "run"),
         (["rnu"], "did you mean run?"),
+        (["bench", "stack", "--solvers", "avbd", "bullet"], "'avbd', 'vbd'"),
+        (["accuracy", "--ask", "stack", "--solvers", "nobody"], "'avbd', 'vbd'"),
     ],
 )
 def test_unknown_arguments_show_the_known_ones(arguments, message, capsys):
@@ -357,6 +380,7 @@ def test_every_command_lists_examples_that_its_parser_takes():
         ("accuracy heavy", "heavy_on_light"),
         ("properties fri", "friction"),
         ("falls nv_a", "nv_ant"),
+        ("bench stack --solvers avbd mj", "mj_step"),
         ("learning gymnasium/Ant", "gymnasium/Ant-v5"),
         ("x y", ""),
     ],
@@ -400,7 +424,7 @@ def test_ctrl_c_leaves_what_is_done(frames, monkeypatch, capsys):
     assert speed == pytest.approx(9.81 * frames / 60, abs=1.0e-3)
     # In the second of two simulations: the frame that it cuts short is left out.
     calls, calls_until = iter(range(100)), 2 * frames + 1
-    assert main(["compare", "fall", "--against", "xpbd", "--json"]) == 130
+    assert main(["compare", "fall", "--against", "xpbd", "--json", "-"]) == 130
     result = json.loads(capsys.readouterr().out)
     assert len(result["time"]) == len(result["distance_max"]) == frames + 1
     assert len(result["courses"][1]["speed"]) == frames + 1

@@ -5,6 +5,7 @@
 import dataclasses
 import json
 import math
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import newton
@@ -187,7 +188,11 @@ def test_command_writes_a_page_and_adds_to_the_numbers(tmp_path: Path, capsys) -
     found = json.loads(numbers.read_text())
     assert [entry["property"] for entry in found] == ["body_f", "observable: body_qdd"]
     assert found[0]["value"] == pytest.approx(0.25, rel=0.02)
-    assert "| body_f | **yes** |" in page.read_text()
+    text, today = page.read_text(), datetime.now(UTC).date()
+    assert "| body_f | **yes** |" in text
+    assert found[0]["date"] in (str(today), str(today - timedelta(days=1)))  # at midnight
+    assert f"Measured on {found[0]['date']} on a processor {found[0]['processor']}." in text
+    assert "default scheme, `generalized_alpha`" in text
     assert "body_qdd" in capsys.readouterr().out
 
 

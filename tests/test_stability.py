@@ -203,7 +203,7 @@ def _command(*arguments: str) -> int:
 def test_command_prints_a_line_a_case_and_writes_a_page(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _command("overlap", "--solver", "avbd", "xpbd", "--output", str(tmp_path)) == 0
+    assert _command("overlap", "--solvers", "avbd", "xpbd", "--output", str(tmp_path)) == 0
     lines = capsys.readouterr().out.splitlines()
     names = ["overlap_free", "overlap_ground"]
     assert [line.split()[:2] for line in lines] == [

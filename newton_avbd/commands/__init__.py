@@ -84,7 +84,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
             "drop, spin and throw robots, and measure energy that appears",
             (
                 ("nv_ant --kinds fallen --seeds 2", "drop a robot twice"),
-                ("robot.urdf --solver avbd mujoco", "a file of your own, by two solvers"),
+                ("robot.urdf --solvers avbd mujoco", "a file of your own, by two solvers"),
                 ("--replay out/nv_ant-fallen-1.json", "repeat a fall that failed"),
             ),
             names="robots",
@@ -107,7 +107,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
             "measure time and quality on a set of scenes",
             (
                 ("pyramid --quick", "one scene, rough"),
-                ("stack --solvers avbd,mj_step --json out.json", "two solvers, to a file"),
+                ("stack --solvers avbd mj_step --json out.json", "two solvers, to a file"),
             ),
         ),
         "accuracy": Command(
@@ -134,7 +134,7 @@ PURPOSES: dict[str, dict[str, Command]] = {
             "run cases that are hard to keep stable",
             (
                 ("--quick", "all but those that take minutes"),
-                ("heavy --solver avbd xpbd --output out", "some, by two solvers, with a page"),
+                ("heavy --solvers avbd xpbd --output out", "some, by two solvers, with a page"),
             ),
             names="cases",
         ),

@@ -23,8 +23,8 @@ from newton_avbd.study.accuracy.solvers import MEASURED
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 from newton_avbd.study.mujoco.native import silence
 
-from ..io.options import make_folder
-from ..io.output import length, table
+from ..io.options import check_writable, make_folder
+from ..io.output import length, table, tables_beside, write_json
 from ..io.terminal import (
     gathered_prints,
     gathered_warnings,
@@ -64,8 +64,7 @@ def main(args: argparse.Namespace) -> int:
     require("scipy")
     default = list(QUICK_SCENES) if args.quick else []
     names = chosen("accuracy scene", args.scenes or default, tuple(ACCURACY_SCENES))
-    named = args.solvers.split(",") if args.solvers else []
-    solvers = chosen("solver", named, tuple(MEASURED))
+    solvers = chosen("solver", args.solvers or [], tuple(MEASURED))
     scenes = [ACCURACY_SCENES[name] for name in names]
     silence()
     make_folder(args.output)
@@ -121,8 +120,8 @@ def _ask(args: argparse.Namespace) -> int:
         raise UserError(
             f"--ask takes one scene, and {', '.join(args.scenes)} besides: leave it out"
         )
-    named = args.solvers.split(",") if args.solvers else list(accuracy_ask.SOLVERS)
-    solvers = chosen("solver", named, tuple(MEASURED))
+    check_writable(args.json)
+    solvers = chosen("solver", args.solvers or list(accuracy_ask.SOLVERS), tuple(MEASURED))
     silence()
     make_folder(args.output)
     with gathered_prints(), gathered_warnings(), pinned() as core:
@@ -140,10 +139,10 @@ def _ask(args: argparse.Namespace) -> int:
     if question is None:
         return interruption.status(0)
     prices = accuracy_ask.prices(question, points)
-    if args.json:
-        print(json.dumps(_as_json(question, prices, points), indent=1))
-    else:
+    with tables_beside(args.json):
         print(_answer(question, prices, points))
+    if args.json:
+        write_json(args.json, _as_json(question, prices, points))
     if args.output and points:
         file = args.output / f"{Path(scene.name).stem}.svg"
         try:

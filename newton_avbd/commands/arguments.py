@@ -12,8 +12,14 @@ import contextlib
 import math
 from pathlib import Path
 
-from newton_avbd.io.names import AUTO, CONTROLS, SOLVERS, SUFFIXES, VIEWERS
-from newton_avbd.io.options import add_device, add_scene_arguments, positive
+from newton_avbd.io.names import AUTO, CONTROLS, REFINED, SOLVERS, SUFFIXES, TIMED, VIEWERS
+from newton_avbd.io.options import (
+    add_device,
+    add_json,
+    add_scene_arguments,
+    add_solvers,
+    positive,
+)
 from newton_avbd.study.falls.kinds import KINDS
 from newton_avbd.study.properties.solvers import SOLVERS as TRIED
 
@@ -57,7 +63,7 @@ def compare(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="page for a browser: table, plots over time",
     )
-    parser.add_argument("--json", action="store_true", help="print all numbers instead of a table")
+    add_json(parser)
 
 
 def effects(parser: argparse.ArgumentParser) -> None:
@@ -117,7 +123,8 @@ def falls(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="so many starts of each kind, or FIRST:END (default: 8)",
     )
-    _add_solvers(parser)
+    add_solvers(parser, SOLVERS, ("avbd",))
+    _add_iterations(parser)
     parser.add_argument(
         "--dt", type=positive(float), default=1 / 240, help="time step in seconds (default: 1/240)"
     )
@@ -169,25 +176,15 @@ core. Returns are means over the episodes with their standard deviation."""
 def bench(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``newton-avbd bench``."""
     _add_scenes(parser)
-    parser.add_argument(
-        "--solvers",
-        metavar="NAMES",
-        help="separated by commas, of avbd, vbd, xpbd, mujoco, mujoco_warp, steel, kamino, "
-        "semi_implicit, featherstone, mj_step (default: all that apply)",
-    )
+    add_solvers(parser, TIMED)
     parser.add_argument("--quick", action="store_true", help="some minutes, rough; no cold start")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
+    add_json(parser)
 
 
 def accuracy(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``newton-avbd accuracy``."""
     _add_scenes(parser)
-    parser.add_argument(
-        "--solvers",
-        metavar="NAMES",
-        help="separated by commas, of avbd, vbd, xpbd, mj_step, mujoco_warp, kamino, featherstone "
-        "(default: all that apply)",
-    )
+    add_solvers(parser, REFINED)
     parser.add_argument(
         "--quick", action="store_true", help="some scenes and settings in two minutes"
     )
@@ -209,7 +206,7 @@ def accuracy(parser: argparse.ArgumentParser) -> None:
         help="error asked for against error achieved, of SolverAVBD(model, accuracy=...); half an "
         "hour for all scenes",
     )
-    parser.add_argument("--json", action="store_true", help="with --ask: print all numbers")
+    add_json(parser, "; with --ask")
 
 
 def growth(parser: argparse.ArgumentParser) -> None:
@@ -255,7 +252,7 @@ def large(parser: argparse.ArgumentParser) -> None:
         help="what threads share (default: %(default)s); worlds: one thread does it all",
     )
     add_device(parser)
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
+    add_json(parser)
 
 
 def stability(parser: argparse.ArgumentParser) -> None:
@@ -266,7 +263,8 @@ def stability(parser: argparse.ArgumentParser) -> None:
         metavar="CASE",
         help="cases, by the start of their names; --list names them (default: all)",
     )
-    _add_solvers(parser)
+    add_solvers(parser, SOLVERS, ("avbd",))
+    _add_iterations(parser)
     parser.add_argument(
         "--rate",
         type=positive(float),
@@ -301,21 +299,9 @@ def properties(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="properties, by the start of their names; --list names them (default: all)",
     )
-    parser.add_argument(
-        "--solvers",
-        nargs="+",
-        choices=TRIED,
-        default=list(TRIED),
-        metavar="SOLVER",
-        help=f"solvers to try, of {', '.join(TRIED)} (default: all)",
-    )
+    add_solvers(parser, tuple(TRIED))
     parser.add_argument("--output", type=Path, metavar="FILE", help="page to write, Markdown")
-    parser.add_argument(
-        "--json",
-        type=Path,
-        metavar="FILE",
-        help="outcomes; those that the file already has are kept, unless they are tried anew",
-    )
+    add_json(parser, "; outcomes that a file already has are kept, unless they are tried anew")
 
 
 def _add_scenes(parser: argparse.ArgumentParser) -> None:
@@ -324,15 +310,7 @@ def _add_scenes(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_solvers(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--solver",
-        nargs="+",
-        choices=SOLVERS,
-        default=["avbd"],
-        metavar="SOLVER",
-        help=f"solvers, of {', '.join(SOLVERS)} (default: avbd)",
-    )
+def _add_iterations(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--iterations", type=positive(int), help="iterations a step (default: the solver's own)"
     )

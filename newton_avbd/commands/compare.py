@@ -7,7 +7,6 @@ import argparse
 import dataclasses
 import html
 import io
-import json
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +23,7 @@ from newton_avbd.measure.state import Probe, deepest_penetration, distances
 from newton_avbd.study.bench.run import describe_machine
 
 from ..io.options import check_writable, device_notes, use_device
-from ..io.output import length, table
+from ..io.output import length, table, tables_beside, write_json
 from ..io.terminal import (
     Interruption,
     gathered_prints,
@@ -166,8 +165,8 @@ class Comparison:
 
 
 def main(args: argparse.Namespace) -> int:
-    """Simulate with both solvers, print a table or JSON, draw; returns the exit status."""
-    check_writable(args.png, args.html)
+    """Simulate with both solvers, print a table, write files; returns the exit status."""
+    check_writable(args.png, args.html, args.json)
     use_device(args.device)
     if args.png or args.html:
         require("matplotlib")
@@ -206,10 +205,10 @@ def main(args: argparse.Namespace) -> int:
         comparison, interruption = _compare(pair, names, args.frames)
         if args.ctrl and not interruption.happened:
             _refine(comparison, pair, open_pair(0.5 * pair[0].dt))
-    if args.json:
-        print(json.dumps(dataclasses.asdict(comparison), indent=2))
-    else:
+    with tables_beside(args.json):
         print(_report(comparison))
+    if args.json:
+        write_json(args.json, dataclasses.asdict(comparison))
     if args.png:
         _write(args.png, _picture(comparison, kind))
     if args.html:

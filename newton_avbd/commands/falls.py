@@ -44,7 +44,7 @@ def main(args: argparse.Namespace) -> int:
     """Run the falls, print a table; 1 where a fall with SolverAVBD fails, 130 after Ctrl-C."""
     setups = [
         Setup(solver, args.dt, args.seconds, args.iterations, args.scheme, args.parallel)
-        for solver in args.solver
+        for solver in args.solvers
     ]
     if args.replay:
         return _replay(args.replay)

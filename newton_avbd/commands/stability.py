@@ -41,7 +41,7 @@ def main(args: argparse.Namespace) -> int:
             if case.own_rate:
                 say(f"{case.name:24} left out: {case.own_rate}")
         cases = [case.at_rate(args.rate) for case in cases if not case.own_rate]
-    pairs = [(case, solver) for case in cases for solver in args.solver]
+    pairs = [(case, solver) for case in cases for solver in args.solvers]
     with interruptible() as interruption:
         for case, solver in progress(pairs, len(pairs), "cases", lambda pair: pair[0].name):
             outcome = try_case(case, solver, iterations=args.iterations, budget=args.budget)

@@ -6,6 +6,15 @@
 SOLVERS = ("avbd", "vbd", "xpbd", "mujoco", "kamino")
 """Names of the solvers, ours first."""
 
+TIMED = (
+    *("avbd", "vbd", "xpbd", "mujoco", "mujoco_warp", "steel", "kamino", "semi_implicit"),
+    *("featherstone", "mj_step"),
+)
+"""Names of those that ``newton-avbd bench`` measures; ``mj_step`` is MuJoCo without Newton."""
+
+REFINED = ("avbd", "vbd", "xpbd", "mj_step", "mujoco_warp", "kamino", "featherstone")
+"""Names of those whose error ``newton-avbd accuracy`` measures."""
+
 CONTROLS = ("sine", "random", "keyframe")
 """What ``--ctrl`` takes; ``keyframe`` holds those of the file's first."""
 

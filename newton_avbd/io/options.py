@@ -11,6 +11,7 @@ from pathlib import Path
 
 from newton_avbd.io.errors import UserError
 from newton_avbd.io.names import SOLVERS, SUFFIXES
+from newton_avbd.io.output import STANDARD_OUTPUT
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] = SOLVERS) -> None:
@@ -41,6 +42,31 @@ def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] 
     )
     add_device(parser)
     parser.epilog = "Arguments after -- go to a Newton example."
+
+
+def add_solvers(
+    parser: argparse.ArgumentParser, solvers: Sequence[str], default: Sequence[str] | None = None
+) -> None:
+    """Add the choice of several solvers; None, the default, is for all that apply."""
+    parser.add_argument(
+        "--solvers",
+        nargs="+",
+        choices=solvers,
+        default=default,
+        metavar="SOLVER",
+        help=f"of {', '.join(solvers)} (default: {', '.join(default or ('all that apply',))})",
+    )
+
+
+def add_json(parser: argparse.ArgumentParser, more: str = "") -> None:
+    """Add the file for all numbers, for :func:`newton_avbd.io.output.write_json`."""
+    parser.add_argument(
+        "--json",
+        type=Path,
+        metavar="FILE",
+        help="write all numbers to a file; -: to standard output, and tables to standard error"
+        + more,
+    )
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:
@@ -92,10 +118,14 @@ def device_notes(name: str | None) -> list[str]:
 def check_writable(*paths: Path | None) -> None:
     """Check before the work that its results can be written; None is nothing to write.
 
+    :data:`~newton_avbd.io.output.STANDARD_OUTPUT` always can be.
+
     Raises:
         UserError: The folder of a file does not exist, or the file cannot be written.
     """
-    for path in filter(None, paths):
+    for path in paths:
+        if path is None or path == STANDARD_OUTPUT:
+            continue
         folder = path.parent
         if not folder.is_dir():
             raise UserError(f"cannot write {path}: there is no folder {folder}: mkdir -p {folder}")

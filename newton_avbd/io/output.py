@@ -1,9 +1,46 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Tables on a terminal."""
+"""Tables on a terminal, and numbers for programs."""
 
+import contextlib
+import json
+import sys
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from newton_avbd.io.errors import UserError
+
+STANDARD_OUTPUT = Path("-")
+"""What a user types to have JSON on standard output instead of in a file."""
+
+
+def tables_beside(path: Path | None) -> contextlib.AbstractContextManager[object]:
+    """Let a block print its tables to standard error if JSON goes to standard output."""
+    if path == STANDARD_OUTPUT:
+        return contextlib.redirect_stdout(sys.stderr)
+    return contextlib.nullcontext()
+
+
+def write_json(path: Path, document: Any) -> None:
+    """Write what a command measured.
+
+    Args:
+        path: The file, or :data:`STANDARD_OUTPUT`.
+        document: What JSON can hold.
+
+    Raises:
+        UserError: The file cannot be written.
+    """
+    text = f"{json.dumps(document, indent=1)}\n"
+    if path == STANDARD_OUTPUT:
+        sys.stdout.write(text)
+        return
+    try:
+        path.write_text(text)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error}") from error
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:

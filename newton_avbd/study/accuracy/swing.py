@@ -24,6 +24,7 @@ from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.mjcf import add_mjcf
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.state import Array
 from newton_avbd.study.bench.run import pinned
 from newton_avbd.study.mujoco.files import files
@@ -125,15 +126,16 @@ def _time(restart: Callable[[], None], run: Callable[[], None]) -> float:
     return min(times) / REPLAYED
 
 
-def main(names: list[str]) -> None:
-    """Print a table of errors and costs for each robot."""
+def main(names: list[str]) -> int:
+    """Print a table of errors and costs for each robot; 0, or 130 after Ctrl-C."""
     warnings.simplefilter("ignore")
     silence()
     rates = " | ".join(f"{rate} Hz" for rate in RATES)
     print(f"| error [m], ms a simulated second | {rates} |")
     print("| --- " * (1 + len(RATES)) + "|")
-    with pinned():
-        for name, path in files(names or list(NAMES)):
+    robots = list(files(names or list(NAMES)))
+    with pinned(), interruptible() as interruption:
+        for name, path in progress(robots, len(robots), "robots", lambda robot: robot[0]):
             model = read(path)
             belongs = swung_by_mujoco(model, FINE)[0]
             for solver in ("mj_step RK4", *SCHEMES):
@@ -148,8 +150,9 @@ def main(names: list[str]) -> None:
                     mark = "" if order == 4 or solver == SCHEMES[1] else f" (order {order})"
                     error = f"{off:.0e}" if off < 1.0 else "unstable"
                     cells.append(f"{error}, {1e3 * rate * cost:.2f}{mark}")
-                print(f"| {name}, {solver} | {' | '.join(cells)} |", flush=True)
+                say(f"| {name}, {solver} | {' | '.join(cells)} |")
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    sys.exit(main(sys.argv[1:]))

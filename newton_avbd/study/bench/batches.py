@@ -10,18 +10,19 @@ the time of a step without collision detection, from the state at the end.
 """
 
 import argparse
-import json
+import itertools
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import newton
 import numpy as np
 import warp as wp
 
-from newton_avbd.io.options import check_writable, positive, use_device
-from newton_avbd.io.output import table
+from newton_avbd.io.options import add_json, add_solvers, check_writable, positive, use_device
+from newton_avbd.io.output import table, tables_beside, write_json
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.state import Bodies, largest_speed
 from newton_avbd.scenes.named import add_pyramid_worlds
@@ -226,37 +227,40 @@ def _deepest(model: newton.Model, state: newton.State, contacts: newton.Contacts
     return float(deepest.numpy()[0])
 
 
-def main() -> None:
-    """Measure batches and print a table."""
+def main() -> int:
+    """Measure batches and print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(BATCHES)}")
     parser.add_argument("--worlds", type=positive(int), nargs="+", default=[1024])
-    parser.add_argument("--solvers", nargs="+", choices=SOLVERS, default=SOLVERS)
+    add_solvers(parser, SOLVERS)
     parser.add_argument("--seconds", type=float, default=1.0, help="time to simulate [s]")
     parser.add_argument("--device", help="Warp device, cpu or cuda:0 (default: CUDA if there)")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write all results to a file")
+    add_json(parser)
     args = parser.parse_args()
     check_writable(args.json)
     use_device(args.device)
     rows = [["scene", "worlds", "solver", "first s", "step ms", "solver alone ms", "steps/s"]]
     rows[0] += ["joints mm", "deep mm", "m/s", ""]
     results = []
-    for scene in chosen("batch", args.scenes, tuple(BATCHES)):
-        for worlds in args.worlds:
-            for solver in args.solvers:
+    scenes = chosen("batch", args.scenes, tuple(BATCHES))
+    trials = list(itertools.product(scenes, args.worlds, args.solvers or SOLVERS))
+    with tables_beside(args.json):
+        with interruptible() as interruption:
+            for trial in progress(trials, len(trials), "batches", lambda trial: trial[0]):
                 try:
-                    result = measure(scene, worlds, solver, seconds=args.seconds)
+                    result = measure(*trial, seconds=args.seconds)
                 except Exception as error:  # what keeps one solver must not keep the others
-                    print(f"{scene} {worlds} {solver}: {type(error).__name__}: {error}", flush=True)
+                    say(f"{' '.join(map(str, trial))}: {type(error).__name__}: {error}")
                     continue
                 results.append(result)
                 rows.append(_row(result))
-                print("  ".join(rows[-1]), flush=True)
-    print(table(rows))
+                say("  ".join(rows[-1]))
+        print(table(rows))
     if args.json is not None:
         machine = describe_machine(None) | {"device": wp.get_device().name}
-        document = {"machine": machine, "results": [asdict(result) for result in results]}
-        args.json.write_text(json.dumps(document, indent=1) + "\n")
+        entries = [asdict(result) for result in results]
+        write_json(args.json, {"machine": machine, "results": entries})
+    return interruption.status(0)
 
 
 def _row(result: BatchResult) -> list[str]:
@@ -276,4 +280,4 @@ def _row(result: BatchResult) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -10,6 +10,8 @@ from a graph, so that the time of a step is the GPU's.
 
 import argparse
 import multiprocessing
+import signal
+import sys
 import time
 import traceback
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.output import table
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.scenes.named import SCENES
 from newton_avbd.study.bench.large import LARGE_SCENES
 from newton_avbd.study.bench.run import chosen
@@ -160,8 +163,8 @@ def _row(name: str) -> list[str]:
     ]
 
 
-def main() -> None:
-    """Compare devices and print a table."""
+def main() -> int:
+    """Compare devices and print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}")
     parser.add_argument("--processes", type=int, default=1, help="cases at once (default: 1)")
@@ -171,12 +174,17 @@ def main() -> None:
     ]
     rows[0] += ["step CPU ms", "step GPU ms"]
     names = chosen("case", args.cases, tuple(CASES))
-    with multiprocessing.get_context("spawn").Pool(args.processes, maxtasksperchild=1) as pool:
-        for row in pool.imap_unordered(_row, names, chunksize=1):
+    pool = multiprocessing.get_context("spawn").Pool(
+        args.processes, signal.signal, (signal.SIGINT, signal.SIG_IGN), maxtasksperchild=1
+    )
+    with interruptible() as interruption, pool:
+        found = pool.imap_unordered(_row, names, chunksize=1)
+        for row in progress(found, len(names), "cases"):
             rows.append(row)
-            print("  ".join(row), flush=True)
+            say("  ".join(row))
     print(table(rows))
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -10,7 +10,6 @@ steps captured in a graph, or for MuJoCo a bare ``mj_step``, which tells solvers
 """
 
 import argparse
-import json
 import math
 import os
 import platform
@@ -26,6 +25,7 @@ import numpy as np
 
 from newton_avbd.io.errors import unknown
 from newton_avbd.io.options import check_writable
+from newton_avbd.io.output import tables_beside, write_json
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.scenes.named import SCENES
 from newton_avbd.scenes.robots import SINGLE_ROBOTS
@@ -151,11 +151,10 @@ def main(args: argparse.Namespace) -> int:
     """
     effort = QUICK if args.quick else FULL
     scenes = chosen("benchmark scene", args.scenes, tuple(BENCHMARKS))
-    named = args.solvers.split(",") if args.solvers else []
-    solvers = chosen("solver", named, (*PEERS, MJ_STEP))
+    solvers = chosen("solver", args.solvers or [], (*PEERS, MJ_STEP))
     check_writable(args.json)
     silence()
-    with pinned() as core:
+    with tables_beside(args.json), pinned() as core:
         machine = describe_machine(core)
         print("\n".join(f"{name}: {value}" for name, value in machine.items()), end="\n\n")
         results = []
@@ -170,9 +169,9 @@ def main(args: argparse.Namespace) -> int:
                 found = start_cold(cold, effort.cold_starts)
                 print(report.cold_start_table(found), end="\n\n")
                 results += found
-    print(report.target_table(results))
+        print(report.target_table(results))
     if args.json is not None:
-        args.json.write_text(json.dumps(report.as_json(machine, results), indent=1) + "\n")
+        write_json(args.json, report.as_json(machine, results))
     return interruption.status(0)
 
 

@@ -7,6 +7,7 @@ Towers of five cubes with four contacts each stand on the ground, at rest all th
 until half a second is over, and asleep from then on.
 """
 
+import sys
 import time
 from collections.abc import Callable
 from typing import NamedTuple
@@ -16,6 +17,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd import SolverAVBD
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.scenes.named import add_ground
 
 DT = 1.0 / 240.0
@@ -93,20 +95,23 @@ def _time(two_steps: Callable[[], None], steps: int) -> list[float]:
     return spent
 
 
-def table() -> None:
-    """Print the costs for some numbers of cubes, as Markdown."""
+def table() -> int:
+    """Print the costs for some numbers of cubes, as Markdown; 0, or 130 after Ctrl-C."""
     print("| cubes | awake, sleeping off [ns a cube] | awake | asleep | asleep / awake |")
     print("| --- | --- | --- | --- | --- |")
-    for towers in (40, 200, 1000):
-        (off,) = measure(towers, sleeping=False)
-        awake, asleep = measure(towers, sleeping=True)
-        print(
-            f"| {CUBES * towers} | {off.median:.0f} | {awake.median:.0f} | {asleep.median:.1f} | "
-            f"{asleep.median / awake.median:.2%} (least: {asleep.least / awake.least:.2%}) |",
-            flush=True,
-        )
+    sizes = (40, 200, 1000)
+    with interruptible() as interruption:
+        for towers in progress(sizes, len(sizes), "scenes"):
+            (off,) = measure(towers, sleeping=False)
+            awake, asleep = measure(towers, sleeping=True)
+            say(
+                f"| {CUBES * towers} | {off.median:.0f} | {awake.median:.0f} | "
+                f"{asleep.median:.1f} | {asleep.median / awake.median:.2%} "
+                f"(least: {asleep.least / awake.least:.2%}) |"
+            )
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
     wp.config.log_level = wp.LOG_WARNING
-    table()
+    sys.exit(table())

@@ -9,6 +9,7 @@ sweeps, which the hard worlds need for a while, all worlds pay for all the time.
 """
 
 import math
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.drivers import world
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.state import Probe, deepest_penetration
 from newton_avbd.scenes.named import add_pyramid, add_stack, set_velocity
 from newton_avbd.step import scale
@@ -110,24 +112,24 @@ def _simulate(iterations: int, tolerance: float) -> Cost:
     return Cost(1.0e3 * spent / SECONDS, sweeps / (steps * 2 * WORLDS), deepest)
 
 
-def table() -> str:
-    """All settings, as Markdown."""
+def table() -> int:
+    """Print a row for each setting, as Markdown; 0, or 130 after Ctrl-C."""
     settings: list[tuple[str, int, float | None]] = [
         *((f"{n} sweeps, always", n, None) for n in (5, 10, 20, 40)),
         *((f"at most {n}", n, 0.0) for n in (10, 20, 40)),
         *((f"at most 40, `tolerance={t:g}`", 40, t) for t in (1.0e-7, 1.0e-6, 1.0e-5)),
     ]
-    lines = ["| setting | ms by second | sweeps | deepest |", "| --- | --- | --- | --- |"]
-    for name, iterations, tolerance in settings:
-        cost = measure(iterations, tolerance)
-        lines.append(
-            f"| {name} | {cost.milliseconds:.0f} | {cost.sweeps:.1f} | "
-            f"{1.0e3 * cost.penetration:.3f} mm |"
-        )
-        print(lines[-1], flush=True)
-    return "\n".join(lines)
+    print("| setting | ms by second | sweeps | deepest |\n| --- | --- | --- | --- |")
+    with interruptible() as interruption:
+        for name, iterations, tolerance in progress(settings, len(settings), "settings"):
+            cost = measure(iterations, tolerance)
+            say(
+                f"| {name} | {cost.milliseconds:.0f} | {cost.sweeps:.1f} | "
+                f"{1.0e3 * cost.penetration:.3f} mm |"
+            )
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
     wp.config.log_level = wp.LOG_WARNING
-    table()
+    sys.exit(table())

@@ -10,6 +10,7 @@ GPU, see :mod:`newton_avbd.study.effects.registers`.
 """
 
 import argparse
+import sys
 
 import newton
 
@@ -17,14 +18,15 @@ from newton_avbd import Effects, SolverAVBD
 from newton_avbd.drivers.world import make_solve
 from newton_avbd.effects import CAUSES
 from newton_avbd.io.output import table
+from newton_avbd.io.terminal import interruptible, progress, say
 
 from .full import SETTINGS, add_everything
 from .registers import usage
 from .stripped import real_and_stripped
 
 
-def main() -> None:
-    """Print a table."""
+def main() -> int:
+    """Print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description="whether absent effects cost anything")
     parser.add_argument("effects", nargs="*", metavar="EFFECT")
     parser.add_argument("--registers", action="store_true")
@@ -37,14 +39,16 @@ def main() -> None:
     variants = {"(all effects)": whole, "(bare contact)": bare}
     variants |= {name: whole.leaving_out(frozenset({name})) for name in names}
     rows = [("without", "code", "as if never written", *(["GPU"] if args.registers else []))]
-    for name, effects in variants.items():
-        real, stripped = real_and_stripped(effects)
-        size = sum(len(function) for kernel in real.values() for function in kernel)
-        same = "yes" if real == stripped else "NO"
-        gpu = [on_gpu(effects)] if args.registers else []
-        rows.append((name, f"{size / 1000:.0f} kB", same, *gpu))
-        print(*rows[-1], flush=True)
+    with interruptible() as interruption:
+        for name, effects in progress(variants.items(), len(variants), "effects", lambda v: v[0]):
+            real, stripped = real_and_stripped(effects)
+            size = sum(len(function) for kernel in real.values() for function in kernel)
+            same = "yes" if real == stripped else "NO"
+            gpu = [on_gpu(effects)] if args.registers else []
+            rows.append((name, f"{size / 1000:.0f} kB", same, *gpu))
+            say(" ".join(rows[-1]))
     print(f"\n{table(rows)}")
+    return interruption.status(0)
 
 
 def on_gpu(effects: Effects) -> str:
@@ -54,4 +58,4 @@ def on_gpu(effects: Effects) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

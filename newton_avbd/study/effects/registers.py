@@ -13,6 +13,7 @@ import functools
 import re
 import shutil
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -28,6 +29,7 @@ from newton_avbd.drivers.barrier import BLOCK
 from newton_avbd.drivers.launch import Launcher
 from newton_avbd.drivers.workers import Workers
 from newton_avbd.io.output import table
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.scenes.robots import add_quadruped
 
 from .full import SETTINGS, add_everything
@@ -150,23 +152,26 @@ SCENES: dict[str, tuple[Callable[[newton.ModelBuilder], None], dict[str, Any]]] 
 """From the least to the most that a scene can call for, with settings; and of large worlds."""
 
 
-def main() -> None:
-    """Print a table."""
+def main() -> int:
+    """Print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description="what the kernels take on a GPU")
     parser.add_argument("scenes", nargs="*", choices=[[], *SCENES], metavar="SCENE")
     rows = [("scene", "kernel", "registers", "stack [B]", "spilled [B]", "compiled [s]")]
-    for name in parser.parse_args().scenes or SCENES:
-        builder = newton.ModelBuilder()
-        add, settings = SCENES[name]
-        add(builder)
-        for label, kernel in launched(builder.finalize(device="cpu"), **settings).items():
-            used = usage(kernel)
-            seconds = f"{used.seconds:.0f}"
-            sizes = (str(used.registers), str(used.stack), str(used.spilled))
-            rows.append((name, label, *sizes, seconds))
-            print(*rows[-1], flush=True)
+    names = parser.parse_args().scenes or list(SCENES)
+    with interruptible() as interruption:
+        for name in progress(names, len(names), "scenes", str):
+            builder = newton.ModelBuilder()
+            add, settings = SCENES[name]
+            add(builder)
+            for label, kernel in launched(builder.finalize(device="cpu"), **settings).items():
+                used = usage(kernel)
+                seconds = f"{used.seconds:.0f}"
+                sizes = (str(used.registers), str(used.stack), str(used.spilled))
+                rows.append((name, label, *sizes, seconds))
+                say(" ".join(rows[-1]))
     print(f"\n{table(rows)}")
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -24,6 +24,7 @@ shares of the bound: 1 just holds. Beside them stand those of both against MuJoC
 """
 
 import argparse
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -38,6 +39,7 @@ from newton_avbd import SolverAVBD
 from newton_avbd.io.controls import Controls
 from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.robots import robots
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.state import Array
 
 DT = 1.0 / 2000.0
@@ -156,28 +158,36 @@ def _owners(solver: SolverMuJoCo) -> tuple[Any, Any]:
     return owners, np.flatnonzero(owners >= 0)
 
 
-def main() -> None:
-    """Print a line for each file and way of driving it."""
+def main() -> int:
+    """Print a line for each file and way of driving it; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description="MJCF files beside MuJoCo")
     parser.add_argument("names", nargs="*", metavar="NAME", help="part of a file's name, or a path")
     parser.add_argument("--scheme", help="of SolverAVBD (default: its own)")
     parser.add_argument("--page", metavar="FILE", help="write the orders of convergence into it")
     args = parser.parse_args()
     warnings.simplefilter("ignore")
-    if args.page:
-        write_page(Path(args.page))
-        return
+    with interruptible() as interruption:
+        if args.page:
+            write_page(Path(args.page))
+        else:
+            _compare_files(args.names, args.scheme)
+    return interruption.status(0)
+
+
+def _compare_files(names: list[str], scheme: str | None) -> None:
+    """Print a table of files; after Ctrl-C, too, how many of those that were tried hold."""
     print(f"{'':<47}|        as authored         |    rigid limits")
     head = f"{'off [mm]':>10} {'share':>6} {'AVBD':>5} {'MuJoCo':>6}"
     print(f"{'':<47}|{head}|{'off [mm]':>10} {'share':>6}")
     held = dict.fromkeys(((way, kind) for way in (False, True) for kind in range(2)), 0)
     count = 0
-    for name, path in files(args.names):
+    found_files = list(files(names))
+    for name, path in progress(found_files, len(found_files), "files", lambda file: file[0]):
         try:
             model = read(path)
-            cases = [compare(Case(model, path, way), args.scheme) for way in (False, True)]
+            cases = [compare(Case(model, path, way), scheme) for way in (False, True)]
         except Exception as error:  # files can be wrong in as many ways as there are files
-            print(f"{name:<40}is not tried: {type(error).__name__}: {str(error)[:100]}")
+            say(f"{name:<40}is not tried: {type(error).__name__}: {str(error)[:100]}")
             continue
         count += 1
         for is_driven, found in zip((False, True), cases, strict=True):
@@ -187,7 +197,7 @@ def main() -> None:
                 held[is_driven, kind] += shares[0] <= 1.0
                 line += f"{1.0e3 * off:10.4f}" + "".join(f" {share:6.2f}" for share in shares)
                 line += f"{says}|"
-            print(line, flush=True)
+            say(line)
     print(
         f"of {count} files hold as authored {held[False, 0]} passive, {held[True, 0]} driven; with "
         f"rigid limits {held[False, 1]} passive, {held[True, 1]} driven"
@@ -217,7 +227,7 @@ def read(path: Path) -> newton.Model:
     return builder.finalize(device="cpu")
 
 
-def compare(case: Case, scheme: str) -> list[tuple[float, list[float]]]:
+def compare(case: Case, scheme: str | None) -> list[tuple[float, list[float]]]:
     """How far off SolverAVBD is as authored and with rigid limits.
 
     Returns:
@@ -338,7 +348,7 @@ def write_page(page: Path) -> None:
         "| --- | --- | " + " | ".join("---" for _ in range(len(STEPS) + 1)) + " |",
     ]
     known = {robot.name: robot.path for robot in robots()}
-    for name in ORDERS:
+    for name in progress(ORDERS, len(ORDERS), "files", str):
         case = Case(read(known[name]), known[name], True, hold=STEPS[0])
         exact = native_path(case, FINE, integrator=int(mujoco.mjtIntegrator.mjINT_RK4))
         for label, path in (
@@ -357,11 +367,11 @@ def write_page(page: Path) -> None:
             order = np.polyfit(np.log(STEPS), np.log(off), 1)[0]
             cells = " | ".join(f"{1.0e3 * value:.3g}" for value in off)
             lines.append(f"| {name} | {label} | {cells} | {order:.2f} |")
-            print(lines[-1], flush=True)
+            say(lines[-1])
     text = page.read_text()
     before, rest = text.split(BEGIN)
     page.write_text(f"{before}{BEGIN}\n\n" + "\n".join(lines) + f"\n\n{END}{rest.split(END)[1]}")
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -214,6 +214,8 @@ class Outcome:
         value: What was measured; None where nothing was, or what was waited for never happened.
         expected: The closed form; None where the solver has a choice.
         unauthored: What was measured without the property; None where that was not asked for.
+        date: Day of the measurement, YYYY-MM-DD.
+        processor: Name of the processor.
     """
 
     property: str
@@ -222,6 +224,8 @@ class Outcome:
     value: float | None
     expected: float | None
     unauthored: float | None = None
+    date: str = ""
+    processor: str = ""
 
 
 def judge(property_: Property, solver: str) -> Outcome:

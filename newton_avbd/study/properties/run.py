@@ -10,12 +10,15 @@ CPU, at 240 steps a second.
 import argparse
 import json
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from newton_avbd.io.errors import UserError, unknown
 from newton_avbd.io.options import check_writable
+from newton_avbd.io.output import STANDARD_OUTPUT, tables_beside, write_json
 from newton_avbd.io.terminal import interruptible, progress, say
+from newton_avbd.settings import SCENE_SETTINGS
+from newton_avbd.study.bench.run import describe_machine
 from newton_avbd.study.properties.body import BODIES
 from newton_avbd.study.properties.cable import CABLES
 from newton_avbd.study.properties.contact import CONTACTS
@@ -42,6 +45,8 @@ INTRODUCTION = """\
 Each property that a Newton scene can author is tried with each solver, on the smallest scene that
 shows it. The result is compared with a number that follows by hand. [Scenes](#scenes) lists the
 scenes and the numbers. All ran on a CPU at 240 steps a second.
+
+{measured}
 
 - **yes**: within the bound.
 - a **percentage** or a number: the error; **never**: what should happen did not.
@@ -80,19 +85,29 @@ def main(args: argparse.Namespace) -> int:
     chosen = _choose(args.names)
     known = _read(args.json)
     check_writable(args.json, args.output)
-    with interruptible() as interruption:
+    machine = describe_machine(None)
+    day, processor = machine["date"][:10], machine["processor"]
+    solvers = args.solvers or SOLVERS
+    with tables_beside(args.json), interruptible() as interruption:
         for property_ in progress(chosen, len(chosen), "properties", lambda tried: tried.name):
-            for solver in args.solvers:
-                outcome = judge(property_, solver)
+            for solver in solvers:
+                outcome = replace(judge(property_, solver), date=day, processor=processor)
                 known[property_.name, solver] = outcome
                 say(f"{property_.name:36} {solver:7} {outcome.verdict}")
             # now and not at the end: some solvers take half an hour for all
-            if args.json:
-                entries = [asdict(outcome) for outcome in _in_order(known)]
-                _write(args.json, f"{json.dumps(entries, indent=1)}\n")
+            if args.json not in (None, STANDARD_OUTPUT):
+                write_json(args.json, _entries(known))
+    if args.json == STANDARD_OUTPUT:
+        write_json(args.json, _entries(known))
     if args.output:
         _write(args.output, page(_in_order(known)))
     return interruption.status(0)
+
+
+def _entries(known: dict[tuple[str, str], Outcome]) -> list[dict[str, object]]:
+    """Outcomes as JSON holds them; older ones have no date and no processor."""
+    entries = [asdict(outcome) for outcome in _in_order(known)]
+    return [{key: value for key, value in entry.items() if value != ""} for entry in entries]
 
 
 def _in_order(known: dict[tuple[str, str], Outcome]) -> list[Outcome]:
@@ -103,10 +118,11 @@ def _in_order(known: dict[tuple[str, str], Outcome]) -> list[Outcome]:
 
 def page(outcomes: Iterable[Outcome]) -> str:
     """The documentation's page: tables of outcomes, then scenes and settings."""
+    outcomes = list(outcomes)
     table = {(outcome.property, outcome.solver): outcome for outcome in outcomes}
     solvers = [solver for solver in SOLVERS if any(key[1] == solver for key in table)]
     notes: list[str] = []
-    parts = [INTRODUCTION]
+    parts = [INTRODUCTION.replace("{measured}", _measured(outcomes))]
     for title, catalog in GROUPS.items():
         head = ["property", *(SOLVERS[solver][0] for solver in solvers)]
         lines = [_row(head), _row(["---"] * len(head))]
@@ -122,6 +138,25 @@ def page(outcomes: Iterable[Outcome]) -> str:
         parts.append(f"### {title}\n\n" + "\n".join(_describe(p) for p in catalog.values()))
     parts.append("## Settings\n\n" + "\n".join(_settings()))
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _measured(outcomes: list[Outcome]) -> str:
+    """When, on what, and with which scheme, in sentences."""
+    days = sorted({outcome.date for outcome in outcomes if outcome.date})
+    processors = sorted({outcome.processor for outcome in outcomes if outcome.processor})
+    older = sum(not outcome.date for outcome in outcomes)
+    lines = []
+    if days:
+        when = f"on {days[0]}" if len(days) == 1 else f"from {days[0]} to {days[-1]}"
+        scheme = SCENE_SETTINGS["scheme"].default
+        lines.append(f"Measured {when} on a processor {' and '.join(processors)}.")
+        lines.append(f"SolverAVBD had its default scheme, `{scheme}`.")
+    if older:
+        lines.append(
+            f"{older} of the {len(outcomes)} outcomes are older, with the defaults of their day.\n"
+            "They have no date in properties.json."
+        )
+    return "\n".join(lines)
 
 
 def attributes() -> str:
@@ -148,7 +183,7 @@ def _choose(names: list[str]) -> list[Property]:
 
 def _read(path: Path | None) -> dict[tuple[str, str], Outcome]:
     """Outcomes of an earlier run; none without a file."""
-    if path is None or not path.exists():
+    if path in (None, STANDARD_OUTPUT) or not path.exists():
         return {}
     try:
         entries = [Outcome(**entry) for entry in json.loads(path.read_text())]

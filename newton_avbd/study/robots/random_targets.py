@@ -9,6 +9,8 @@ other. Joints must stay closed and limits must hold, at 240 and at 60 steps a se
 """
 
 import argparse
+import itertools
+import sys
 import warnings
 
 import newton
@@ -16,8 +18,10 @@ import numpy as np
 
 from newton_avbd.io import solvers
 from newton_avbd.io.names import SOLVERS
+from newton_avbd.io.options import add_solvers
 from newton_avbd.io.output import table
 from newton_avbd.io.robots import find_robot, read_robot
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.joints import Joints
 from newton_avbd.scenes.pose import Pose, dofs_of, stand
 
@@ -91,23 +95,24 @@ def _coordinates(builder: newton.ModelBuilder) -> dict[int, int]:
     }
 
 
-def main() -> None:
-    """Run the robots and print a table."""
+def main() -> int:
+    """Run the robots and print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("robots", nargs="*", default=list(ROBOTS), metavar="ROBOT")
-    parser.add_argument("--solver", nargs="+", default=["avbd"], choices=SOLVERS)
+    add_solvers(parser, SOLVERS, ("avbd",))
     args = parser.parse_args()
     rows: list[tuple[str, ...]] = [HEAD]
-    for name in args.robots:
-        for solver in args.solver:
-            for rate in RATES:
-                with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")
-                    pose = stand(read_robot(find_robot(name), solver)[0])
-                    rows.append(run(name, pose, solver, rate))
-                print("  ".join(rows[-1]), flush=True)
+    trials = list(itertools.product(args.robots, args.solvers, RATES))
+    with interruptible() as interruption:
+        for name, solver, rate in progress(trials, len(trials), "trials", lambda trial: trial[0]):
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                pose = stand(read_robot(find_robot(name), solver)[0])
+                rows.append(run(name, pose, solver, rate))
+            say("  ".join(rows[-1]))
     print(table(rows))
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -25,6 +25,7 @@ from pathlib import Path
 import newton
 import numpy as np
 
+from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.scenes.named import Scene
 from newton_avbd.scenes.robots import place
 from newton_avbd.study.bench.run import chosen, pinned
@@ -178,7 +179,10 @@ def summary(timings: Iterable[Timing]) -> str:
 
 
 def main(names: list[str]) -> int:
-    """Time robots and print a table; all that are installed unless some are named."""
+    """Time robots and print a table; 0, or 130 after Ctrl-C.
+
+    All that are installed, unless some are named.
+    """
     parser = argparse.ArgumentParser(prog="python -m newton_avbd.study.robots.speed")
     parser.add_argument("names", nargs="*", metavar="NAME")
     known = robots()
@@ -187,23 +191,22 @@ def main(names: list[str]) -> int:
     timings = []
     print("| robot | dofs | links | sweeps | plain [us] | collapsed | mj_step | ratio | welds |")
     print("| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |")
-    with pinned():
-        for name in wanted:
+    with pinned(), interruptible() as interruption:
+        for name in progress(wanted, len(wanted), "robots", str):
             try:
                 t = time_robot(name, known[name])
             except Exception as error:
                 # A robot that an importer or a solver refuses must not keep the others from it.
                 reason = str(error).strip().partition("\n")[0]
-                print(f"| {name} | {type(error).__name__}: {reason} | | | | | | | |", flush=True)
+                say(f"| {name} | {type(error).__name__}: {reason} | | | | | | | |")
                 continue
             timings.append(t)
-            print(
+            say(
                 f"| {t.robot} | {t.dofs} | {t.links} | {t.sweeps:.0f} | {t.ours:.2f} "
-                f"| {t.collapsed:.2f} | {t.mujoco:.2f} | {t.ratio:.2f} | {t.welds:.2f} |",
-                flush=True,
+                f"| {t.collapsed:.2f} | {t.mujoco:.2f} | {t.ratio:.2f} | {t.welds:.2f} |"
             )
     print(f"\n{summary(timings)}")
-    return 0
+    return interruption.status(0)
 
 
 if __name__ == "__main__":
