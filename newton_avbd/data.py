@@ -802,6 +802,8 @@ class Balance:
     start: float
     """Energy that it would have without what acts between its bodies [J]: kinetic energy before the
     step, and the work of external forces at the velocities then."""
+    given: float
+    """What springs, tendons, rotors and compliant contacts have given in the step at most [J]."""
     start_inertia: wp.mat33
     """Inertia about the COM before the step [kg m^2]."""
     is_anchored: wp.bool

@@ -195,12 +195,14 @@ def test_compare_of_a_solver_with_itself_finds_no_difference(capsys):
 
 
 def test_json_goes_to_a_file_or_to_standard_output(tmp_path, capsys):
-    """All numbers are the same, and the table moves to standard error for ``-``."""
+    """All numbers are the same, and the table moves to standard error for ``-`` and no file."""
     path = tmp_path / "fall.json"
     arguments = ["compare", "fall", "--against", "xpbd", "--frames", "1", "--json"]
     assert main([*arguments, str(path)]) == 0
     assert rows(capsys.readouterr().out)["step"].split() == ["4.167", "ms", "4.167", "ms"]
     assert main([*arguments, "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["distance_max"]
+    assert main(arguments) == 0
     printed = capsys.readouterr()
     assert "4.167 ms" in printed.err
     found, written = json.loads(printed.out), json.loads(path.read_text())

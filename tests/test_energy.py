@@ -9,9 +9,11 @@ import warp as wp
 from helpers import Simulation, add_box, add_ground, add_sphere
 from joint_scenes import WORLD, add_link, anchor_gaps, set_coordinates, simulate, transform
 
+from newton_avbd.data import Balance
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.state import Bodies, kinetic_energy
 from newton_avbd.scenes.robots import add_humanoid
+from newton_avbd.step.balance import settle, with_work
 from newton_avbd.study.falls.run import Setup, run_falls
 from newton_avbd.study.falls.scene import bare, make_model, starts
 
@@ -271,3 +273,26 @@ def test_a_root_that_swings_on_its_joint_is_no_fault_of_a_fall() -> None:
     (fall,) = run_falls("wheel", robot, chosen, Setup(seconds=0.5), lambda done, total: None)
     assert fall.speed > 0.05
     assert fall.failures() == []
+
+
+@pytest.mark.parametrize(("given", "is_bounded"), [(8.4, False), (0.5, True)])
+def test_what_springs_give_makes_bodies_faster_than_all_was(given: float, is_bounded: bool) -> None:
+    """A world at rest is let go by a spring: a body is faster than any was, and may be.
+
+    Taken for a step that has come to nothing, it was put back to where it was, and stayed there in
+    each step from then on.
+    """
+
+    @wp.kernel
+    def settled(given: float, out: wp.array[wp.bool]):
+        island = Balance()
+        island.mass = 11.0
+        island.inertia = wp.identity(n=3, dtype=float)
+        island.start_inertia = island.inertia
+        island.after = 1.03
+        island.is_wild = True
+        out[0] = settle(with_work(island, given), 1.0 / 240.0).is_bounded
+
+    out = wp.zeros(1, dtype=wp.bool)
+    wp.launch(settled, dim=1, inputs=[given, out])
+    assert out.numpy()[0] == is_bounded

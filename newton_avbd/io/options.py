@@ -62,10 +62,12 @@ def add_json(parser: argparse.ArgumentParser, more: str = "") -> None:
     """Add the file for all numbers, for :func:`newton_avbd.io.output.write_json`."""
     parser.add_argument(
         "--json",
+        nargs="?",
         type=Path,
+        const=STANDARD_OUTPUT,
         metavar="FILE",
-        help="write all numbers to a file; -: to standard output, and tables to standard error"
-        + more,
+        help="write all numbers to a file; without one, or -: to standard output, and tables to "
+        "standard error" + more,
     )
 
 

@@ -49,6 +49,16 @@ def touch_fixed(slot: int, is_joint: bool, work: wp.ref[BodyWork], sum: Balance)
 
 
 @wp.func
+def with_work(sum: Balance, work: float) -> Balance:
+    """Adds the work of what stores energy [J], which may make a body faster than all was before."""
+    out = sum
+    out.before += work
+    if work > 0.0 and wp.isfinite(work):
+        out.given += work
+    return out
+
+
+@wp.func
 def counts_here(body: int, item: int, joint: int, s: wp.ref[Solver]) -> bool:
     """Whether a joint outside of trees counts with this body: with its child, if that moves."""
     is_child = item % 2 == 0
@@ -66,7 +76,7 @@ def add_tendons(first: int, root: int, s: wp.ref[Solver]):
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             if closure.tendon >= 0 and closure.other < 0:
-                sum.before += tendon_work(closure.tendon, s.tree)
+                sum = with_work(sum, tendon_work(closure.tendon, s.tree))
         s.islands.balance[root] = sum
 
 
@@ -87,7 +97,7 @@ def add_cables(cluster: int, s: wp.ref[Solver]):
                         sum = s.islands.balance[root]
                         if side == 0 or s.work.inv_mass[other] == 0.0:
                             pull = cables.before[seg]
-                            sum.before += 0.5 * cables.compliance[seg] * pull * pull
+                            sum = with_work(sum, 0.5 * cables.compliance[seg] * pull * pull)
                         if s.work.inv_mass[other] == 0.0 and cables.tension[seg] > 0.0:
                             sum = touch_fixed(other, True, s.work, sum)
                             is_static = other == s.work.inv_mass.shape[0] - 1
@@ -103,6 +113,7 @@ def combined(one: Balance, other: Balance) -> Balance:
     out.before += other.before
     out.after += other.after
     out.start += other.start
+    out.given += other.given
     out.mass += other.mass
     out.com += other.com
     out.start_com += other.start_com
@@ -165,7 +176,7 @@ def settle(sum: Balance, h: float) -> Balance:
         most = sum.before
     if sum.is_pushed or (is_finite and sum.after - most <= EXCESS * sum.after):
         return out
-    if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most:
+    if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most + sum.given:
         return out
     out.is_bounded = True
     most = wp.max(most, 0.0)

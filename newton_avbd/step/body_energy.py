@@ -9,7 +9,7 @@ from ..data import Balance, BodyModel, Solver, Step
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .anchors import is_linked
-from .balance import counts_here, place_from, squared_overlap, touch_fixed
+from .balance import counts_here, place_from, squared_overlap, touch_fixed, with_work
 from .drag import resistance
 from .joint_energy import make_add_joint
 
@@ -103,7 +103,7 @@ def make_add_body(effects: Effects) -> wp.Function:
                     stiffness = row.k_n / wp.max(1.0 - s.rows.share[i], 1.0e-6)
                     less = squared_overlap(row.gap)
                     less -= squared_overlap(row.gap + wp.dot(row.normal, u))
-                    out.before += 0.5 * stiffness * less
+                    out = with_work(out, 0.5 * stiffness * less)
         if wp.static(effects.joints):
             if is_linked(body, s):
                 out = add_joint(

@@ -11,7 +11,7 @@ from ..rows.coordinate import make_joint_coordinates
 from ..rows.free_axes import make_free_axes
 from ..rows.joint import BALL, ROD, ball_away, linear_axis, make_counts
 from .anchors import anchor_arm, anchor_rotation, parent_slot
-from .balance import squared_overlap, touch_fixed
+from .balance import squared_overlap, touch_fixed, with_work
 
 
 def make_axis_work(effects: Effects) -> wp.Function:
@@ -160,7 +160,7 @@ def make_add_joint(effects: Effects) -> wp.Function:
                     along = wp.dot(axis, turn)
                 out.before += step.control.joint_f[index] * along
             if wp.static(effects.coordinates):
-                out.before += axis_work(
+                given = axis_work(
                     joint,
                     dof,
                     q,
@@ -172,12 +172,13 @@ def make_add_joint(effects: Effects) -> wp.Function:
                     step,
                     s,
                 )
+                out = with_work(out, given)
             if wp.static(effects.armature):
                 inertia = s.joints.armature[index]
                 start = s.tree.start_velocity[index]
                 end = s.history.axis_velocity[index]
                 if inertia > 0.0:
-                    out.before += 0.5 * inertia * start * start
+                    out = with_work(out, 0.5 * inertia * start * start)
                     out.after += 0.5 * inertia * end * end
         return out
 
