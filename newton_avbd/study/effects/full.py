@@ -47,6 +47,7 @@ def add_everything(builder: newton.ModelBuilder) -> None:
         **{"mujoco:pair_geom1": ground, "mujoco:pair_geom2": shape, "mujoco:pair_condim": 3}
     )
     builder.add_shape_cylinder(box, radius=0.1, half_height=0.1, cfg=cfg)
+    builder.add_shape_ellipsoid(box, rx=0.1, ry=0.1, rz=0.1, cfg=cfg)
     needle = builder.add_body(xform=_at(4.5, 0.0, 0.5))
     builder.add_shape_capsule(needle, radius=0.01, half_height=0.4, cfg=cfg)
     put = builder.add_body(xform=_at(6.0, 0.0, 0.5), is_kinematic=True)
