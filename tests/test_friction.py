@@ -10,6 +10,8 @@ import pytest
 import warp as wp
 from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, surface
 
+from newton_avbd.study.accuracy.simbench import FORCE, add_rolling, rolling_accelerations
+
 
 def box_on_slope(angle: float, mu: float) -> tuple[Simulation, np.ndarray]:
     """A cube resting on a slope that falls towards +x, and the direction downhill."""
@@ -188,3 +190,18 @@ def test_what_slides_or_rolls_evenly_takes_few_sweeps(shape: str, dt: float) -> 
         sim.step()
         sweeps.append(sim.solver.status.sweeps.max())
     assert np.median(sweeps) <= (2 if shape == "box" else 6)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_a_box_slides_on_from_rest_under_what_rolls_on_it(scheme: str) -> None:
+    """Friction of the ground never stops it, since it is drawn. 25 balls press on its corners,
+    where its mass against a blow from below is a seventh of its mass."""
+    builder = newton.ModelBuilder()
+    add_rolling(builder)
+    sim = Simulation(builder, dt=1.0 / 60.0, scheme=scheme)
+    force = np.zeros((sim.model.body_count, 6), dtype=np.float32)
+    force[0, 1] = FORCE
+    sim.state.body_f.assign(force)
+    sim.run(1.0)
+    np.testing.assert_allclose(sim.velocity[:2, 1], rolling_accelerations(), rtol=1e-3)

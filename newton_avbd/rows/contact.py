@@ -249,19 +249,34 @@ def slid(row: ContactRow) -> bool:
 
 
 @wp.func
-def slides(
-    row: ContactRow, k_t: float, mass: float, u: wp.vec3, moved: wp.vec3, f_n: float, h: float
-) -> bool:
-    """Whether a row is about to slide, or slides on.
+def sliding_mass(
+    row: ContactRow,
+    span: wp.vec3,
+    inv_mass: float,
+    inv_inertia_a: wp.mat33,
+    inv_inertia_b: wp.mat33,
+) -> float:
+    """Mass that friction meets where it was at its cone in the last step [kg]; else zero."""
+    if not slid(row):
+        return 0.0
+    across = wp.normalize(row.force - wp.dot(row.normal, row.force) * row.normal)
+    return effective_mass(across, row.arm, row.arm + span, inv_mass, inv_inertia_a, inv_inertia_b)
 
-    What slid does where friction cannot stop its mass [kg] in the step, in which it slips by
-    ``moved`` [m] as it goes. What stuck does where the slip u [m] of bodies without constraints,
-    and the normal force f_n [N] that goes with it, take it beyond its cone.
+
+@wp.func
+def slides(
+    row: ContactRow, k_t: float, mass: float, sliding: float, u: wp.vec3, f_n: float, h: float
+) -> bool:
+    """Whether a row is about to slide, or slides on, by the slip u [m] of bodies without
+    constraints.
+
+    What slid does where friction cannot stop its mass ``sliding`` [kg] in the step. What stuck does
+    where the slip, and the normal force f_n [N] that goes with it, take it beyond its cone.
     """
     n = row.normal
-    if slid(row):
+    if sliding > 0.0:
         most = row.mu * expected_force(row, mass, u, h)
-        return mass * wp.length(moved - n * wp.dot(n, moved)) > h * h * most
+        return sliding * wp.length(u - n * wp.dot(n, u)) > h * h * most
     trial = row.force - k_t * u
     return wp.length(trial - n * wp.dot(n, trial)) > row.mu * f_n
 
@@ -286,8 +301,8 @@ def penalise(
     mass: float,
     load: float,
     held: float,
+    sliding: float,
     u: wp.vec3,
-    moved: wp.vec3,
     scale: WorldScale,
     is_followed: bool,
 ):
@@ -302,8 +317,8 @@ def penalise(
         mass: Effective mass [kg].
         load: Mass that the row carried in the last step [kg].
         held: Mass that the row has to hold at once [kg], as the link of a pile.
+        sliding: :func:`sliding_mass` [kg].
         u: Slip that the bodies would have without constraints [m].
-        moved: Slip of the first guess, which goes on as they moved [m].
         scale: The world's scale.
     """
     out = row
@@ -320,7 +335,7 @@ def penalise(
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
     if f_n > 0.0 and not is_followed:
-        if slides(row, out.k_t, mass, u, moved, f_n, scale.h):
+        if slides(row, out.k_t, mass, sliding, u, f_n, scale.h):
             out.k_t = RELEASE_RATIO * out.k_t
     return out
 
@@ -351,8 +366,8 @@ def comply(
     row: ContactRow,
     mass: float,
     load: float,
+    sliding: float,
     u: wp.vec3,
-    moved: wp.vec3,
     stiffness: float,
     damping: float,
     scale: WorldScale,
@@ -367,8 +382,8 @@ def comply(
         row: The row, with its multiplier warm-started.
         mass: Effective mass [kg].
         load: Mass that the row carried in the last step [kg].
+        sliding: :func:`sliding_mass` [kg].
         u: Slip that the bodies would have without constraints [m].
-        moved: Slip of the first guess, which goes on as they moved [m].
         stiffness: Material stiffness K [N/m].
         damping: Material damping kd [N s/m].
         scale: The world's scale.
@@ -390,7 +405,7 @@ def comply(
     out.k_n = share * k
     out.k_t = tangent_penalty(row, k)
     f_n = wp.dot(row.normal, out.force) - k * (u_n + row.gap)
-    if f_n > 0.0 and slides(row, out.k_t, mass, u, moved, f_n, scale.h):
+    if f_n > 0.0 and slides(row, out.k_t, mass, sliding, u, f_n, scale.h):
         out.k_t = RELEASE_RATIO * out.k_t
     out.force = keep_share(row, out.force, share)
     return out, share

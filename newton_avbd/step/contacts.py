@@ -525,22 +525,25 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 s.rows.stiffness[i] = stiffness
                 s.rows.damping[i] = damping
             else:
+                inv_mass = s.work.inv_mass[body] + s.work.inv_mass[row.b]
                 mass = contact_rows.effective_mass(
                     row.normal,
                     row.arm,
                     row.arm + span,
-                    s.work.inv_mass[body] + s.work.inv_mass[row.b],
+                    inv_mass,
                     s.work.inv_inertia[body],
                     s.work.inv_inertia[row.b],
                 )
                 load = contact_rows.carried_mass(row, scale)
-                moved = wp.vec3(0.0)
+                sliding = float(0.0)
                 if wp.static(effects.friction):
-                    moved = contact_rows.slip(
-                        row, s.work.increment[body], s.work.increment[row.b], span
+                    sliding = contact_rows.sliding_mass(
+                        row,
+                        span,
+                        inv_mass,
+                        s.work.inv_inertia[body],
+                        s.work.inv_inertia[row.b],
                     )
-                    if wp.static(effects.drift):
-                        moved += s.rows.drift[i]
                 held = float(0.0)
                 if wp.static(effects.piles):
                     held = mass_to_hold(row, s)
@@ -554,14 +557,14 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                         held = wp.max(held, load)
                 if wp.static(effects.compliance):
                     row, share = contact_rows.comply(
-                        row, wp.max(mass, held), load, u, moved, stiffness, damping, scale
+                        row, wp.max(mass, held), load, sliding, u, stiffness, damping, scale
                     )
                     s.rows.share[i] = share
                 else:
                     follows = bool(False)
                     if wp.static(effects.joints):
                         follows = is_followed(row, s)
-                    row = contact_rows.penalise(row, mass, load, held, u, moved, scale, follows)
+                    row = contact_rows.penalise(row, mass, load, held, sliding, u, scale, follows)
                 if wp.static(effects.angular_friction):
                     spin = s.rows.spin[i]
                     if wp.static(effects.condim):
