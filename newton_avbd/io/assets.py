@@ -134,7 +134,7 @@ def simulate(
         UserError: It holds no bodies, or the solver refuses what it holds.
     """
     if builder.body_count == 0:
-        raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
+        raise UserError("\n".join([f"cannot simulate {path}: it holds no rigid bodies", *notes]))
     try:
         return ModelSimulation(
             name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes

@@ -63,7 +63,7 @@ class Body:
 
 def bodies(root: ElementTree.Element) -> list[Body]:
     """The bodies of a file, each after those in it."""
-    classes = _classes(root)
+    classes = by_class(root)
     found: list[Body] = []
 
     def walk(
@@ -91,7 +91,7 @@ def bodies(root: ElementTree.Element) -> list[Body]:
     return found
 
 
-def _classes(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
+def by_class(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
     """Attributes by default class and tag, with those that a class inherits."""
     found: dict[str, dict[str, Attributes]] = {}
 
@@ -111,24 +111,6 @@ def _classes(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
     return found | {"main": found.get(_MAIN, {})}
 
 
-def unclassed(root: ElementTree.Element) -> Iterator[tuple[str, str, Attributes]]:
-    """Tags in default classes, labels and attributes of elements that have no default class."""
-
-    def walk(parent: ElementTree.Element, owner: str) -> Iterator[tuple[str, str, Attributes]]:
-        for item in parent:
-            if item.tag in ("body", "frame"):
-                inner = called(item.get("name", "")) if item.tag == "body" else owner
-                yield from () if "childclass" in item.attrib else walk(item, inner)
-            elif "class" not in item.attrib:
-                yield item.tag, label(item.attrib, owner), item.attrib
-
-    for group in root:
-        if group.tag != "default":
-            own = group.tag if group.tag in _SHARED else ""
-            for tag, name, attributes in walk(group, "the file"):
-                yield own or tag, name, attributes
-
-
 def in_tree(root: ElementTree.Element, tag: str) -> Iterator[str]:
     """Labels of elements in the tree of bodies: by their names, or by the body that has them."""
 
@@ -145,7 +127,7 @@ def in_tree(root: ElementTree.Element, tag: str) -> Iterator[str]:
 
 def of_group(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[str, Attributes]]:
     """Labels and attributes of elements that are in no body."""
-    classes = _classes(root)
+    classes = by_class(root)
     shared = group if group in _SHARED else tag
     for parent in root.iter(group):
         for item in parent.findall(tag):

@@ -13,7 +13,7 @@ import warp as wp
 
 from newton_avbd.model.welds import inverse, multiply
 
-from .elements import Attributes, Body, bodies, in_tree, numbers, of_group, unclassed
+from .elements import Attributes, Body, bodies, in_tree, numbers, of_group
 
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that it leaves out."""
@@ -26,10 +26,6 @@ _MOVED = 1.0e-6
 """By how much the axis of a hinge is elsewhere [m]: files round."""
 _OF_FREE = ("damping", "armature", "frictionloss", "stiffness")
 """What a free joint may have in MuJoCo."""
-_SEEN = frozenset({"group", "material", "rgba", "user"})
-"""Attributes that move nothing."""
-_SHOWN = ("camera", "light", "material", "site", "texture")
-"""Elements that move nothing."""
 _SAVE = 'Load the file that mujoco.mj_saveLastXML("FILE", model) writes'
 _SOFT = "SolverVBD simulates what builder.add_cloth_grid() and add_soft_grid() make"
 _OF_TREE = {"replicate": _SAVE, "attach": _SAVE, "composite": _SAVE, "flexcomp": _SOFT}
@@ -105,26 +101,19 @@ class _Kind:
 
 
 def _of_tree(root: ElementTree.Element, bodies: list[Body]) -> Iterator[_Kind]:
-    """What is left out with all that is in it, and defaults."""
+    """What is left out with all that is in it."""
     for tag, remedy in _OF_TREE.items():
         names = [*in_tree(root, tag)]
         yield _Kind("", f"<{tag}> element", names, "nothing of it is there", remedy)
     names = [f"{body.label(joint)} (in a <frame>)" for body in bodies for joint in body.framed]
     instead = "a body without another joint is fixed"
     yield _Kind("", "joint", names, instead, "Write it in the body, outside of the <frame>")
-    main: dict[str, set[str]] = {}
-    for default in root.findall("default"):
-        for item in default if "class" in default.attrib else ():
-            if item.tag not in _SHOWN:
-                main.setdefault(item.tag, set()).update(item.attrib.keys() - _SEEN)
-    names = [
-        f"{label} (<{tag}>)"
-        for tag, label, said in unclassed(root)
-        if main.get(tag, set()) - said.keys()
-    ]
-    instead = "it acts on elements that have a class"
-    remedy = "Write <default> without class"
-    yield _Kind('<default class="main">', "element", names, instead, remedy)
+    names = [label for label, _ in of_group(root, "deformable", "flex")]
+    instead = "nothing holds the bodies at its vertices together"
+    yield _Kind("", "flex", names, instead, _SOFT)
+    names = [*in_tree(root, "plugin")]
+    remedy = "builder.add_rod() makes a cable that resists bending"
+    yield _Kind("", "plugin", names, "a cable of such bodies does not resist bending", remedy)
 
 
 def _of_actuators(root: ElementTree.Element) -> Iterator[_Kind]:
