@@ -122,7 +122,9 @@ def _enter_limits(model: newton.Model, state: newton.State) -> None:
     for _ in range(NEWTON_STEPS):
         mujoco.mj_forward(native, now)
         kinds = now.efc_type
-        beyond = np.where(kinds == equality, now.efc_pos, np.minimum(now.efc_pos, 0.0))
+        # a limit holds where its margin begins
+        beyond = now.efc_pos - now.efc_margin
+        beyond = np.where(kinds == equality, now.efc_pos, np.minimum(beyond, 0.0))
         beyond[~np.isin(kinds, [equality, *ranges])] = 0.0
         rows = np.flatnonzero(beyond)
         if np.abs(beyond).max(initial=0.0) < 1.0e-9:
