@@ -1,6 +1,10 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""What goes unread of MJCF files is named, with a remedy."""
+"""What goes unread of MJCF files is named, with a remedy.
+
+Solvers that take light links have joints of their own for some of it (``test_mjcf_rewriting.py``);
+SolverXPBD does not.
+"""
 
 import re
 from pathlib import Path
@@ -88,7 +92,7 @@ def test_each_kind_is_named_once(tmp_path: Path) -> None:
     """In one sentence with names, also where a default class or an included file says it."""
     write(tmp_path, SCENE).rename(tmp_path / "inner.xml")
     path = write(tmp_path, '<mujoco><include file="inner.xml"/></mujoco>')
-    notes = read_asset(path, "avbd", floating=True)[1]
+    notes = read_asset(path, "xpbd", floating=True)[1]
     assert len(notes) == len(FOUND)
     for note, pattern in zip(notes, FOUND, strict=True):
         assert note.startswith("scene.xml goes on without ")
@@ -97,7 +101,7 @@ def test_each_kind_is_named_once(tmp_path: Path) -> None:
 
 def test_what_is_lost_with_all_that_is_in_it_is_named(tmp_path: Path) -> None:
     """Newton's importer says nothing, and makes two bodies."""
-    builder, notes = read_asset(write(tmp_path, LOST), "avbd", floating=True)
+    builder, notes = read_asset(write(tmp_path, LOST), "xpbd", floating=True)
     assert len(notes) == len(LOST_FOUND)
     for note, pattern in zip(notes, LOST_FOUND, strict=True):
         assert re.search(pattern, note), note
@@ -121,11 +125,11 @@ def test_a_second_default_adds_to_the_first(tmp_path: Path) -> None:
         '<default><joint actuatorfrclimited="false"/></default><default><joint pos="0.1 0 0"/>'
         f'</default><worldbody><body>{joint}<geom size="0.1"/></body></worldbody>'
     )
-    assert read_asset(write(tmp_path, f"<mujoco>{text}</mujoco>"), "avbd", floating=True)[1] == ()
+    assert read_asset(write(tmp_path, f"<mujoco>{text}</mujoco>"), "xpbd", floating=True)[1] == ()
 
 
 def test_what_is_read_is_not_named(tmp_path: Path) -> None:
-    assert read_asset(write(tmp_path, PLAIN), "avbd", floating=True)[1] == ()
+    assert read_asset(write(tmp_path, PLAIN), "xpbd", floating=True)[1] == ()
 
 
 @pytest.mark.parametrize(
@@ -145,16 +149,16 @@ def test_a_joint_that_the_importer_fails_at_is_named(
         "</mujoco>",
     )
     with pytest.raises(UserError, match=message):
-        read_asset(path, "avbd", floating=True)
+        read_asset(path, "xpbd", floating=True)
 
 
 def test_a_body_without_a_name_is_called_so(tmp_path: Path) -> None:
     text = '<mujoco><worldbody><body mocap="true"><joint {}/><geom size="0.1"/></body></worldbody>'
     path = write(tmp_path, text.format('stiffness="1 5"') + "</mujoco>")
     with pytest.raises(UserError, match="a joint of a body without a name has stiffness"):
-        read_asset(path, "avbd", floating=True)
+        read_asset(path, "xpbd", floating=True)
     path = write(tmp_path, text.format('type="ball" range="0 20"') + "</mujoco>")
-    ball, mocap = read_asset(path, "avbd", floating=True)[1]
+    ball, mocap = read_asset(path, "xpbd", floating=True)[1]
     assert "(that of a body without a name)" in ball
     assert "(one without a name)" in mocap
 
@@ -170,7 +174,7 @@ def test_a_polynomial_that_the_importer_does_not_read_is_not_refused(
     body = f'<body><joint {joint}/><geom size="0.1"/></body>'
     path = write(tmp_path, f"<mujoco><worldbody>{body}</worldbody></mujoco>")
     mujoco.MjModel.from_xml_path(str(path))
-    assert read_asset(path, "avbd", floating=True)[0].body_count == 1
+    assert read_asset(path, "xpbd", floating=True)[0].body_count == 1
 
 
 def test_the_remedy_for_a_time_constant_is_the_same_actuator() -> None:

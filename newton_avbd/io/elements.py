@@ -24,6 +24,7 @@ class Body:
     """A body of a file, with attributes of what it has, those of default classes among them.
 
     Attributes:
+        element: What it is in the file.
         name: Its name; empty where it has none.
         parent: The body that it is in; None where that is the world.
         is_mocap: Whether the file says so.
@@ -33,6 +34,7 @@ class Body:
         geoms: Its geoms.
     """
 
+    element: ElementTree.Element
     name: str
     parent: "Body | None"
     is_mocap: bool
@@ -75,7 +77,7 @@ def bodies(root: ElementTree.Element) -> list[Body]:
                 inertial = item.find("inertial")
                 said = None if inertial is None else inertial.attrib
                 is_mocap = item.get("mocap", "false") == "true"
-                child = Body(item.get("name", ""), body, is_mocap, said)
+                child = Body(item, item.get("name", ""), body, is_mocap, said)
                 walk(item, child, inner, child.joints)
                 found.append(child)
             elif item.tag == "frame":

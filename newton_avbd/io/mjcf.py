@@ -17,17 +17,39 @@ import warp as wp
 
 from newton_avbd.rows.actuator import MUSCLE_BIAS, MUSCLE_GAIN
 
+from .elements import bodies
 from .masses import check_mjcf_masses
-from .rewriting import has_mujoco, hidden, leave_frames, merge_defaults, written_out
-from .unread import refuse, unread
+from .rewriting import (
+    LIGHT,
+    compiled,
+    find_springs,
+    has_mujoco,
+    has_springdamper,
+    hidden,
+    leave_frames,
+    merge_defaults,
+    separate_joints,
+    written_out,
+)
+from .unread import listed, refuse, unread
 
 
-def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[str, ...]:
+def add_mjcf(
+    builder: newton.ModelBuilder, path: Path, *, light_links: bool = True, **options: Any
+) -> tuple[str, ...]:
     """``builder.add_mjcf`` for a file, also for what that leaves out of it.
 
     MuJoCo's compiler, where it is installed, writes out what is replicated, attached or composed.
     Geoms whose meshes are not there are left out. Muscles get the length ranges that MuJoCo's
-    compiler finds, where the file says none.
+    compiler finds, where the file says none, and joints the springs that it makes of
+    ``springdamper``.
+
+    Args:
+        builder: What to add to.
+        path: The file.
+        light_links: Whether joints get bodies of their own, of next to no mass, where the importer
+            reads several joints of one body otherwise.
+        **options: Of ``builder.add_mjcf``.
 
     Returns:
         What the user should know of it, a sentence each; what the importer leaves out among it.
@@ -39,14 +61,24 @@ def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[
     known = len(_values(builder, "label"))
     root, absent = read_mjcf(path)
     root, notes = _written_out(path, root)
+    if any(has_springdamper(joint) for body in bodies(root) for joint in body.joints):
+        native = compiled(path)
+        if native is not None and (names := find_springs(root, native)):
+            notes.append(
+                f"{path.name} goes on with the stiffness and damping that MuJoCo's compiler finds "
+                f"for joints with springdamper: {listed(names)}"
+            )
+    if light_links and (names := separate_joints(root)):
+        notes.append(
+            f"{path.name} gets bodies of {LIGHT:g} kg for joints of {listed(names)}: Newton's "
+            "importer takes several joints of one body for others than they are"
+        )
     refuse(root)
     check_mjcf_masses(root)
-    is_changed = [merge_defaults(root), _drop_pgs(root), bool(absent), bool(notes)]
-    if any(is_changed):
-        text = ElementTree.tostring(root, encoding="unicode")
-        builder.add_mjcf(text, path_resolver=partial(_beside, path.parent), **options)
-    else:
-        builder.add_mjcf(str(path), **options)
+    merge_defaults(root)
+    _drop_pgs(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    builder.add_mjcf(text, path_resolver=partial(_beside, path.parent), **options)
     return (
         *notes,
         *(_left_out(path, root, absent, builder) if absent else ()),
@@ -186,13 +218,8 @@ def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) ->
         if (gains[row] == int(MUSCLE_GAIN) or biases[row] == int(MUSCLE_BIAS))
         and ranges[row][0] >= ranges[row][1]
     ]
-    if not missing or not has_mujoco():
-        return ()
-    import mujoco
-
-    try:
-        native = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError:  # it may lack what Newton does without
+    native = compiled(path) if missing else None
+    if native is None:
         return ()
     rows = {native.actuator(row).name: row for row in range(native.nu)}
     for row in missing:
@@ -205,15 +232,14 @@ def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) ->
     )
 
 
-def _drop_pgs(root: ElementTree.Element) -> bool:
-    """Takes the choice of MuJoCo's PGS solver out of a file; whether it was there.
+def _drop_pgs(root: ElementTree.Element) -> None:
+    """Takes the choice of MuJoCo's PGS solver out of a file.
 
     Newton's importer refuses the name, which says nothing about the scene.
     """
-    options = [item for item in root.iter("option") if item.get("solver", "").lower() == "pgs"]
-    for option in options:
-        del option.attrib["solver"]
-    return bool(options)
+    for option in root.iter("option"):
+        if option.get("solver", "").lower() == "pgs":
+            del option.attrib["solver"]
 
 
 def _beside(folder: Path, base: str | None, name: str) -> str:

@@ -7,13 +7,15 @@ import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
+from newton_avbd.measure.overlaps import LIGHT
 from newton_avbd.model.welds import IDENTITY, multiply
 
-from .elements import bodies, by_class, in_tree, numbers, of_group
+from .elements import Attributes, Body, bodies, by_class, in_tree, numbers, of_group
 
 Element = ElementTree.Element
 
@@ -21,6 +23,18 @@ _COPIED = ("replicate", "attach", "composite")
 """Elements that stand for bodies elsewhere or for several."""
 _ACTUATORS = ("adhesion", "cylinder")
 """Actuators that MuJoCo writes as ``<general>``, which the importer reads."""
+_OF_PLACE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass")
+"""Attributes that say where a body is, and what is in it."""
+_OF_TENDON = ("stiffness", "damping", "armature", "frictionloss", "range")
+"""What a tendon pushes or holds with by itself."""
+_MOVED = 1.0e-6
+"""By how much the axis of a hinge is elsewhere [m]: files round."""
+# MuJoCo takes no body without mass
+_LIGHT = {
+    "pos": "0 0 0",
+    "mass": f"{LIGHT:g}",
+    "diaginertia": " ".join([f"{1.0e-4 * LIGHT:g}"] * 3),
+}
 _MAIN = "main"
 """MuJoCo's name of the default class of what names none."""
 
@@ -79,6 +93,18 @@ def has_mujoco() -> bool:
     return importlib.util.find_spec("mujoco") is not None
 
 
+def compiled(path: Path) -> Any:
+    """What MuJoCo's compiler makes of a file; None where it is not installed or refuses it."""
+    if not has_mujoco():
+        return None
+    import mujoco
+
+    try:
+        return mujoco.MjModel.from_xml_path(str(path))
+    except ValueError:  # it may lack what Newton does without
+        return None
+
+
 def _place_models(root: Element, read: Callable[[Path], Element], folder: Path) -> None:
     """Puts the files that a file attaches into a folder, with absolute paths of their meshes.
 
@@ -95,8 +121,8 @@ def _place_models(root: Element, read: Callable[[Path], Element], folder: Path) 
         model.set("file", str(place))
 
 
-def merge_defaults(root: Element) -> bool:
-    """Writes the default classes of a file as the importer understands them; whether it had to.
+def merge_defaults(root: Element) -> None:
+    """Writes the default classes of a file as the importer understands them.
 
     MuJoCo calls the outermost class ``main``, whether the file does or not, and several elements
     of one class add up. Newton's importer takes one with a name for a class like others, and the
@@ -105,7 +131,7 @@ def merge_defaults(root: Element) -> bool:
     outer = root.findall("default")
     called = any(_MAIN in (item.get("class"), item.get("childclass")) for item in root.iter())
     if not called and len(outer) <= 1:
-        return False
+        return
     own: dict[str, Element] = {}
     inner: list[Element] = []
     for default in outer:
@@ -121,7 +147,6 @@ def merge_defaults(root: Element) -> bool:
     for name, items in (({}, [*own.values(), *inner]), ({"class": _MAIN}, [*own.values()])):
         whole = ElementTree.SubElement(root, "default", name)
         whole.extend(items)
-    return True
 
 
 def leave_frames(root: Element) -> None:
@@ -181,3 +206,115 @@ def _place(position: np.ndarray) -> np.ndarray:
 def _text(pose: np.ndarray) -> str:
     """A position as an attribute."""
     return " ".join(f"{value:.9g}" for value in pose[0, :3])
+
+
+def has_springdamper(joint: Attributes) -> bool:
+    """Whether a joint has its spring and damper by a time constant and a damping ratio."""
+    return bool(np.all(numbers({"springdamper": "0 0"} | joint, "springdamper") > 0.0))
+
+
+def find_springs(root: Element, native: Any) -> list[str]:
+    """Writes the stiffness and damping of joints with ``springdamper``, which go by inertia.
+
+    Args:
+        root: Root element of the file.
+        native: What MuJoCo's compiler makes of it.
+
+    Returns:
+        What to call these joints; one without a name stays as it is.
+    """
+    numbered = {native.joint(i).name: i for i in range(native.njnt)}
+    found = []
+    for body in bodies(root):
+        items = [item for item in body.element if item.tag in ("joint", "freejoint")]
+        for item, joint in zip(items, body.joints, strict=True):
+            if has_springdamper(joint) and joint.get("name") in numbered:
+                number = numbered[joint["name"]]
+                damping = native.dof_damping[native.jnt_dofadr[number]]
+                values = {"stiffness": native.jnt_stiffness[number], "damping": damping}
+                item.attrib |= {name: f"{np.ravel(value)[0]:.9g}" for name, value in values.items()}
+                item.set("springdamper", "0 0")
+                found.append(body.label(joint))
+    return found
+
+
+def separate_joints(root: Element) -> list[str]:
+    """Gives joints bodies of their own where the importer reads several of one body otherwise.
+
+    It has hinges turn about the anchor of the first joint, slides before hinges, and nothing beside
+    a ball joint; and fixed tendons do not say which joint of a body they mean. The joints but the
+    last one get bodies of next to no mass between the body and what it is in.
+
+    Returns:
+        What to call the bodies whose joints these are.
+    """
+    combined = _combined(root)
+    inside = {item: parent for parent in root.iter() for item in parent}
+    found = []
+    for body in bodies(root):
+        joints = [item for item in body.element if item.tag == "joint"]
+        _place_slides(body, joints)
+        names = {joint.get("name") for joint in joints}
+        if len(joints) < 2 or not (names & combined or is_read_otherwise(body)):
+            continue
+        found.append(body.among)
+        own = body.element
+        parent = inside[own]
+        place = [*parent].index(own)
+        parent.remove(own)
+        moved = {key: own.attrib.pop(key) for key in _OF_PLACE if key in own.attrib}
+        for joint in joints[:-1]:
+            own.remove(joint)
+            light = ElementTree.Element("body", moved)
+            if body.name:
+                light.set("name", f"{body.name}_{joint.get('name', len(found))}")
+            ElementTree.SubElement(light, "inertial", _LIGHT)
+            light.append(joint)
+            parent.insert(place, light)
+            parent, place, moved = light, 2, {}
+        parent.insert(place, own)
+    return found
+
+
+def _place_slides(body: Body, joints: list[Element]) -> None:
+    """Puts slides, whose place says nothing, where the hinges of their body are if that is one."""
+    hinges = [joint for joint in body.joints if joint.get("type", "hinge") == "hinge"]
+    if hinges and not any(is_moved(hinge, hinges[0]) for hinge in hinges):
+        for item, said in zip(joints, body.joints, strict=False):
+            if said.get("type") == "slide":
+                said["pos"] = hinges[0].get("pos", "0 0 0")
+                item.set("pos", said["pos"])
+
+
+def _combined(root: Element) -> set[str | None]:
+    """Names of joints that fixed tendons combine which push or hold."""
+    pulled = {
+        item.get(key)
+        for group in ("actuator", "equality")
+        for item in root.iterfind(f"{group}/*")
+        for key in ("tendon", "tendon1", "tendon2")
+    }
+    tendons = [*root.iterfind("tendon/fixed")]
+    said = [attributes for _, attributes in of_group(root, "tendon", "fixed")]
+    return {
+        item.get("joint")
+        for tendon, has in zip(tendons, said, strict=True)
+        if any(numbers(has, key).any() for key in _OF_TENDON) or has.get("name") in pulled
+        for item in tendon.iter("joint")
+    }
+
+
+def is_read_otherwise(body: Body) -> bool:
+    """Whether the importer takes joints of a body for others than they are."""
+    kinds = [joint.get("type", "hinge") for joint in body.joints]
+    has_ball = "ball" in kinds and len(kinds) > 1
+    hinges = [joint for joint, kind in zip(body.joints, kinds, strict=True) if kind == "hinge"]
+    is_turned = "hinge" in kinds and "slide" in kinds[kinds.index("hinge") :]
+    return has_ball or is_turned or any(is_moved(hinge, body.joints[0]) for hinge in hinges)
+
+
+def is_moved(hinge: Attributes, first: Attributes) -> bool:
+    """Whether a hinge turns about another line where it has the pos of another joint."""
+    axis = np.array(hinge.get("axis", "0 0 1").split(), dtype=float)
+    off = np.cross(numbers(hinge, "pos") - numbers(first, "pos"), axis)
+    return bool(np.linalg.norm(off) > _MOVED * np.linalg.norm(axis))

@@ -67,6 +67,8 @@ class Request:
             :data:`newton_avbd.io.names.CONTROLS`; None for nothing.
         accuracy: Error a second that SolverAVBD is to keep to [m/s], which then steps a frame at a
             time where ``dt`` is None; None for steps as they are. Other solvers have no such thing.
+        light_links: Whether joints of MJCF files may get links of their own, of next to no mass,
+            for solvers that take such.
     """
 
     solver: str = "avbd"
@@ -76,6 +78,7 @@ class Request:
     arguments: tuple[str, ...] = ()
     ctrl: str | None = None
     accuracy: float | None = None
+    light_links: bool = True
 
     @property
     def options(self) -> dict[str, Any]:

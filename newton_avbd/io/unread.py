@@ -14,6 +14,7 @@ import warp as wp
 from newton_avbd.model.welds import inverse, multiply
 
 from .elements import Attributes, Body, bodies, in_tree, numbers, of_group
+from .rewriting import has_springdamper, is_moved
 
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that it leaves out."""
@@ -22,8 +23,6 @@ _MOST_NAMES = 3
 _APART = 1.0e-4
 """From which distance [m], and half of the angle [rad], on two sites do not meet: files round to a
 few digits."""
-_MOVED = 1.0e-6
-"""By how much the axis of a hinge is elsewhere [m]: files round."""
 _OF_FREE = ("damping", "armature", "frictionloss", "stiffness")
 """What a free joint may have in MuJoCo."""
 _SAVE = 'Load the file that mujoco.mj_saveLastXML("FILE", model) writes'
@@ -92,12 +91,16 @@ class _Kind:
         """The sentence, as it goes on after "goes on without"."""
         count, noun = len(self.names), self.noun
         nouns = noun if count == 1 else noun[:-1] + "ies" if noun.endswith("y") else noun + "s"
-        names = ", ".join(self.names[:_MOST_NAMES]) + ", ..." * (count > _MOST_NAMES)
         what = f"the {self.what} of {count}" if self.what else str(count)
         return (
-            f"{what} {nouns} ({names}), which Newton's importer does not read: {self.instead}. "
-            f"{self.remedy}."
+            f"{what} {nouns} ({listed(self.names)}), which Newton's importer does not read: "
+            f"{self.instead}. {self.remedy}."
         )
+
+
+def listed(names: list[str]) -> str:
+    """The first of some names."""
+    return ", ".join(names[:_MOST_NAMES]) + ", ..." * (len(names) > _MOST_NAMES)
 
 
 def _of_tree(root: ElementTree.Element, bodies: list[Body]) -> Iterator[_Kind]:
@@ -140,6 +143,7 @@ def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
     turned: list[str] = []
     beside: list[str] = []
     sided: list[str] = []
+    sprung: list[str] = []
     of_free: dict[str, None] = {}
     for body in bodies:
         kinds = [joint.get("type", "hinge") for joint in body.joints]
@@ -149,16 +153,20 @@ def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
             turned.append(body.among)
         for joint, kind in zip(body.joints, kinds, strict=True):
             label = body.label(joint)
+            if has_springdamper(joint):
+                sprung.append(label)
             if kind == "ball" and _is_limited(joint, "range"):
                 balls.append(label)
             if kind == "free" and (has := [key for key in _OF_FREE if numbers(joint, key).any()]):
                 free.append(label)
                 of_free |= dict.fromkeys(has)
-            if kind == "hinge" and _is_moved(joint, body.joints[0]):
+            if kind == "hinge" and is_moved(joint, body.joints[0]):
                 moved.append(label)
             is_sided = kind in ("hinge", "slide") and numbers(joint, "actuatorfrcrange").sum()
             if is_sided and _is_limited(joint, "actuatorfrcrange", "actuatorfrclimited"):
                 sided.append(label)
+    remedy = "Write stiffness and damping"
+    yield _Kind("springdamper", "joint", sprung, "stiffness and damping act", remedy)
     own = "Give each joint a body of its own, of little mass"
     yield _Kind("range", "ball joint", balls, "no limit acts", "Hinges have ranges")
     remedy = "Three slides and three hinges have it"
@@ -194,13 +202,6 @@ def _of_bodies(
     instead = "site1 is held to where it is on the second body in the file"
     remedy = "Let the two sites meet there"
     yield _Kind("frame of site2", "equality constraint", found, instead, remedy)
-
-
-def _is_moved(hinge: Attributes, first: Attributes) -> bool:
-    """Whether a hinge turns about another line where it has the pos of another joint."""
-    axis = np.array(hinge.get("axis", "0 0 1").split(), dtype=float)
-    off = np.cross(numbers(hinge, "pos") - numbers(first, "pos"), axis)
-    return bool(np.linalg.norm(off) > _MOVED * np.linalg.norm(axis))
 
 
 def _is_limited(said: Attributes, name: str, limited: str = "limited") -> bool:
