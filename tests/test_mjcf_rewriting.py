@@ -9,9 +9,11 @@ import mujoco
 import newton
 import numpy as np
 import pytest
+import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.assets import read_driven
+from newton_avbd.io.masses import finalized
 from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import Request
@@ -232,6 +234,23 @@ def test_slides_are_where_the_hinges_of_their_body_are(tmp_path: Path) -> None:
     builder, notes = read_driven(path)
     assert (builder.body_count, notes) == (1, ())
     np.testing.assert_allclose(builder.joint_X_c[0][:3], [0.0, 0.0, 0.2], atol=1.0e-6)
+
+
+def test_small_moments_of_inertia_are_as_the_file_has_them(tmp_path: Path) -> None:
+    """To less than 1e-10 kg m^2 Newton adds 1e-6 kg m^2."""
+    inertial = '<inertial pos="0 0 0" mass="1e-5" diaginertia="2e-10 2e-10 3e-11"/>'
+    body = f'<body name="claw"><joint/>{inertial}</body>'
+    path = written(tmp_path, f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    inertia = open_scene(str(path), Request()).model.body_inertia.numpy()[0]
+    np.testing.assert_allclose(inertia, np.diag([2.0e-10, 2.0e-10, 3.0e-11]), rtol=1.0e-5)
+
+
+def test_moments_of_inertia_that_no_body_has_are_corrected_as_before() -> None:
+    builder = newton.ModelBuilder()
+    builder.add_body(mass=1.0, inertia=wp.mat33(2.0, 0.0, 0.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.5))
+    with pytest.warns(UserWarning, match="Inertia"):
+        moments = finalized(builder).body_inertia.numpy()[0].diagonal()
+    assert moments[0] <= moments[1] + moments[2] + 1.0e-5
 
 
 @pytest.mark.parametrize("name", ["", ' class="main"'])

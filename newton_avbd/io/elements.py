@@ -138,6 +138,12 @@ def of_group(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[
             yield label(attributes, owner), attributes
 
 
+def has_fluid(root: ElementTree.Element) -> bool:
+    """Whether there is a fluid around the bodies."""
+    options = [item.attrib for item in root.iter("option")]
+    return any(numbers(said, name).any() for said in options for name in ("density", "viscosity"))
+
+
 def called(name: str) -> str:
     """What to call a body of a name, which may be empty."""
     return f"body '{name}'" if name else "a body without a name"

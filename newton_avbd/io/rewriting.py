@@ -15,7 +15,7 @@ import numpy as np
 from newton_avbd.measure.overlaps import LIGHT
 from newton_avbd.model.welds import IDENTITY, multiply
 
-from .elements import Attributes, Body, bodies, by_class, in_tree, numbers, of_group
+from .elements import Attributes, Body, bodies, by_class, has_fluid, in_tree, numbers, of_group
 
 Element = ElementTree.Element
 
@@ -29,11 +29,11 @@ _OF_TENDON = ("stiffness", "damping", "armature", "frictionloss", "range")
 """What a tendon pushes or holds with by itself."""
 _MOVED = 1.0e-6
 """By how much the axis of a hinge is elsewhere [m]: files round."""
-# MuJoCo takes no body without mass
+# MuJoCo takes no body without mass, and Newton adds 1e-6 kg m^2 to less than 1e-10
 _LIGHT = {
     "pos": "0 0 0",
     "mass": f"{LIGHT:g}",
-    "diaginertia": " ".join([f"{1.0e-4 * LIGHT:g}"] * 3),
+    "diaginertia": "2e-10 2e-10 2e-10",
 }
 _MAIN = "main"
 """MuJoCo's name of the default class of what names none."""
@@ -243,11 +243,14 @@ def separate_joints(root: Element) -> list[str]:
 
     It has hinges turn about the anchor of the first joint, slides before hinges, and nothing beside
     a ball joint; and fixed tendons do not say which joint of a body they mean. The joints but the
-    last one get bodies of next to no mass between the body and what it is in.
+    last one get bodies of next to no mass between the body and what it is in. In a fluid they would
+    not be without drag, so that joints stay as they are there.
 
     Returns:
         What to call the bodies whose joints these are.
     """
+    if has_fluid(root):
+        return []
     combined = _combined(root)
     inside = {item: parent for parent in root.iter() for item in parent}
     found = []

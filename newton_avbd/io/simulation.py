@@ -13,6 +13,7 @@ from newton_avbd.scenes.scene import may_collide
 
 from . import solvers
 from .controls import Controls
+from .masses import finalized
 from .timing import StepTimer
 
 
@@ -117,7 +118,7 @@ class ModelSimulation:
         self._substeps = max(1, round(frame_dt / self.dt))
         self.frame_dt = self._substeps * self.dt
         solvers.complete(request.solver, builder)
-        self.model = builder.finalize()
+        self.model = finalized(builder)
         self.solver = solvers.construct(
             request.solver, self.model, request.iterations, **request.options
         )

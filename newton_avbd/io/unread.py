@@ -13,7 +13,7 @@ import warp as wp
 
 from newton_avbd.model.welds import inverse, multiply
 
-from .elements import Attributes, Body, bodies, in_tree, numbers, of_group
+from .elements import Attributes, Body, bodies, has_fluid, in_tree, numbers, of_group
 from .rewriting import has_springdamper, is_moved
 
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
@@ -188,7 +188,7 @@ def _of_bodies(
         body.label(geom)
         for body in bodies
         for geom in body.geoms
-        if geom.get("fluidshape") == "ellipsoid" and _has_fluid(root)
+        if geom.get("fluidshape") == "ellipsoid" and has_fluid(root)
     ]
     instead = "the drag is that of boxes which have the inertia of the bodies"
     yield _Kind("fluidshape", "geom", found, instead, "SolverAVBD has no other drag")
@@ -207,12 +207,6 @@ def _of_bodies(
 def _is_limited(said: Attributes, name: str, limited: str = "limited") -> bool:
     """Whether a range holds."""
     return said.get(limited, "auto") != "false" and bool(numbers(said, name).any())
-
-
-def _has_fluid(root: ElementTree.Element) -> bool:
-    """Whether there is a fluid around the bodies."""
-    options = [item.attrib for item in root.iter("option")]
-    return any(numbers(said, name).any() for said in options for name in ("density", "viscosity"))
 
 
 def _open_ties(root: ElementTree.Element, builder: newton.ModelBuilder) -> list[str]:

@@ -37,6 +37,7 @@ from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.controls import Controls
+from newton_avbd.io.masses import finalized
 from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.robots import robots
 from newton_avbd.io.terminal import interruptible, progress, say
@@ -226,7 +227,7 @@ def read(path: Path) -> newton.Model:
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
     add_mjcf(builder, path, ctrl_direct=True)
-    return builder.finalize(device="cpu")
+    return finalized(builder, device="cpu")
 
 
 def compare(case: Case, scheme: str | None) -> list[tuple[float, list[float]]]:
