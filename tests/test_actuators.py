@@ -495,6 +495,49 @@ def test_a_site_pushes_where_it_is() -> None:
     np.testing.assert_allclose(velocity[3:], 0.0, atol=1.0e-4)
 
 
+@pytest.mark.parametrize("effort", [0.3, 5.0])
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<motor site="tip" gear="0 0 -2 0 0 0"/>',
+        '<motor site="tip" refsite="base" gear="0 0 -2 0 0 0"/>',
+        '<position site="tip" refsite="base" gear="0 0 -1 0 0 0" kp="2" kv="1e-3"/>',
+        '<motor tendon="cord" gear="1"/>',
+        '<motor tendon="cord" gear="1" forcerange="-0.4 9"/><motor joint="hinge" gear="0.2"/>'
+        '<motor site="tip" gear="0 0 -1.8 0 0 0"/>',
+    ],
+    ids=["site", "refsite", "servo", "tendon", "all"],
+)
+def test_the_limit_of_a_joint_bounds_what_sites_and_tendons_bring_to_it(
+    actuator: str, effort: float
+) -> None:
+    """2 N m, of which ``actuatorfrcrange`` lets 0.3 through: all of it in any number of parts."""
+    site = '<site name="tip" pos="1 0 0"/>'
+    text = ARM.format(
+        body="",
+        joint=f'actuatorfrcrange="{-effort} {effort}"',
+        tendon='<tendon><fixed name="cord"><joint joint="hinge" coef="2"/></fixed></tendon>',
+        actuator=actuator,
+    ).replace("<inertial", site + "<inertial", 1)
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(
+        text.replace("<worldbody>", '<worldbody><site name="base"/>'), ctrl_direct=True
+    )
+    model = builder.finalize(device="cpu")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solver = SolverAVBD(model)
+    state, control = model.state(), model.control()
+    asked = [-0.2, 1.0, 1.0] if "forcerange" in actuator else [1.0]
+    control.mujoco.ctrl.assign(asked)
+    for _ in range(20):
+        solver.step(state, state, control, None, DT)
+    whole = 2.0 * -0.2 + 0.2 + 1.8 if len(asked) > 1 else 2.0
+    expected = min(whole, effort) / INERTIA * 20 * DT
+    assert state.body_qd.numpy()[0, 4] == pytest.approx(expected, rel=3.0e-3)
+
+
 CRANK = """
 <mujoco>
   <compiler angle="radian"/>

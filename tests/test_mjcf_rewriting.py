@@ -119,6 +119,23 @@ def test_joints_in_frames_turn_as_the_frames_do(tmp_path: Path) -> None:
     np.testing.assert_allclose(builder.joint_X_c[0][:3], native.joint("one").pos, atol=1.0e-5)
 
 
+def test_boxes_and_ellipsoids_span_from_one_point_to_another(tmp_path: Path) -> None:
+    """Newton's importer makes cubes and balls of them, elsewhere."""
+    geom = '<geom type="{}" size="0.1" fromto="0 0 0 1 0.5 0.2"/>'
+    bodies = "".join(
+        f'<body name="{kind}"><joint name="{kind}"/>{geom.format(kind)}</body>'
+        for kind in ("box", "ellipsoid")
+    )
+    path = written(tmp_path, f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    builder, _ = read_driven(path)
+    native = compare(path, builder)
+    np.testing.assert_allclose(builder.body_com, native.body_ipos[1:], atol=1.0e-5)
+    moments = [
+        np.linalg.eigvalsh(np.array(matrix).reshape(3, 3)) for matrix in builder.body_inertia
+    ]
+    np.testing.assert_allclose(moments, np.sort(native.body_inertia[1:]), rtol=1.0e-4)
+
+
 def test_actuators_that_mujoco_writes_otherwise_are_the_same(tmp_path: Path) -> None:
     path = written(
         tmp_path,

@@ -23,6 +23,8 @@ _COPIED = ("replicate", "attach", "composite")
 """Elements that stand for bodies elsewhere or for several."""
 _ACTUATORS = ("adhesion", "cylinder")
 """Actuators that MuJoCo writes as ``<general>``, which the importer reads."""
+_SPANNED = ("box", "ellipsoid")
+"""Geoms of which the importer does not read ``fromto``."""
 _OF_PLACE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass")
 """Attributes that say where a body is, and what is in it."""
 _OF_TENDON = ("stiffness", "damping", "armature", "frictionloss", "range")
@@ -45,6 +47,10 @@ def hidden(root: Element) -> list[str]:
     found += [f"<{tag}>" for tag in _ACTUATORS if any(of_group(root, "actuator", tag))]
     if any(numbers(said, "timeconst").any() for _, said in of_group(root, "actuator", "position")):
         found.append("timeconst of <position>")
+    geoms = [geom for body in bodies(root) for geom in body.geoms]
+    geoms += [item.attrib for item in root.iterfind("worldbody/geom")]
+    if any("fromto" in geom and geom.get("type") in _SPANNED for geom in geoms):
+        found.append("fromto of a box or an ellipsoid")
     if any(body.framed for body in bodies(root)):
         found.append("joints in a <frame>")
     if _has_late_defaults(root):
