@@ -13,7 +13,7 @@ import warp as wp
 
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .effects import CAUSES
-from .model.actuators import Actuators, passed_limits
+from .model.actuators import Actuators
 from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities, lonely_rows, unheard_rows
 from .model.tendons import left_joints, tendon_count, tendon_equalities, tendon_name, tendons
@@ -171,12 +171,6 @@ def report_ignored(
         messages.append(
             f"SolverAVBD leaves out {', '.join(actuators)}. Push with control.joint_f or "
             "state.body_f instead, or use SolverMuJoCo."
-        )
-    if passed := _passed_limits(model):
-        messages.append(
-            "SolverAVBD does not count what actuators of tendons, sites, ball and free joints "
-            f"bring to {', '.join(passed)} towards joint_effort_limit (actuatorfrcrange). Bound "
-            "the actuators themselves by forcerange."
         )
     if adhesive := _shapes(model, _material(model, "ka") > 0.0):
         messages.append(
@@ -397,14 +391,6 @@ def _of_pairs(model: newton.Model) -> list[str]:
             f"SolverAVBD has the same friction in all directions; of {names[0]} it takes the mean."
         )
     return messages
-
-
-def _passed_limits(model: newton.Model) -> list[str]:
-    """Joints past whose effort limit actuators push; empty where there are none."""
-    dofs = passed_limits(model)
-    joints = np.searchsorted(model.joint_qd_start.numpy(), dofs, side="right") - 1
-    labels = [_label(model.joint_label, i) for i in np.unique(joints).tolist()]
-    return _named(len(labels), "joint", labels)
 
 
 def _crossed_limits(model: newton.Model) -> list[str]:

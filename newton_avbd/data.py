@@ -477,6 +477,9 @@ class AxisActuation:
     """What actuators add to the armature of each degree of freedom; empty where that is nothing."""
     armature: wp.array[float]
     """The sum."""
+    transmitted: wp.array[float]
+    """By degree of freedom: what actuators of tendons and of bodies bring to it at the start of the
+    step, where limits of axes bound that, too [N or N m]; empty where they do not."""
 
 
 @wp.struct

@@ -177,8 +177,8 @@ CAUSES: dict[str, Cause] = {
     ),
     "actuators": Cause(
         "joint",
-        "with a MuJoCo actuator (mujoco:actuator_*), or a drive for which one authors more than "
-        "gains",
+        "with a MuJoCo actuator (mujoco:actuator_*), a drive for which one authors more than "
+        "gains, or a limit of what others bring to it (actuatorfrcrange)",
         "rows/actuator.py",
     ),
     "force_ranges": Cause(

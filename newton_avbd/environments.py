@@ -136,7 +136,7 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
         self._autoreset = autoreset_mode == AutoresetMode.SAME_STEP
         self._most_steps = max_episode_steps
         folder = Path(gymnasium.__file__).parent / "envs" / "mujoco" / "assets"
-        single, _ = read_driven(folder / task.file)
+        single, _ = read_driven(folder / task.file, light_links=False)
         scene = newton.ModelBuilder()
         scene.replicate(single, num_envs)
         self.model = model = scene.finalize(device=device)

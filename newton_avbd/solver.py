@@ -632,6 +632,21 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         )
 
     @property
+    def activations(self) -> wp.array:
+        """Activation of each of MuJoCo's actuators at the end of the last step.
+
+        Shape (actuators,), float32, on the device, in the order of ``control.mujoco.ctrl``. It is
+        the solver's own array: the next step starts from what is written to it, also in a captured
+        graph. :meth:`reset` writes zeros, :meth:`checkpoint` includes it. Zero for actuators
+        without dynamics and for those that are joint drives; DC motors keep states of their own.
+        """
+        kept = None if self._actuation is None else self._actuation.law.activation
+        if kept is not None:
+            return kept
+        count = self.model.custom_frequency_counts.get("mujoco:actuator", 0)
+        return wp.zeros(count, dtype=float, device=self.device)
+
+    @property
     def joint_sigma_prev(self) -> wp.array:
         """Torque of Dahl friction about the bends and the twist of each rod [N m].
 

@@ -2,7 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The observable ``qfrc_actuator``: what drives and MuJoCo's actuators push joints with."""
 
-import warnings
 from typing import Any
 
 import newton
@@ -56,6 +55,8 @@ WHOLE = MJCF.format(limit="", site=SITE, rope=ROPE)
 """Every transmission."""
 LIMITED = MJCF.format(limit='actuatorfrcrange="-1.5 1.5"', site="", rope="")
 """The compensation counts towards a limit."""
+BOUNDED = MJCF.format(limit='actuatorfrcrange="-2 2"', site=SITE, rope=ROPE)
+"""And what sites and tendons bring to the axis."""
 
 
 def model_of(text: str, worlds: int = 1) -> newton.Model:
@@ -81,7 +82,7 @@ def forces(model: newton.Model, solver: Any, steps: int = 1, dt: float = SHORT) 
     return observables.qfrc_actuator.numpy()
 
 
-@pytest.mark.parametrize("text", [WHOLE, LIMITED], ids=["whole", "limited"])
+@pytest.mark.parametrize("text", [WHOLE, LIMITED, BOUNDED], ids=["whole", "limited", "bounded"])
 @pytest.mark.parametrize("settings", [{}, {"update_joint_state": True}])
 @pytest.mark.filterwarnings("ignore:SolverAVBD steps without contacts")
 def test_forces_of_actuators_are_those_of_mujoco(text: str, settings: dict[str, Any]) -> None:
@@ -180,13 +181,3 @@ def test_thrust_on_a_free_body_is_reported_in_the_world() -> None:
     solver.step(state, state, control, None, SHORT, observables=observables)
     expected = [0.0, 0.0, 10.0, 0.0, -10.0, 0.0]
     assert observables.qfrc_actuator.numpy() == pytest.approx(expected, abs=1.0e-5)
-
-
-def test_limits_past_which_actuators_push_are_said() -> None:
-    """MuJoCo bounds all that actuators bring to a joint; SolverAVBD what pushes along its axis."""
-    model = model_of(MJCF.format(limit='actuatorfrcrange="-2 2"', site=SITE, rope=""))
-    with pytest.warns(UserWarning, match="actuators of tendons, sites.* bring to 1 joint"):
-        SolverAVBD(model)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        SolverAVBD(model_of(LIMITED))

@@ -284,6 +284,41 @@ def test_activation_stays_in_its_range_and_is_reset_and_restored() -> None:
     np.testing.assert_allclose(left, [0.0, 0.01], rtol=1.0e-6)
 
 
+def test_activations_are_read_and_written() -> None:
+    """In the order of controls; a graph starts from what is written, and filters it by (1 - h/T).
+
+    The arm moves by gain times activation, h^2 u/I in the first step.
+    """
+    actuators = (
+        '<motor joint="slide"/>'
+        '<general joint="hinge" dyntype="filter" dynprm="0.1" gainprm="3" actlimited="true"'
+        ' actrange="-1 1"/>'
+    )
+    model = scene(actuators)
+    solver = SolverAVBD(model, scheme="euler")
+    np.testing.assert_array_equal(solver.activations.numpy(), [0.0, 0.0])
+    state, control = model.state(), model.control()
+    solver.step(state, state, control, None, DT)
+    with wp.ScopedCapture(device="cpu") as capture:
+        solver.step(state, state, control, None, DT)
+    solver.activations.assign([0.0, 0.5])
+    wp.capture_launch(capture.graph)
+    assert state.body_qd.numpy()[0, 4] == pytest.approx(3.0 * 0.5 / INERTIA * DT, rel=1.0e-4)
+    left = [0.0, 0.5 * (1.0 - DT / 0.1)]
+    np.testing.assert_allclose(solver.activations.numpy(), left, rtol=1.0e-6)
+    solver.notify_model_changed(newton.ModelFlags.ALL)
+    np.testing.assert_allclose(solver.activations.numpy(), left, rtol=1.0e-6)
+    solver.reset(state)
+    np.testing.assert_array_equal(solver.activations.numpy(), [0.0, 0.0])
+
+
+def test_activations_of_a_scene_without_any_are_zeros() -> None:
+    assert SolverAVBD(scene()).activations.shape == (0,)
+    off = {"actuators": False}
+    solver = SolverAVBD(scene('<motor joint="hinge"/>'), effects=off)
+    np.testing.assert_array_equal(solver.activations.numpy(), [0.0])
+
+
 def muscle_force(length: float) -> float:
     """Active force [N] of a muscle of 2 N at rest; [-1, 1] is its range [0.75, 1.05]."""
     unit = 2.0 / 0.3
@@ -301,7 +336,7 @@ def test_a_muscle_pulls_by_its_force_length_curve(at: float) -> None:
     """First step from rest at full activation: -F_L(length). Bound: rounding of one step."""
     model = scene('<muscle joint="hinge" lengthrange="-1 1" force="2"/>')
     solver = SolverAVBD(model)
-    solver._actuation.law.activation.fill_(1.0)
+    solver.activations.fill_(1.0)
     state, control = model.state(), model.control()
     q = model.joint_q.numpy()
     q[0] = at
@@ -458,6 +493,49 @@ def test_a_site_pushes_where_it_is() -> None:
     # the site's z is the body's -y
     np.testing.assert_allclose(velocity[:3], [0.0, -1.5, 0.0], atol=1.0e-4)
     np.testing.assert_allclose(velocity[3:], 0.0, atol=1.0e-4)
+
+
+@pytest.mark.parametrize("effort", [0.3, 5.0])
+@pytest.mark.parametrize(
+    "actuator",
+    [
+        '<motor site="tip" gear="0 0 -2 0 0 0"/>',
+        '<motor site="tip" refsite="base" gear="0 0 -2 0 0 0"/>',
+        '<position site="tip" refsite="base" gear="0 0 -1 0 0 0" kp="2" kv="1e-3"/>',
+        '<motor tendon="cord" gear="1"/>',
+        '<motor tendon="cord" gear="1" forcerange="-0.4 9"/><motor joint="hinge" gear="0.2"/>'
+        '<motor site="tip" gear="0 0 -1.8 0 0 0"/>',
+    ],
+    ids=["site", "refsite", "servo", "tendon", "all"],
+)
+def test_the_limit_of_a_joint_bounds_what_sites_and_tendons_bring_to_it(
+    actuator: str, effort: float
+) -> None:
+    """2 N m, of which ``actuatorfrcrange`` lets 0.3 through: all of it in any number of parts."""
+    site = '<site name="tip" pos="1 0 0"/>'
+    text = ARM.format(
+        body="",
+        joint=f'actuatorfrcrange="{-effort} {effort}"',
+        tendon='<tendon><fixed name="cord"><joint joint="hinge" coef="2"/></fixed></tendon>',
+        actuator=actuator,
+    ).replace("<inertial", site + "<inertial", 1)
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(
+        text.replace("<worldbody>", '<worldbody><site name="base"/>'), ctrl_direct=True
+    )
+    model = builder.finalize(device="cpu")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solver = SolverAVBD(model)
+    state, control = model.state(), model.control()
+    asked = [-0.2, 1.0, 1.0] if "forcerange" in actuator else [1.0]
+    control.mujoco.ctrl.assign(asked)
+    for _ in range(20):
+        solver.step(state, state, control, None, DT)
+    whole = 2.0 * -0.2 + 0.2 + 1.8 if len(asked) > 1 else 2.0
+    expected = min(whole, effort) / INERTIA * 20 * DT
+    assert state.body_qd.numpy()[0, 4] == pytest.approx(expected, rel=3.0e-3)
 
 
 CRANK = """

@@ -15,6 +15,7 @@ import numpy as np
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.names import ACTUATED
 from newton_avbd.io.opening import open_scene
 from newton_avbd.io.simulation import Request, Simulation
 from newton_avbd.measure.joints import Joints
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
 
 COLORS = ("#0072b2", "#d55e00")
 """Colors of the two solvers in a plot, told apart by every kind of color vision."""
-ACTUATED = ("avbd", "mujoco")
-"""Solvers that read ``control.mujoco.ctrl``."""
 PASSED = 1.0e-4
 """How far a joint has to be past its limits to be named [m or rad]."""
 _PAGE = """\
@@ -192,6 +191,7 @@ def main(args: argparse.Namespace) -> int:
                         args.arguments,
                         args.ctrl,
                         args.accuracy,
+                        light_links=set(names) <= set(ACTUATED),
                     ),
                 )
                 for solver in names

@@ -6,6 +6,7 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import newton
@@ -21,7 +22,7 @@ from .errors import UserError, missing, require
 from .masses import check_usd_masses
 from .meshes import REMEDY, find_asset, read_urdf
 from .mjcf import add_mjcf
-from .names import SUFFIXES
+from .names import ACTUATED, SUFFIXES
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
 from .urdf import free_crossed, massless_root
@@ -58,12 +59,19 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
     if request.ctrl is not None:
         _check_asset(path)
         return _open_driven(path, request)
-    builder, notes = set_up_asset(path, request.solver)
+    builder, notes = set_up_asset(path, request.solver, light_links=request.light_links)
     return simulate(path.name, path, builder, request, notes)
 
 
-def set_up_asset(path: Path, solver: str) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+def set_up_asset(
+    path: Path, solver: str, *, light_links: bool = True
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
     """Read a file, and put a ground under what it holds: see :func:`open_asset`.
+
+    Args:
+        path: The file.
+        solver: The solver for which the builder is prepared.
+        light_links: As of :func:`read_asset`.
 
     Returns:
         A builder, and what the user should know of it, a sentence each.
@@ -72,7 +80,7 @@ def set_up_asset(path: Path, solver: str) -> tuple[newton.ModelBuilder, tuple[st
         UserError: The file is missing, is no such asset or cannot be read.
     """
     _check_asset(path)
-    builder, notes = read_asset(path, solver, floating=True)
+    builder, notes = read_asset(path, solver, floating=True, light_links=light_links)
     add_ground(builder)
     return builder, notes
 
@@ -104,8 +112,15 @@ def _open_driven(path: Path, request: Request) -> ModelSimulation:
     return simulation
 
 
-def read_driven(path: Path, solver: str = "avbd") -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+def read_driven(
+    path: Path, solver: str = "avbd", *, light_links: bool = True
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
     """Read an MJCF file with its actuators, which ``control.mujoco.ctrl`` controls.
+
+    Args:
+        path: The file.
+        solver: The solver for which the builder is prepared.
+        light_links: Whether joints may get links of their own, of next to no mass.
 
     Returns:
         A builder, and what the user should know of it, a sentence each.
@@ -113,9 +128,17 @@ def read_driven(path: Path, solver: str = "avbd") -> tuple[newton.ModelBuilder, 
     Raises:
         Exception: Whatever Newton's importer raises.
     """
+    return _read_mjcf(path, solver, light_links=light_links, ctrl_direct=True)
+
+
+def _read_mjcf(
+    path: Path, solver: str, **options: Any
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+    """Read an MJCF file; options are those of :func:`.mjcf.add_mjcf`."""
     builder = _prepared(solver)
-    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    notes = add_mjcf(builder, path, ctrl_direct=True)
+    if "ctrl_direct" in options:
+        newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    notes = add_mjcf(builder, path, **options)
     _collide_by_hulls(builder, of_world=True)
     filter_neighbors(builder)
     return builder, notes
@@ -134,7 +157,7 @@ def simulate(
         UserError: It holds no bodies, or the solver refuses what it holds.
     """
     if builder.body_count == 0:
-        raise UserError(f"cannot simulate {path}: it holds no rigid bodies")
+        raise UserError("\n".join([f"cannot simulate {path}: it holds no rigid bodies", *notes]))
     try:
         return ModelSimulation(
             name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes
@@ -144,7 +167,7 @@ def simulate(
 
 
 def read_asset(
-    path: Path, solver: str, *, floating: bool
+    path: Path, solver: str, *, floating: bool, light_links: bool = True
 ) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
     """Read what a file holds, as Newton's importers do.
 
@@ -153,6 +176,8 @@ def read_asset(
         solver: The solver for which the builder is prepared.
         floating: Whether the root of a URDF robot floats if it has mass, or is fixed to the world;
             the other formats say it themselves.
+        light_links: Whether joints of MJCF files may get links of their own, of next to no mass, if
+            the solver takes such.
 
     Returns:
         A builder, and what the user should know of it, a sentence each.
@@ -161,6 +186,8 @@ def read_asset(
         UserError: The file cannot be read.
     """
     try:
+        if path.suffix.lower() == ".xml":
+            return _read_mjcf(path, solver, light_links=light_links and solver in ACTUATED)
         return _read(path, solver, floating)
     except UserError:
         raise
@@ -179,11 +206,6 @@ def _read(path: Path, solver: str, floating: bool) -> tuple[newton.ModelBuilder,
     if suffix == ".urdf":
         return _read_urdf(path, solver, floating)
     builder = _prepared(solver)
-    if suffix == ".xml":
-        notes = add_mjcf(builder, path)
-        _collide_by_hulls(builder, of_world=True)
-        filter_neighbors(builder)
-        return builder, notes
     check_usd_masses(path)
     builder.add_usd(str(path))
     orphans = find_orphans(builder)

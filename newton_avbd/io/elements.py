@@ -24,6 +24,7 @@ class Body:
     """A body of a file, with attributes of what it has, those of default classes among them.
 
     Attributes:
+        element: What it is in the file.
         name: Its name; empty where it has none.
         parent: The body that it is in; None where that is the world.
         is_mocap: Whether the file says so.
@@ -33,6 +34,7 @@ class Body:
         geoms: Its geoms.
     """
 
+    element: ElementTree.Element
     name: str
     parent: "Body | None"
     is_mocap: bool
@@ -63,7 +65,7 @@ class Body:
 
 def bodies(root: ElementTree.Element) -> list[Body]:
     """The bodies of a file, each after those in it."""
-    classes = _classes(root)
+    classes = by_class(root)
     found: list[Body] = []
 
     def walk(
@@ -75,7 +77,7 @@ def bodies(root: ElementTree.Element) -> list[Body]:
                 inertial = item.find("inertial")
                 said = None if inertial is None else inertial.attrib
                 is_mocap = item.get("mocap", "false") == "true"
-                child = Body(item.get("name", ""), body, is_mocap, said)
+                child = Body(item, item.get("name", ""), body, is_mocap, said)
                 walk(item, child, inner, child.joints)
                 found.append(child)
             elif item.tag == "frame":
@@ -91,7 +93,7 @@ def bodies(root: ElementTree.Element) -> list[Body]:
     return found
 
 
-def _classes(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
+def by_class(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
     """Attributes by default class and tag, with those that a class inherits."""
     found: dict[str, dict[str, Attributes]] = {}
 
@@ -111,24 +113,6 @@ def _classes(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
     return found | {"main": found.get(_MAIN, {})}
 
 
-def unclassed(root: ElementTree.Element) -> Iterator[tuple[str, str, Attributes]]:
-    """Tags in default classes, labels and attributes of elements that have no default class."""
-
-    def walk(parent: ElementTree.Element, owner: str) -> Iterator[tuple[str, str, Attributes]]:
-        for item in parent:
-            if item.tag in ("body", "frame"):
-                inner = called(item.get("name", "")) if item.tag == "body" else owner
-                yield from () if "childclass" in item.attrib else walk(item, inner)
-            elif "class" not in item.attrib:
-                yield item.tag, label(item.attrib, owner), item.attrib
-
-    for group in root:
-        if group.tag != "default":
-            own = group.tag if group.tag in _SHARED else ""
-            for tag, name, attributes in walk(group, "the file"):
-                yield own or tag, name, attributes
-
-
 def in_tree(root: ElementTree.Element, tag: str) -> Iterator[str]:
     """Labels of elements in the tree of bodies: by their names, or by the body that has them."""
 
@@ -145,13 +129,19 @@ def in_tree(root: ElementTree.Element, tag: str) -> Iterator[str]:
 
 def of_group(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[str, Attributes]]:
     """Labels and attributes of elements that are in no body."""
-    classes = _classes(root)
+    classes = by_class(root)
     shared = group if group in _SHARED else tag
     for parent in root.iter(group):
         for item in parent.findall(tag):
             attributes = classes.get(item.get("class", _MAIN), {}).get(shared, {}) | item.attrib
             owner = next((attributes[key] for key in _OWNERS if key in attributes), "the file")
             yield label(attributes, owner), attributes
+
+
+def has_fluid(root: ElementTree.Element) -> bool:
+    """Whether there is a fluid around the bodies."""
+    options = [item.attrib for item in root.iter("option")]
+    return any(numbers(said, name).any() for said in options for name in ("density", "viscosity"))
 
 
 def called(name: str) -> str:

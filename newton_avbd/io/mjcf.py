@@ -3,7 +3,7 @@
 
 """Reading MJCF files by Newton's importer, and what it leaves to be found."""
 
-import importlib.util
+import copy
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -17,15 +17,39 @@ import warp as wp
 
 from newton_avbd.rows.actuator import MUSCLE_BIAS, MUSCLE_GAIN
 
+from .elements import bodies
 from .masses import check_mjcf_masses
-from .unread import refuse, unread
+from .rewriting import (
+    LIGHT,
+    compiled,
+    find_springs,
+    has_mujoco,
+    has_springdamper,
+    hidden,
+    leave_frames,
+    merge_defaults,
+    separate_joints,
+    written_out,
+)
+from .unread import listed, refuse, unread
 
 
-def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[str, ...]:
-    """``builder.add_mjcf`` for a file, also one that chooses MuJoCo's PGS solver.
+def add_mjcf(
+    builder: newton.ModelBuilder, path: Path, *, light_links: bool = True, **options: Any
+) -> tuple[str, ...]:
+    """``builder.add_mjcf`` for a file, also for what that leaves out of it.
 
+    MuJoCo's compiler, where it is installed, writes out what is replicated, attached or composed.
     Geoms whose meshes are not there are left out. Muscles get the length ranges that MuJoCo's
-    compiler finds, where the file says none.
+    compiler finds, where the file says none, and joints the springs that it makes of
+    ``springdamper``.
+
+    Args:
+        builder: What to add to.
+        path: The file.
+        light_links: Whether joints get bodies of their own, of next to no mass, where the importer
+            reads several joints of one body otherwise.
+        **options: Of ``builder.add_mjcf``.
 
     Returns:
         What the user should know of it, a sentence each; what the importer leaves out among it.
@@ -35,21 +59,51 @@ def add_mjcf(builder: newton.ModelBuilder, path: Path, **options: Any) -> tuple[
             inertia is negative or not finite; and whatever that raises.
     """
     known = len(_values(builder, "label"))
-    alone = ElementTree.parse(path).getroot()
     root, absent = read_mjcf(path)
+    root, notes = _written_out(path, root)
+    if any(has_springdamper(joint) for body in bodies(root) for joint in body.joints):
+        native = compiled(path)
+        if native is not None and (names := find_springs(root, native)):
+            notes.append(
+                f"{path.name} goes on with the stiffness and damping that MuJoCo's compiler finds "
+                f"for joints with springdamper: {listed(names)}"
+            )
+    if light_links and (names := separate_joints(root)):
+        notes.append(
+            f"{path.name} gets bodies of {LIGHT:g} kg for joints of {listed(names)}: Newton's "
+            "importer takes several joints of one body for others than they are"
+        )
     refuse(root)
     check_mjcf_masses(root)
-    source = root if absent else alone
-    if _drop_pgs(source) or absent:
-        text = ElementTree.tostring(source, encoding="unicode")
-        builder.add_mjcf(text, path_resolver=partial(_beside, path.parent), **options)
-    else:
-        builder.add_mjcf(str(path), **options)
+    merge_defaults(root)
+    _drop_pgs(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    builder.add_mjcf(text, path_resolver=partial(_beside, path.parent), **options)
     return (
+        *notes,
         *(_left_out(path, root, absent, builder) if absent else ()),
         *unread(path.name, root, builder),
         *_find_length_ranges(builder, path, known),
     )
+
+
+def _written_out(path: Path, root: ElementTree.Element) -> tuple[ElementTree.Element, list[str]]:
+    """A file as MuJoCo's compiler writes it, if it has what the importer does not read.
+
+    Returns:
+        Its root element, and a sentence on it if that is another one or could not be made.
+    """
+    names = hidden(root)
+    if not names or not has_mujoco():
+        return root, []
+    what = f"{', '.join(names)}, which Newton's importer does not read"
+    try:
+        root = written_out(copy.deepcopy(root), lambda other: read_mjcf(other)[0])
+    except (ValueError, ElementTree.ParseError) as error:
+        reason = str(error).strip().splitlines()[0]
+        return root, [f"{path.name} has {what}, and MuJoCo's compiler refuses it: {reason}"]
+    leave_frames(root)
+    return root, [f"{path.name} is read as MuJoCo's compiler writes it: it has {what}"]
 
 
 def _left_out(
@@ -83,7 +137,7 @@ def read_mjcf(
     folders: Mapping[str, str] = MappingProxyType({}),
     absent: dict[str, str] | None = None,
 ) -> tuple[ElementTree.Element, dict[str, str]]:
-    """Read a file with what it includes, and with absolute paths of its meshes and textures.
+    """Read a file with what it includes, and with absolute paths of the files that it names.
 
     Files are looked for as Newton's importer does: beside the main file, then beside the file that
     names them, each in the folder that ``<compiler>`` names.
@@ -105,21 +159,27 @@ def read_mjcf(
     meshes = own.pop("meshdir", own.get("assetdir", folders.get("mesh", "")))
     textures = own.pop("texturedir", own.pop("assetdir", folders.get("texture", "")))
     folders = {"mesh": meshes, "hfield": meshes, "texture": textures}
-    is_stripped = own.get("strippath", "").lower() == "true"
+    is_stripped = own.pop("strippath", "").lower() == "true"
+
+    def find(tag: str, name: str) -> tuple[Path, bool]:
+        """Where a file is or should be, and whether it is there."""
+        name = name.replace("\\", "/").rpartition("/")[2] if is_stripped else name
+        inner = Path(folders.get(tag, "")) / name
+        places = (main / inner, path.parent / name, path.parent / inner)
+        found = next((place for place in places if place.is_file()), None)
+        return (found or places[0]).absolute(), found is not None
+
     for group in [*root.iter("asset")]:
         for asset in [*group]:
-            name = asset.get("file")
-            if name is None or asset.tag not in folders:
+            if asset.tag not in folders and asset.tag != "model":
                 continue
-            name = name.replace("\\", "/").rpartition("/")[2] if is_stripped else name
-            inner = Path(folders[asset.tag]) / name
-            places = (main / inner, path.parent / name, path.parent / inner)
-            found = next((place for place in places if place.is_file()), None)
-            if found is None and asset.tag == "mesh":
-                absent[asset.get("name") or Path(name).stem] = asset.attrib["file"]
-                group.remove(asset)
-            else:
-                asset.set("file", str((found or places[0]).absolute()))
+            for key in [key for key in asset.attrib if key.startswith("file")]:
+                named, is_there = find(asset.tag, asset.attrib[key])
+                if asset.tag == "mesh" and not is_there:
+                    absent[asset.get("name") or named.stem] = asset.attrib[key]
+                    group.remove(asset)
+                else:
+                    asset.set(key, str(named))
     for parent in [*root.iter()]:
         for place, item in reversed([*enumerate(parent)]):
             if item.tag == "include":
@@ -158,13 +218,8 @@ def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) ->
         if (gains[row] == int(MUSCLE_GAIN) or biases[row] == int(MUSCLE_BIAS))
         and ranges[row][0] >= ranges[row][1]
     ]
-    if not missing or importlib.util.find_spec("mujoco") is None:
-        return ()
-    import mujoco
-
-    try:
-        native = mujoco.MjModel.from_xml_path(str(path))
-    except ValueError:  # it may lack what Newton does without
+    native = compiled(path) if missing else None
+    if native is None:
         return ()
     rows = {native.actuator(row).name: row for row in range(native.nu)}
     for row in missing:
@@ -177,15 +232,14 @@ def _find_length_ranges(builder: newton.ModelBuilder, path: Path, first: int) ->
     )
 
 
-def _drop_pgs(root: ElementTree.Element) -> bool:
-    """Takes the choice of MuJoCo's PGS solver out of a file; whether it was there.
+def _drop_pgs(root: ElementTree.Element) -> None:
+    """Takes the choice of MuJoCo's PGS solver out of a file.
 
     Newton's importer refuses the name, which says nothing about the scene.
     """
-    options = [item for item in root.iter("option") if item.get("solver", "").lower() == "pgs"]
-    for option in options:
-        del option.attrib["solver"]
-    return bool(options)
+    for option in root.iter("option"):
+        if option.get("solver", "").lower() == "pgs":
+            del option.attrib["solver"]
 
 
 def _beside(folder: Path, base: str | None, name: str) -> str:

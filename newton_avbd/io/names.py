@@ -15,6 +15,9 @@ TIMED = (
 REFINED = ("avbd", "vbd", "xpbd", "mj_step", "mujoco_warp", "kamino", "featherstone")
 """Names of those whose error ``newton-avbd accuracy`` measures."""
 
+ACTUATED = ("avbd", "mujoco")
+"""Names of those that read ``control.mujoco.ctrl``, and that take links of next to no mass."""
+
 CONTROLS = ("sine", "random", "keyframe")
 """What ``--ctrl`` takes; ``keyframe`` holds those of the file's first."""
 

@@ -74,10 +74,10 @@ def _read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
         return scenes.SCENES[name], ()
     if name.startswith(robots.PREFIX):
         robot, builder, notes = robots.set_up_robot(name, "avbd")
-        return _given(robot.name, builder), notes
+        return _given(robot.name, builder, notes), notes
     if name.removeprefix(EXAMPLE_PREFIX) not in examples.names() and _is_asset(name):
         builder, notes = set_up_asset(Path(name), "avbd")
-        return _given(Path(name).name, builder), notes
+        return _given(Path(name).name, builder, notes), notes
     # studies run on the CPU, for which a model that is there already cannot be made anew
     with wp.ScopedDevice("cpu"):
         simulation = open_scene(name, Request())
@@ -93,10 +93,10 @@ def _read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
     return scene, (*simulation.notes, note)
 
 
-def _given(name: str, builder: newton.ModelBuilder) -> GivenScene:
-    """A scene of a filled builder."""
+def _given(name: str, builder: newton.ModelBuilder, notes: tuple[str, ...]) -> GivenScene:
+    """A scene of a filled builder; notes say why it may be empty."""
     if builder.body_count == 0:
-        raise UserError(f"cannot simulate {name}: it holds no rigid bodies")
+        raise UserError("\n".join([f"cannot simulate {name}: it holds no rigid bodies", *notes]))
     if not builder.body_color_groups:
         builder.color()
     return GivenScene(name, frames=FRAMES, finalize=builder.finalize)

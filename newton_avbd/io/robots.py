@@ -6,7 +6,7 @@
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
 
@@ -148,7 +148,9 @@ def find_robot(name: str) -> Robot:
     )
 
 
-def read_robot(robot: Robot, solver: str = "avbd") -> tuple[newton.ModelBuilder, tuple[str, ...]]:
+def read_robot(
+    robot: Robot, solver: str = "avbd", *, light_links: bool = True
+) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
     """Import a robot plainly.
 
     A robot that would float, but has no colliding shape on which it could stand, is bolted down.
@@ -156,6 +158,7 @@ def read_robot(robot: Robot, solver: str = "avbd") -> tuple[newton.ModelBuilder,
     Args:
         robot: The robot.
         solver: The solver for which the builder is prepared.
+        light_links: As of :func:`.assets.read_asset`.
 
     Returns:
         A builder, and what the user should know of it, a sentence each.
@@ -163,18 +166,22 @@ def read_robot(robot: Robot, solver: str = "avbd") -> tuple[newton.ModelBuilder,
     Raises:
         UserError: The file cannot be read.
     """
-    builder, notes = read_asset(robot.path, solver, floating=not robot.bolted)
+    read = partial(read_asset, robot.path, solver, light_links=light_links)
+    builder, notes = read(floating=not robot.bolted)
     if any(flags & newton.ShapeFlags.COLLIDE_SHAPES for flags in builder.shape_flags):
         return builder, notes
-    return read_asset(robot.path, solver, floating=False)
+    return read(floating=False)
 
 
-def set_up_robot(name: str, solver: str) -> tuple[Robot, newton.ModelBuilder, tuple[str, ...]]:
+def set_up_robot(
+    name: str, solver: str, *, light_links: bool = True
+) -> tuple[Robot, newton.ModelBuilder, tuple[str, ...]]:
     """Read a robot by name, and stand it up or bolt it down; its drives hold its first pose.
 
     Args:
         name: Its name, with or without :data:`PREFIX`.
         solver: The solver for which the builder is prepared.
+        light_links: As of :func:`.assets.read_asset`.
 
     Returns:
         The robot, a builder, and what the user should know of it, a sentence each.
@@ -183,7 +190,7 @@ def set_up_robot(name: str, solver: str) -> tuple[Robot, newton.ModelBuilder, tu
         UserError: There is no such robot, or it cannot be read.
     """
     robot = find_robot(name)
-    builder, notes = read_robot(robot, solver)
+    builder, notes = read_robot(robot, solver, light_links=light_links)
     pose = stand(builder)
     if pose.filtered:
         notes += (
@@ -206,7 +213,7 @@ def open_robot(name: str, request: Request) -> ModelSimulation:
     Raises:
         UserError: There is no such robot, or it cannot be read.
     """
-    robot, builder, notes = set_up_robot(name, request.solver)
+    robot, builder, notes = set_up_robot(name, request.solver, light_links=request.light_links)
     return simulate(robot.name, robot.path, builder, request, notes)
 
 

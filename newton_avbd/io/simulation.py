@@ -13,6 +13,7 @@ from newton_avbd.scenes.scene import may_collide
 
 from . import solvers
 from .controls import Controls
+from .masses import finalized
 from .timing import StepTimer
 
 
@@ -67,6 +68,8 @@ class Request:
             :data:`newton_avbd.io.names.CONTROLS`; None for nothing.
         accuracy: Error a second that SolverAVBD is to keep to [m/s], which then steps a frame at a
             time where ``dt`` is None; None for steps as they are. Other solvers have no such thing.
+        light_links: Whether joints of MJCF files may get links of their own, of next to no mass,
+            for solvers that take such.
     """
 
     solver: str = "avbd"
@@ -76,6 +79,7 @@ class Request:
     arguments: tuple[str, ...] = ()
     ctrl: str | None = None
     accuracy: float | None = None
+    light_links: bool = True
 
     @property
     def options(self) -> dict[str, Any]:
@@ -114,7 +118,7 @@ class ModelSimulation:
         self._substeps = max(1, round(frame_dt / self.dt))
         self.frame_dt = self._substeps * self.dt
         solvers.complete(request.solver, builder)
-        self.model = builder.finalize()
+        self.model = finalized(builder)
         self.solver = solvers.construct(
             request.solver, self.model, request.iterations, **request.options
         )

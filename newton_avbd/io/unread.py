@@ -13,7 +13,8 @@ import warp as wp
 
 from newton_avbd.model.welds import inverse, multiply
 
-from .elements import Attributes, Body, bodies, in_tree, numbers, of_group, unclassed
+from .elements import Attributes, Body, bodies, has_fluid, in_tree, numbers, of_group
+from .rewriting import has_springdamper, is_moved
 
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that it leaves out."""
@@ -22,14 +23,8 @@ _MOST_NAMES = 3
 _APART = 1.0e-4
 """From which distance [m], and half of the angle [rad], on two sites do not meet: files round to a
 few digits."""
-_MOVED = 1.0e-6
-"""By how much the axis of a hinge is elsewhere [m]: files round."""
 _OF_FREE = ("damping", "armature", "frictionloss", "stiffness")
 """What a free joint may have in MuJoCo."""
-_SEEN = frozenset({"group", "material", "rgba", "user"})
-"""Attributes that move nothing."""
-_SHOWN = ("camera", "light", "material", "site", "texture")
-"""Elements that move nothing."""
 _SAVE = 'Load the file that mujoco.mj_saveLastXML("FILE", model) writes'
 _SOFT = "SolverVBD simulates what builder.add_cloth_grid() and add_soft_grid() make"
 _OF_TREE = {"replicate": _SAVE, "attach": _SAVE, "composite": _SAVE, "flexcomp": _SOFT}
@@ -96,35 +91,32 @@ class _Kind:
         """The sentence, as it goes on after "goes on without"."""
         count, noun = len(self.names), self.noun
         nouns = noun if count == 1 else noun[:-1] + "ies" if noun.endswith("y") else noun + "s"
-        names = ", ".join(self.names[:_MOST_NAMES]) + ", ..." * (count > _MOST_NAMES)
         what = f"the {self.what} of {count}" if self.what else str(count)
         return (
-            f"{what} {nouns} ({names}), which Newton's importer does not read: {self.instead}. "
-            f"{self.remedy}."
+            f"{what} {nouns} ({listed(self.names)}), which Newton's importer does not read: "
+            f"{self.instead}. {self.remedy}."
         )
 
 
+def listed(names: list[str]) -> str:
+    """The first of some names."""
+    return ", ".join(names[:_MOST_NAMES]) + ", ..." * (len(names) > _MOST_NAMES)
+
+
 def _of_tree(root: ElementTree.Element, bodies: list[Body]) -> Iterator[_Kind]:
-    """What is left out with all that is in it, and defaults."""
+    """What is left out with all that is in it."""
     for tag, remedy in _OF_TREE.items():
         names = [*in_tree(root, tag)]
         yield _Kind("", f"<{tag}> element", names, "nothing of it is there", remedy)
     names = [f"{body.label(joint)} (in a <frame>)" for body in bodies for joint in body.framed]
     instead = "a body without another joint is fixed"
     yield _Kind("", "joint", names, instead, "Write it in the body, outside of the <frame>")
-    main: dict[str, set[str]] = {}
-    for default in root.findall("default"):
-        for item in default if "class" in default.attrib else ():
-            if item.tag not in _SHOWN:
-                main.setdefault(item.tag, set()).update(item.attrib.keys() - _SEEN)
-    names = [
-        f"{label} (<{tag}>)"
-        for tag, label, said in unclassed(root)
-        if main.get(tag, set()) - said.keys()
-    ]
-    instead = "it acts on elements that have a class"
-    remedy = "Write <default> without class"
-    yield _Kind('<default class="main">', "element", names, instead, remedy)
+    names = [label for label, _ in of_group(root, "deformable", "flex")]
+    instead = "nothing holds the bodies at its vertices together"
+    yield _Kind("", "flex", names, instead, _SOFT)
+    names = [*in_tree(root, "plugin")]
+    remedy = "builder.add_rod() makes a cable that resists bending"
+    yield _Kind("", "plugin", names, "a cable of such bodies does not resist bending", remedy)
 
 
 def _of_actuators(root: ElementTree.Element) -> Iterator[_Kind]:
@@ -151,6 +143,7 @@ def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
     turned: list[str] = []
     beside: list[str] = []
     sided: list[str] = []
+    sprung: list[str] = []
     of_free: dict[str, None] = {}
     for body in bodies:
         kinds = [joint.get("type", "hinge") for joint in body.joints]
@@ -160,16 +153,20 @@ def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
             turned.append(body.among)
         for joint, kind in zip(body.joints, kinds, strict=True):
             label = body.label(joint)
+            if has_springdamper(joint):
+                sprung.append(label)
             if kind == "ball" and _is_limited(joint, "range"):
                 balls.append(label)
             if kind == "free" and (has := [key for key in _OF_FREE if numbers(joint, key).any()]):
                 free.append(label)
                 of_free |= dict.fromkeys(has)
-            if kind == "hinge" and _is_moved(joint, body.joints[0]):
+            if kind == "hinge" and is_moved(joint, body.joints[0]):
                 moved.append(label)
             is_sided = kind in ("hinge", "slide") and numbers(joint, "actuatorfrcrange").sum()
             if is_sided and _is_limited(joint, "actuatorfrcrange", "actuatorfrclimited"):
                 sided.append(label)
+    remedy = "Write stiffness and damping"
+    yield _Kind("springdamper", "joint", sprung, "stiffness and damping act", remedy)
     own = "Give each joint a body of its own, of little mass"
     yield _Kind("range", "ball joint", balls, "no limit acts", "Hinges have ranges")
     remedy = "Three slides and three hinges have it"
@@ -191,7 +188,7 @@ def _of_bodies(
         body.label(geom)
         for body in bodies
         for geom in body.geoms
-        if geom.get("fluidshape") == "ellipsoid" and _has_fluid(root)
+        if geom.get("fluidshape") == "ellipsoid" and has_fluid(root)
     ]
     instead = "the drag is that of boxes which have the inertia of the bodies"
     yield _Kind("fluidshape", "geom", found, instead, "SolverAVBD has no other drag")
@@ -207,22 +204,9 @@ def _of_bodies(
     yield _Kind("frame of site2", "equality constraint", found, instead, remedy)
 
 
-def _is_moved(hinge: Attributes, first: Attributes) -> bool:
-    """Whether a hinge turns about another line where it has the pos of another joint."""
-    axis = np.array(hinge.get("axis", "0 0 1").split(), dtype=float)
-    off = np.cross(numbers(hinge, "pos") - numbers(first, "pos"), axis)
-    return bool(np.linalg.norm(off) > _MOVED * np.linalg.norm(axis))
-
-
 def _is_limited(said: Attributes, name: str, limited: str = "limited") -> bool:
     """Whether a range holds."""
     return said.get(limited, "auto") != "false" and bool(numbers(said, name).any())
-
-
-def _has_fluid(root: ElementTree.Element) -> bool:
-    """Whether there is a fluid around the bodies."""
-    options = [item.attrib for item in root.iter("option")]
-    return any(numbers(said, name).any() for said in options for name in ("density", "viscosity"))
 
 
 def _open_ties(root: ElementTree.Element, builder: newton.ModelBuilder) -> list[str]:

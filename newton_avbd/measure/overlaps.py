@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 Detect = Callable[[newton.State], tuple[NDArray[np.int64], Array]]
 """Finds the contacts of a state: their shapes, shape [k, 2], and gaps [m], shape [k]."""
 
+LIGHT = 1.0e-9
+"""Largest mass of a link without shapes that is a part of joints [kg]."""
 DEPTH = 1.0e-4
 """Overlap that counts [m]: what touches is left alone."""
 
@@ -169,13 +171,19 @@ def _groups(robot: newton.Model | newton.ModelBuilder) -> NDArray[np.int64]:
 
 
 def _neighbors(robot: newton.Model | newton.ModelBuilder) -> set[frozenset[int]]:
-    """Rigid groups that a joint connects."""
+    """Rigid groups that a joint connects, or several joints with light links between them."""
     group = _groups(robot)
-    return {
-        frozenset((int(group[parent]), int(group[child])))
-        for parent, child in zip(_of(robot.joint_parent), _of(robot.joint_child), strict=True)
-        if parent >= 0
-    }
+    parents, children = _of(robot.joint_parent), _of(robot.joint_child)
+    is_light = _of(robot.body_mass) <= LIGHT
+    is_light[[body for body in _of(robot.shape_body) if body >= 0]] = False
+    above = dict(zip(children.tolist(), parents.tolist(), strict=True))
+    found = set()
+    for child, parent in above.items():
+        while parent >= 0 and is_light[parent]:
+            parent = above.get(parent, -1)
+        if parent >= 0:
+            found.add(frozenset((int(group[parent]), int(group[child]))))
+    return found
 
 
 def _of(values: Any) -> NDArray[Any]:

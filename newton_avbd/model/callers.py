@@ -9,7 +9,7 @@ import numpy as np
 
 from ..attributes import authored_fluid, break_limits, dahl_friction
 from ..rows.joint import NO_LIMIT, PUSHED_AT_COM
-from .actuators import Actuators, compensated_links, compensating_axes
+from .actuators import Actuators, compensated_links, compensating_axes, passed_limits
 from .condim import Condims
 from .limits import has_authored_limit
 from .tendons import Tendon
@@ -153,7 +153,8 @@ def _of_axes(model: newton.Model, actuators: Actuators) -> dict[str, np.ndarray]
     """What calls for the effects of what acts along the axes of joints."""
     axes = _Axes.of_model(model)
     user_model = getattr(model, "user_model", model)
-    compensated = list(compensating_axes(user_model))
+    # axes whose limits bound what they do not push by themselves
+    compensated = [*compensating_axes(user_model), *passed_limits(user_model)]
     own = np.isin(axes.dofs, actuators.driven())
     driven = axes.driven() & ~own
     actuated = np.isin(axes.dofs, [*actuators.axes.values(), *compensated]) | own

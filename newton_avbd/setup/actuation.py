@@ -16,6 +16,7 @@ from ..model.actuators import (
     compensating_axes,
     has_damping_ratio,
     is_limited,
+    passed_limits,
 )
 from ..model.inertia import (
     mobility_along,
@@ -29,7 +30,9 @@ from ..rows.path import JOINT
 from ..step import actuation as kernels
 from ..step import adhesion
 from ..step import body_actuators as pushes
+from ..step.actuator_force import clear_force
 from .tendons import KEPT, TendonArrays
+from .transmission import Transmission
 from .views import AllJoints, coordinates_of, indices, lists
 
 ACTUATED = frozenset({"actuators", "gravity_compensation"})
@@ -100,6 +103,9 @@ class Actuation:
                         self.law.motor = before.law.motor
             carried = compensating_axes(model) if ACTUATED <= wanted else {}
             self.compensates = frozenset(carried if self._has_limits else ())
+            bounds = self._has_limits and "actuators" in wanted and bool(bodies or pulling)
+            passed = passed_limits(model) if bounds else []
+            carried |= {dof: [] for dof in passed if dof not in carried}
             self._make_axes(items, carried)
             acts = bool(axes or drives)
             armature = found.armature(model) if acts else np.zeros(model.joint_dof_count)
@@ -108,6 +114,8 @@ class Actuation:
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
             servos = found.servos(model) if "servos" in wanted else {}
             self._make_bodies(bodies, servos, solved)
+            self.axes.transmitted = wp.zeros(model.joint_dof_count if passed else 0, dtype=float)
+            self._transmission = Transmission(model, self) if passed else None
             if self.rows:
                 self._weigh(found, list(bodies))
             self._compensation = wp.empty(0, dtype=float)
@@ -155,6 +163,20 @@ class Actuation:
             launch(
                 kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons, self.beside_tendons]
             )
+        if self.bodies.row is not None:
+            count, motion = self.bodies.row.size, [state.body_q, state.body_qd]
+            given = [self.law, model.body_com, *motion, ctrl, dt, self.bodies]
+            launch(pushes.find_pushes, count, given)
+        if self._pushes_bodies:
+            bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia, state.body_q]
+            items = [self.link_start, self.items]
+            launch(pushes.push_bodies, count, [*bodies, dt, *items, self.bodies])
+        wrench = self._push_links(launch, state, ctrl, contacts, dt)
+        if self._transmission is not None:
+            if self.servos.start is not None:
+                launch(pushes.begin_servos, self.bodies.row.size, [self.bodies])
+            launch(clear_force, self.axes.transmitted.size, [self.axes.transmitted])
+            self._transmission.add(launch, state.body_q, self._joint_q, self.axes.transmitted)
         if self._carried is not None:
             found = [self.axes.dof, *self._carried, self._compensated]
             compensate_axes(launch, model, state, self._joint_q, found)
@@ -170,14 +192,13 @@ class Actuation:
                     *(self._compensated, control, self.beside),
                 ],
             )
-        if self.bodies.row is not None:
-            count, motion = self.bodies.row.size, [state.body_q, state.body_qd]
-            given = [self.law, model.body_com, *motion, ctrl, dt, self.bodies]
-            launch(pushes.find_pushes, count, given)
-        if self._pushes_bodies:
-            bodies = [model.body_com, model.body_inv_mass, model.body_inv_inertia, state.body_q]
-            items = [self.link_start, self.items]
-            launch(pushes.push_bodies, count, [*bodies, dt, *items, self.bodies])
+        return wrench
+
+    def _push_links(
+        self, launch: Launcher, state: Any, ctrl: wp.array | None, contacts: Any, dt: float
+    ) -> wp.array:
+        """Wrenches on links, with those of actuators and of what compensates their weight."""
+        model = self._model
         if not self.pushes_links:
             return state.body_f
         launch(

@@ -18,6 +18,7 @@ from ..step.body_actuators import end_servos
 from ..step.observables import count_turns
 from . import views
 from .actuation import Actuation, compensate_axes
+from .transmission import Transmission
 
 
 class ActuatorForce:
@@ -56,9 +57,7 @@ class ActuatorForce:
             pulls = actuation is not None and bool(actuation.tendons.rows)
             pushes = actuation is not None and actuation.bodies.row is not None
             self._pulls = pulls
-            self._transmits = pulls or pushes
-            if self._transmits:
-                self._make_lists()
+            self._transmission = Transmission(model, actuation) if pulls or pushes else None
 
     def _make_compensation(self, effects: Effects) -> None:
         """Axes that compensate gravity, and have no limit by which the step knows them."""
@@ -76,29 +75,6 @@ class ActuatorForce:
             links = views.lists([carried[dof] for dof in dofs.tolist()])
             self._carried = (views.indices(joint), coordinate, *links)
             self._compensation = wp.zeros(dofs.size, dtype=float)
-
-    def _make_lists(self) -> None:
-        """Tendons, links and joints by world, those of no world last."""
-        model, actuation = self._model, self._actuation
-        assert actuation is not None
-        count = model.world_count + 1
-
-        def by_world(worlds: Any, items: Any = None) -> tuple[wp.array, wp.array]:
-            of: list[list[int]] = [[] for _ in range(count)]
-            for item, world in enumerate(worlds.numpy().tolist()):
-                if items is None or item in items:
-                    of[world if world >= 0 else count - 1].append(item)
-            return views.lists(of)
-
-        self._world_count = count
-        self._links = by_world(model.body_world)
-        # of several joints of a link the first is that of its tree
-        _, trees = np.unique(model.joint_child.numpy(), return_index=True)
-        self._tree = by_world(model.joint_world, set(trees.tolist()))
-        tendons = actuation.tendons
-        no_worlds = wp.empty(0, dtype=wp.int32)
-        self._tendons = by_world(tendons.world if self._pulls else no_worlds)
-        self._load = wp.zeros(model.body_count, dtype=wp.spatial_vector)
 
     def export(
         self,
@@ -146,7 +122,7 @@ class ActuatorForce:
                 self._dofs.size,
                 [self._dofs, self._compensation, force],
             )
-        if self._transmits:
+        if self._transmission is not None:
             assert actuation is not None
             if self._pulls:
                 moved = [model.body_com, state.body_q, state.body_qd, *coordinates]
@@ -155,13 +131,4 @@ class ActuatorForce:
             if actuation.servos.start is not None:
                 ended = [model.body_com, state.body_q, state.body_qd, actuation.bodies]
                 launch(end_servos, actuation.bodies.row.size, ended)
-            launch(
-                exports.export_transmitted_force,
-                self._world_count,
-                [
-                    *(self._joints, model.body_com, actuation.tendons),
-                    *(*self._tendons, *self._links, *self._tree),
-                    *(actuation.bodies, actuation.link_start, actuation.items),
-                    *(actuation.beside_tendons, state.body_q, coordinates[0], self._load, force),
-                ],
-            )
+            self._transmission.add(launch, state.body_q, coordinates[0], force)

@@ -325,7 +325,8 @@ def push_axis(
     axis; others keep to theirs in ``ranged``, where kernels are compiled for that, and else count
     as having reached them or not at the start of the step.
 
-    Compensation of gravity by actuators moves from the links to what the limit of the axis bounds.
+    Compensation of gravity by actuators moves from the links to what the limit of the axis bounds,
+    and so does what actuators of tendons and bodies bring to the axis.
 
     ``beside`` gets what no actuator's force is of the part that nothing limits: the damping of
     actuators, and what is taken from the links.
@@ -349,6 +350,10 @@ def push_axis(
     if compensation.shape[0] > 0 and has_effort:
         # the range of an actuator does not bound the compensation
         shares = shares and compensation[i] == 0.0
+    transmitted = 0.0
+    if work.transmitted.shape[0] > 0 and has_effort:
+        transmitted = work.transmitted[dof]
+        shares = shares and transmitted == 0.0
     push = AxisPush()
     push.least = -wp.inf
     push.most = wp.inf
@@ -404,6 +409,9 @@ def push_axis(
         push.force -= compensation[i]
         push.drive += compensation[i]
         apart -= wp.vec2(compensation[i], 0.0)
+    # it pushes the links, past the limit, which bounds the sum
+    push.force -= transmitted
+    push.drive += transmitted
     control.pushes[dof] = push
     beside[dof] = apart
 

@@ -93,6 +93,12 @@ def add_compensation(
     force[dofs[i]] = force[dofs[i]] + compensation[i]
 
 
+@wp.kernel(**KERNEL)
+def clear_force(force: wp.array[float]):
+    """Sets forces to zero; one thread a degree of freedom."""
+    force[wp.tid()] = 0.0
+
+
 @wp.func
 def pull_of(push: AxisPush, beside: wp.vec2, length: float, velocity: float) -> float:
     """What actuators pull a tendon with, along its length [N or N m]."""

@@ -178,6 +178,19 @@ def find_pushes(
 
 
 @wp.kernel(**KERNEL)
+def begin_servos(work: BodyActuation):
+    """Force of each servo at the start of the step; one thread an actuator that pushes bodies."""
+    i = wp.tid()
+    if not work.is_servo[i]:
+        return
+    push = work.pushes[i]
+    law = push.law
+    force = law.force - law.stiffness * push.length - law.damping * push.velocity
+    force = wp.clamp(force, law.least, law.most)
+    work.pushes[i].force = force + law.own_force - law.own_damping * push.velocity
+
+
+@wp.kernel(**KERNEL)
 def push_bodies(
     # Model:
     com: wp.array[wp.vec3],

@@ -186,7 +186,7 @@ class Engine:
 
         self._mujoco, self._task = mujoco, task
         with TemporaryDirectory() as folder:
-            builder, _ = read_driven(task.file(Path(folder)))
+            builder, _ = read_driven(task.file(Path(folder)), light_links=False)
         _take_masses(builder, task.model)
         self.model = builder.finalize(device="cpu")
         self.model.set_gravity(tuple(map(float, task.model.opt.gravity)))

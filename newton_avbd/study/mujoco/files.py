@@ -37,6 +37,7 @@ from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.controls import Controls
+from newton_avbd.io.masses import finalized
 from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.robots import robots
 from newton_avbd.io.terminal import interruptible, progress, say
@@ -122,7 +123,9 @@ def _enter_limits(model: newton.Model, state: newton.State) -> None:
     for _ in range(NEWTON_STEPS):
         mujoco.mj_forward(native, now)
         kinds = now.efc_type
-        beyond = np.where(kinds == equality, now.efc_pos, np.minimum(now.efc_pos, 0.0))
+        # a limit holds where its margin begins
+        beyond = now.efc_pos - now.efc_margin
+        beyond = np.where(kinds == equality, now.efc_pos, np.minimum(beyond, 0.0))
         beyond[~np.isin(kinds, [equality, *ranges])] = 0.0
         rows = np.flatnonzero(beyond)
         if np.abs(beyond).max(initial=0.0) < 1.0e-9:
@@ -224,7 +227,7 @@ def read(path: Path) -> newton.Model:
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)
     add_mjcf(builder, path, ctrl_direct=True)
-    return builder.finalize(device="cpu")
+    return finalized(builder, device="cpu")
 
 
 def compare(case: Case, scheme: str | None) -> list[tuple[float, list[float]]]:
