@@ -13,6 +13,7 @@ import warp as wp
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.assets import read_driven
+from newton_avbd.io.errors import UserError
 from newton_avbd.io.masses import finalized
 from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.opening import open_scene
@@ -151,6 +152,65 @@ def test_actuators_that_mujoco_writes_otherwise_are_the_same(tmp_path: Path) -> 
         expected = getattr(native, f"actuator_{name}")
         given = getattr(model.mujoco, f"actuator_{name}").numpy()
         np.testing.assert_allclose(given, expected, rtol=1.0e-6, err_msg=name)
+
+
+def after(path: Path, controls: list[float], dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates after 0.3 s in SolverAVBD and in MuJoCo."""
+    builder = newton.ModelBuilder()
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    add_mjcf(builder, path, ctrl_direct=True)
+    model = builder.finalize()
+    solver, state, control = SolverAVBD(model), model.state(), model.control()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    control.mujoco.ctrl.assign(controls)
+    native = mujoco.MjModel.from_xml_path(str(path))
+    native.opt.timestep = dt
+    now = mujoco.MjData(native)
+    now.ctrl[:] = controls
+    for _ in range(round(0.3 / dt)):
+        solver.step(state, state, control, None, dt)
+        mujoco.mj_step(native, now)
+    newton.eval_ik(model, state, state.joint_q, state.joint_qd)
+    return state.joint_q.numpy(), now.qpos
+
+
+GROUPS = f"""<mujoco><option actuatorgroupdisable="0 2"><flag gravity="disable"/></option>
+<default><default class="off"><position group="2" kp="40" ctrlrange="-1 1"/>
+</default></default><worldbody>{BODY.format("a", "a", "")}
+{BODY.format("b", "b", "").replace("<body", '<body pos="1 0 0"')}</worldbody><actuator>
+<position name="p" class="off" joint="a" armature="0.02" damping="0.03"/>
+<motor name="m" joint="a" group="1" gear="2"/><motor name="n" joint="b"/>
+<general name="g" joint="b" group="3" dyntype="filter" dynprm="0.1" gainprm="3"/></actuator>
+</mujoco>"""
+"""Two joints with an actuator each of a disabled group, one by its class and one by default."""
+
+
+def test_actuators_of_disabled_groups_exert_no_force(tmp_path: Path) -> None:
+    """They keep their controls, and what they add to the armature and the damping of a joint."""
+    path = written(tmp_path, GROUPS)
+    builder, notes = read_driven(path)
+    assert notes == (
+        "scene.xml disables the groups of 2 actuators ('p', 'n'), which exert no force",
+    )
+    assert named(builder.custom_attributes["mujoco:actuator_label"].values) == ["p", "m", "n", "g"]
+    has, wants = after(path, [1.0, 0.5, 0.7, 0.9], 1.0e-3)
+    np.testing.assert_allclose(has, wants, rtol=0.01)
+    assert np.all(wants > 0.1)
+
+
+def test_a_disabled_position_actuator_is_no_drive_either(tmp_path: Path) -> None:
+    """Newton's importer makes drives of joints of such actuators, where it may."""
+    for groups, gains in (("1", [40.0, 0.0]), ("2", [0.0, 0.0])):
+        path = written(tmp_path, GROUPS.replace("0 2", groups))
+        model = open_scene(str(path), Request()).model
+        np.testing.assert_array_equal(model.joint_target_ke.numpy(), gains)
+
+
+@pytest.mark.parametrize("groups", ["31", "-1", "1 two"])
+def test_groups_that_there_are_not_are_named(tmp_path: Path, groups: str) -> None:
+    path = written(tmp_path, GROUPS.replace("0 2", groups))
+    with pytest.raises(UserError, match=r"disables group .* of actuators\. Write groups from 0 to"):
+        open_scene(str(path), Request())
 
 
 def test_springs_by_time_constant_are_those_that_mujoco_finds(tmp_path: Path) -> None:

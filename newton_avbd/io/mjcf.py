@@ -29,6 +29,7 @@ from .rewriting import (
     leave_frames,
     merge_defaults,
     separate_joints,
+    silence_actuators,
     written_out,
 )
 from .unread import listed, refuse, unread
@@ -42,7 +43,7 @@ def add_mjcf(
     MuJoCo's compiler, where it is installed, writes out what is replicated, attached or composed.
     Geoms whose meshes are not there are left out. Muscles get the length ranges that MuJoCo's
     compiler finds, where the file says none, and joints the springs that it makes of
-    ``springdamper``.
+    ``springdamper``. Actuators of groups that the file disables exert no force.
 
     Args:
         builder: What to add to.
@@ -72,6 +73,12 @@ def add_mjcf(
         notes.append(
             f"{path.name} gets bodies of {LIGHT:g} kg for joints of {listed(names)}: Newton's "
             "importer takes several joints of one body for others than they are"
+        )
+    if names := silence_actuators(root):
+        is_one = len(names) == 1
+        notes.append(
+            f"{path.name} disables the groups of {len(names)} actuator{'s' * (not is_one)} "
+            f"({listed(names)}), which exert{'s' * is_one} no force"
         )
     refuse(root)
     check_mjcf_masses(root)

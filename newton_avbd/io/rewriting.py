@@ -27,6 +27,23 @@ _SPANNED = ("box", "ellipsoid")
 """Geoms of which the importer does not read ``fromto``."""
 _OF_PLACE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass")
 """Attributes that say where a body is, and what is in it."""
+_OF_ACTUATOR = (
+    *("name", "group", "gear", "ctrlrange", "ctrllimited", "damping", "armature"),
+    *("joint", "jointinparent", "tendon", "site", "refsite", "body"),
+    *("cranksite", "slidersite", "cranklength"),
+)
+"""What an actuator of a disabled group still has: its control and its transmission, with what that
+adds to the damping and the inertia of what it drives."""
+_SILENT = {
+    "dyntype": "none",
+    "gaintype": "fixed",
+    "gainprm": "0",
+    "biastype": "none",
+    "biasprm": "0",
+}
+"""A ``<general>`` actuator that exerts no force."""
+_GROUPS = range(31)
+"""Groups of actuators that MuJoCo can disable."""
 _OF_TENDON = ("stiffness", "damping", "armature", "frictionloss", "range")
 """What a tendon pushes or holds with by itself."""
 _MOVED = 1.0e-6
@@ -212,6 +229,58 @@ def _place(position: np.ndarray) -> np.ndarray:
 def _text(pose: np.ndarray) -> str:
     """A position as an attribute."""
     return " ".join(f"{value:.9g}" for value in pose[0, :3])
+
+
+def silence_actuators(root: Element) -> list[str]:
+    """Takes the force of actuators whose group the file disables, which the importer does not read.
+
+    They stay where they are among the actuators: ``ctrl`` has a value for each of them in MuJoCo,
+    too.
+
+    Args:
+        root: Root element of the file.
+
+    Returns:
+        What to call these actuators.
+
+    Raises:
+        ValueError: If the file disables a group that MuJoCo does not have.
+    """
+    disabled = _disabled_groups(root)
+    if not disabled:
+        return []
+    sections = [*root.iter("actuator")]
+    tags = dict.fromkeys(item.tag for section in sections for item in section)
+    silent = []
+    for tag in tags:
+        items = [item for section in sections for item in section.findall(tag)]
+        for item, (name, said) in zip(items, of_group(root, "actuator", tag), strict=True):
+            if int(said.get("group", "0")) in disabled:
+                silent.append((item, name, said))
+    for item, _, said in silent:
+        item.clear()
+        item.tag = "general"
+        item.attrib = {key: said[key] for key in _OF_ACTUATOR if key in said} | _SILENT
+    return [name for _, name, _ in silent]
+
+
+def _disabled_groups(root: Element) -> set[int]:
+    """Groups of actuators that a file disables.
+
+    Raises:
+        ValueError: If there is no such group.
+    """
+    groups = set()
+    for option in root.iter("option"):
+        for word in option.get("actuatorgroupdisable", "").split():
+            if not word.isdecimal() or int(word) not in _GROUPS:
+                raise ValueError(
+                    f'<option actuatorgroupdisable="{option.get("actuatorgroupdisable")}"> '
+                    f"disables group {word} of actuators. Write groups from {_GROUPS[0]} to "
+                    f"{_GROUPS[-1]}."
+                )
+            groups.add(int(word))
+    return groups
 
 
 def has_springdamper(joint: Attributes) -> bool:
