@@ -154,6 +154,28 @@ def test_actuators_that_mujoco_writes_otherwise_are_the_same(tmp_path: Path) -> 
         np.testing.assert_allclose(given, expected, rtol=1.0e-6, err_msg=name)
 
 
+def test_actuators_of_all_kinds_share_their_defaults(tmp_path: Path) -> None:
+    """As in MuJoCo: a gear of ``<general>`` is that of motors, too."""
+    path = written(
+        tmp_path,
+        f"""<mujoco><default><general gear="5" ctrlrange="-2 2" forcerange="-9 9"/>
+        <default class="in"><position kp="7" gear="4"/></default></default>
+        <worldbody>{BODY.format("a", "a", "")}</worldbody><actuator>
+        <motor name="m" joint="a"/><position name="p" joint="a" kp="3" kv="2"/>
+        <general name="g" joint="a" class="in"/></actuator></mujoco>""",
+    )
+    builder, notes = read_driven(path)
+    assert "a <default> of actuators of another kind" in notes[0]
+    model = builder.finalize()
+    native = mujoco.MjModel.from_xml_path(str(path))
+    assert named(model.mujoco.actuator_label) == ["m", "p", "g"]
+    kinds = ("gear", "ctrlrange", "forcerange", "gaintype", "gainprm", "biastype", "biasprm")
+    for name in kinds:
+        expected = getattr(native, f"actuator_{name}")
+        given = getattr(model.mujoco, f"actuator_{name}").numpy()
+        np.testing.assert_allclose(given, expected, rtol=1.0e-6, err_msg=name)
+
+
 def after(path: Path, controls: list[float], dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Coordinates after 0.3 s in SolverAVBD and in MuJoCo."""
     builder = newton.ModelBuilder()

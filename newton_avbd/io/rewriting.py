@@ -23,6 +23,11 @@ _COPIED = ("replicate", "attach", "composite")
 """Elements that stand for bodies elsewhere or for several."""
 _ACTUATORS = ("adhesion", "cylinder")
 """Actuators that MuJoCo writes as ``<general>``, which the importer reads."""
+_SHARING = (
+    *("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder", "muscle"),
+    *("adhesion", "dcmotor"),
+)
+"""Kinds of actuators, which share their defaults in MuJoCo and not in the importer."""
 _SPANNED = ("box", "ellipsoid")
 """Geoms of which the importer does not read ``fromto``."""
 _OF_PLACE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass")
@@ -70,9 +75,22 @@ def hidden(root: Element) -> list[str]:
         found.append("fromto of a box or an ellipsoid")
     if any(body.framed for body in bodies(root)):
         found.append("joints in a <frame>")
+    if _has_shared_defaults(root):
+        found.append("a <default> of actuators of another kind")
     if _has_late_defaults(root):
         found.append("a <default> that does not act on classes before it")
     return found
+
+
+def _has_shared_defaults(root: Element) -> bool:
+    """Whether an actuator has a default of another kind, such as a motor one of ``<general>``."""
+    classes = by_class(root)
+    return any(
+        kind in classes.get(item.get("class", _MAIN), {})
+        for item in root.iterfind("actuator/*")
+        for kind in _SHARING
+        if kind != item.tag
+    )
 
 
 def _has_late_defaults(root: Element) -> bool:
