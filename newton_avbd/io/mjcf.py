@@ -56,8 +56,9 @@ def add_mjcf(
         What the user should know of it, a sentence each; what the importer leaves out among it.
 
     Raises:
-        ValueError: If the file has joints that the importer cannot read, or a mass or moment of
-            inertia is negative or not finite; and whatever that raises.
+        ValueError: If the file has joints that the importer cannot read, a mass or moment of
+            inertia is negative or not finite, or a group of actuators is disabled that there cannot
+            be; and whatever that raises.
     """
     known = len(_values(builder, "label"))
     root, absent = read_mjcf(path)
