@@ -1493,6 +1493,10 @@ class PileWork:
     link_aa: wp.array[wp.mat33]
     push: wp.array[wp.spatial_vector]
     """Wrench on the body and on what is linked behind it [N, N m]."""
+    group: wp.array[wp.int32]
+    """First body of the body's group (``step/groups.py``)."""
+    tied: wp.array[wp.int32]
+    """Whether a group moves at once, and its block is known, at its first body."""
     update: wp.array[wp.spatial_vector]
 
 

@@ -64,6 +64,10 @@ SECONDS = {
     "needle_rolls": 2.0,
     "needle_twirls": 2.0,
     "fast_car": 20.0,
+    "pushed_row": 1.0,
+    "pushed_pyramid": 1.0,
+    "loaded_cart": 1.0,
+    "pusher": 1.0,
 }
 """Seconds to simulate here, where half a second would show nothing or take long."""
 
@@ -71,6 +75,10 @@ BEYOND = {
     "landing_20": (
         "penetration",
         "detection names one point of boxes that meet elsewhere at the end of a step",
+    ),
+    "pusher": (
+        "drift",
+        "a block on a slider and the boxes before it are moved in turns: 1.2 % of the push is lost",
     ),
     "teleports": (
         "drift",

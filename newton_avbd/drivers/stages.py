@@ -81,13 +81,17 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
     breaking = ABSENT
     if effects.breaking:
         breaking = make_break_joints(effects, gather)
+    piles = ABSENT
+    if effects.piles:
+        outer_block = make_assemble(effects, loops.loop_curvature, outer=True)
+        piles = make_piles(effects, gather, outer_block, make_coasting(effects))
     return Stages(
         second_order=make_second_order(effects) if effects.second_order else ABSENT,
         impacts=make_impacts(effects) if effects.restitution else ABSENT,
         loops=loops,
         closures=closures,
         trees=trees,
-        piles=make_piles(effects, gather, make_coasting(effects)) if effects.piles else ABSENT,
+        piles=piles,
         solve_cluster=make_solve_cluster(effects) if effects.cables else absent,
         block_start=block_start,
         begin_body=make_begin_body(effects, make_assemble(effects, loops.loop_curvature)),

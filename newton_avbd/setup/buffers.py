@@ -177,6 +177,8 @@ def pile_work(slots: int, count: int) -> Any:
     for block in ("ll", "al", "aa", "link_ll", "link_al", "link_aa"):
         setattr(piles, block, wp.zeros(slots, dtype=wp.mat33))
     piles.push = wp.zeros(slots, dtype=wp.spatial_vector)
+    piles.group = wp.zeros(slots, dtype=wp.int32)
+    piles.tied = wp.zeros(slots, dtype=wp.int32)
     piles.update = wp.zeros(slots, dtype=wp.spatial_vector)
     return piles
 

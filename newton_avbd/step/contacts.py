@@ -526,24 +526,14 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 s.rows.damping[i] = damping
             else:
                 inv_mass = s.work.inv_mass[body] + s.work.inv_mass[row.b]
+                inv_a, inv_b = s.work.inv_inertia[body], s.work.inv_inertia[row.b]
                 mass = contact_rows.effective_mass(
-                    row.normal,
-                    row.arm,
-                    row.arm + span,
-                    inv_mass,
-                    s.work.inv_inertia[body],
-                    s.work.inv_inertia[row.b],
+                    row.normal, row.arm, row.arm + span, inv_mass, inv_a, inv_b
                 )
                 load = contact_rows.carried_mass(row, scale)
                 sliding = float(0.0)
                 if wp.static(effects.friction):
-                    sliding = contact_rows.sliding_mass(
-                        row,
-                        span,
-                        inv_mass,
-                        s.work.inv_inertia[body],
-                        s.work.inv_inertia[row.b],
-                    )
+                    sliding = contact_rows.sliding_mass(row, span, inv_mass, inv_a, inv_b)
                 held = float(0.0)
                 if wp.static(effects.piles):
                     held = mass_to_hold(row, s)

@@ -14,7 +14,7 @@ from ..rows import spin as spin_rows
 from .anchors import parent_slot
 from .beginning import is_in_tree
 from .drag import resistance
-from .piles import in_pile, is_link
+from .piles import in_pile, is_in_group, is_link
 
 
 @wp.func
@@ -257,10 +257,13 @@ def make_gather(
     return gather
 
 
-def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
+def make_assemble(
+    effects: Effects, loop_curvature: wp.Function, *, outer: bool = False
+) -> wp.Function:
     """Device function: the block of a body, by its inertia and the curvature of its rows.
 
-    In a tree without that of contacts, which :func:`make_gather` sums in each sweep.
+    In a tree without that of contacts, which :func:`make_gather` sums in each sweep. If ``outer``,
+    without that of the rows that lead to another body of its group (:mod:`.step.groups`).
     """
 
     @wp.func
@@ -270,6 +273,8 @@ def make_assemble(effects: Effects, loop_curvature: wp.Function) -> wp.Function:
         The link of a pile is solved for itself. Where both bodies move at once all the same, it is
         doubled as in :func:`make_block_stiffness`.
         """
+        if wp.static(outer):
+            return wp.where(is_in_group(row, s.rows), 0.0, 1.0)
         if wp.static(effects.piles):
             if is_link(row, s.rows):
                 return 0.0

@@ -35,6 +35,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at, moved_by
+from .groups import ALONE, LITTLE, begin_groups, end_groups, first_of, make_move_groups, tie
 from .needles import is_needle
 from .rotations import place_body
 
@@ -60,6 +61,14 @@ def in_pile(rows: wp.ref[RowWork], slot: int) -> bool:
 def is_link(row: ContactRow, rows: wp.ref[RowWork]) -> bool:
     """Whether the row belongs to the link of one of its bodies to the other."""
     return rows.piles.parent[row.b] == row.a or rows.piles.parent[row.a] == row.b
+
+
+@wp.func
+def is_in_group(row: ContactRow, rows: wp.ref[RowWork]) -> bool:
+    """Whether both bodies of a row belong to the same group."""
+    if not in_pile(rows, row.a) or not in_pile(rows, row.b):
+        return False
+    return rows.piles.group[row.a] == rows.piles.group[row.b]
 
 
 @wp.func
@@ -138,7 +147,10 @@ def reach(slot: int, parent: int, at: int, rows: wp.ref[RowWork]) -> int:
         return at
     rows.piles.parent[slot] = parent
     rows.piles.level[slot] = 0
+    rows.piles.group[slot] = slot
+    rows.piles.tied[slot] = ALONE
     if parent >= 0:
+        rows.piles.group[slot] = first_of(parent, rows.piles)
         rows.piles.level[slot] = rows.piles.level[parent] + 1
     rows.piles.order[at] = slot
     return at + 1
@@ -156,6 +168,9 @@ def spread(at: int, end: int, rows: wp.ref[RowWork]) -> int:
             row = rows.rows[row_of(body, k, rows)]
             other = row.a + row.b - body
             end = reach(other, body, end, rows)
+            if in_pile(rows, other) and not is_link(row, rows):
+                if wp.dot(row.normal, row.force) > 0.0:
+                    tie(body, other, rows.piles)
             if other != before and supports(other, body, rows):
                 count += 1
             before = other
@@ -182,12 +197,17 @@ class PileFunctions:
 
 
 def make_piles(
-    effects: Effects, gather: wp.Function, coasting_increment: wp.Function
+    effects: Effects,
+    gather: wp.Function,
+    outer_block: wp.Function,
+    coasting_increment: wp.Function,
 ) -> PileFunctions:
     """Device functions that solve piles.
 
-    ``gather`` sums what pulls a body, ``coasting_increment`` says where it goes if nothing does.
+    ``gather`` sums what pulls a body, ``outer_block`` its inertia and what leads out of its group;
+    ``coasting_increment`` says where it goes if nothing pulls it.
     """
+    move_groups = make_move_groups(outer_block)
 
     @wp.func(inline=effects.inline)
     def link_piles(world: int, slop: float, s: wp.ref[Solver]):
@@ -267,6 +287,7 @@ def make_piles(
     @wp.func(inline=effects.inline)
     def factor_piles(world: int, s: wp.ref[Solver]):
         piles = s.rows.piles
+        begin_groups(world, s)
         at = int(piles.end[world])
         while at > s.worlds.body_start[world]:
             at -= 1
@@ -332,6 +353,9 @@ def make_piles(
             body = body_at(i, s.worlds)
             if in_pile(s.rows, body):
                 s.rows.piles.push[body] = gather(body, has_dual, recovery, slop, h, step, s)
+        moved = float(0.0)
+        if recovery == 0.0:
+            moved = move_groups(world, h, step, s)
         at = int(end)
         while at > first:
             at -= 1
@@ -361,7 +385,9 @@ def make_piles(
                 place_body(body, s)
             farthest = wp.max(farthest, moved_by(body, update, s.work))
             at += 1
-        return farthest
+        if moved > 0.0 and moved < LITTLE * farthest:
+            end_groups(world, s)
+        return wp.max(farthest, moved)
 
     @wp.func
     def spend_impacts(

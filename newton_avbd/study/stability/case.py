@@ -213,6 +213,10 @@ class Trial:
         for array, where in ((self.state.body_qd, 6 * body), (self.state.joint_qd, moving)):
             _assign(array, where, velocity)
 
+    def push(self, body: int, wrench: tuple[float, ...]) -> None:
+        """Push a body in the next step: force [N] and torque [N m] at its center of mass."""
+        _assign(self.state.body_f, 6 * body, wrench)
+
     def set_gravity(self, gravity: tuple[float, float, float]) -> None:
         """Change gravity [m/s^2] while the simulation runs."""
         self.model.set_gravity(gravity)

@@ -8,10 +8,12 @@ from newton_avbd.study.stability.case import Case, Catalog
 from newton_avbd.study.stability.fast import FAST
 from newton_avbd.study.stability.joints import JOINTS
 from newton_avbd.study.stability.piles import PILES
+from newton_avbd.study.stability.pushed import PUSHED
 from newton_avbd.study.stability.steps import STEPS
 
 GROUPS: dict[str, Catalog] = {
     "Piles": PILES,
+    "Pushed piles": PUSHED,
     "Joints": JOINTS,
     "Bodies and contacts": BODIES,
     "Thin and fast bodies": FAST,
@@ -19,5 +21,5 @@ GROUPS: dict[str, Catalog] = {
 }
 """Cases by what is hard about them."""
 
-CASES: dict[str, Case] = {**PILES, **JOINTS, **BODIES, **FAST, **STEPS}
+CASES: dict[str, Case] = {**PILES, **PUSHED, **JOINTS, **BODIES, **FAST, **STEPS}
 """All cases by name."""

@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
+# SPDX-License-Identifier: Apache-2.0
+"""Bodies in contact that are pushed: all speed up as force and mass have it."""
+
+import newton
+import numpy as np
+import pytest
+from helpers import G, Simulation, add_box, add_ground
+
+
+def add_row(builder: newton.ModelBuilder, count: int, mu: float) -> None:
+    """Cubes of 125 kg and half a meter along x that touch, on the ground."""
+    add_ground(builder, mu=mu)
+    for i in range(count):
+        add_box(builder, (0.5 * i, 0.0, 0.25), mu=mu)
+
+
+def pushed(builder: newton.ModelBuilder, body: int, wrench: list[float]) -> Simulation:
+    """Half a second of a constant force [N] and torque [N m] on a body, at 60 Hz, by default."""
+    sim = Simulation(builder, dt=1.0 / 60.0)
+    wrenches = np.zeros((sim.model.body_count, 6), dtype=np.float32)
+    wrenches[body] = wrench
+    sim.state.body_f.assign(wrenches)
+    sim.run(0.5)
+    return sim
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.4])
+@pytest.mark.parametrize("count", [2, 5])
+def test_boxes_in_a_row_speed_up_as_one(count: int, mu: float) -> None:
+    """Two lost a third of the push, five half of it, where each held back the next."""
+    builder = newton.ModelBuilder()
+    add_row(builder, count, mu)
+    force = count * 125.0 * (2.0 + mu * G)
+    sim = pushed(builder, 0, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(sim.velocity[:, 0], 1.0, rtol=0.01)
+
+
+def test_a_group_is_held_by_what_does_not_belong_to_it() -> None:
+    """Friction that can hold a row of boxes does, and the last one pushes nobody."""
+    builder = newton.ModelBuilder()
+    add_row(builder, 3, mu=0.4)
+    start = Simulation(builder).pose[:, :3]
+    force = 0.9 * 3.0 * 125.0 * 0.4 * G
+    sim = pushed(builder, 0, [force, 0.0, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(sim.pose[:, :3], start, atol=1e-4)
+    assert np.abs(sim.velocity).max() < 1e-3
+
+
+def test_a_group_turns_as_one() -> None:
+    """Bricks on a cart that a torque turns on ice: all of it is in their angular momentum."""
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu=0.0)
+    add_box(builder, (0.0, 0.0, 0.1), (2.0, 2.0, 0.2), mu=0.8)
+    for x in (-0.5, 0.0, 0.5):
+        add_box(builder, (x, 0.0, 0.45), mu=0.8)
+    for x in (-0.25, 0.25):
+        add_box(builder, (x, 0.0, 0.95), mu=0.8)
+    sim = pushed(builder, 0, [0.0, 0.0, 0.0, 0.0, 0.0, 1000.0])
+    mass, center, velocity = sim.mass, sim.center, sim.velocity
+    inertia = sim.model.body_inertia.numpy()[:, 2, 2]
+    moved = np.cross(center, velocity[:, :3])[:, 2]
+    np.testing.assert_allclose((mass * moved + inertia * velocity[:, 5]).sum(), 500.0, rtol=0.01)
+    np.testing.assert_allclose(velocity[:, 5], velocity[0, 5], rtol=0.02)
