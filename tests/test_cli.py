@@ -263,12 +263,12 @@ def test_actuators_that_no_importer_reads_are_named(tmp_path, capsys):
     path.write_text(
         """<mujoco><worldbody><body><joint name="hinge" axis="0 1 0"/>
         <inertial pos="0.2 0 0" mass="1" diaginertia="0.1 0.1 0.1"/></body></worldbody><actuator>
-        <motor joint="hinge"/><cylinder name="piston" joint="hinge"/></actuator></mujoco>"""
+        <motor joint="hinge"/><pid name="servo" joint="hinge"/></actuator></mujoco>"""
     )
     for driven in ([], ["--ctrl", "sine"]):
         arguments = ["compare", str(path), "--against", "mujoco", "--frames", "1", *driven]
         assert main(arguments) == 0
-        assert "without 1 actuator ('piston' (<cylinder>))" in capsys.readouterr().err
+        assert "without 1 actuator ('servo' (<pid>))" in capsys.readouterr().err
 
 
 def test_compare_prints_a_table_and_plots(tmp_path, capsys):
