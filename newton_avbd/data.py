@@ -1496,8 +1496,10 @@ class PileWork:
     group: wp.array[wp.int32]
     """First body of the body's group (``step/groups.py``)."""
     tied: wp.array[wp.int32]
-    """Whether a group moves at once, and its block is known, at its first body."""
+    """At the first body of a group: ALONE, TIED or SUMMED of ``step/groups.py``. There ``link_ll``,
+    ``link_al`` and ``link_aa`` hold the group's block, and ``update`` its wrench and its motion."""
     update: wp.array[wp.spatial_vector]
+    """How the body moves in a sweep [m, rad]."""
 
 
 @wp.struct

@@ -218,6 +218,21 @@ def test_neighbors_through_welds_pass_each_other_as_merged_ones_do(tmp_path: Pat
     assert pairs == {(0, 3), (1, 3)}
 
 
+def test_neighbors_through_a_frame_without_mass_pass_each_other(tmp_path: Path):
+    """a is welded to the root, an empty frame, and b hangs on a hinge of the root."""
+    file = tmp_path / "robot.urdf"
+    box = "<collision><geometry><box size='1 1 1'/></geometry></collision>"
+    links = f"<link name='root'/><link name='a'>{box}</link><link name='b'>{box}</link>"
+    limit = "<axis xyz='0 1 0'/><limit lower='-1' upper='1' effort='1' velocity='1'/>"
+    joints = "".join(
+        f"<joint name='{b}' type='{kind}'><parent link='root'/><child link='{b}'/>{limit}</joint>"
+        for b, kind in (("a", "fixed"), ("b", "revolute"))
+    )
+    file.write_text(f"<robot name='r'>{links}{joints}</robot>")
+    model = read_asset(file, "avbd", floating=False)[0].finalize(device="cpu")
+    assert len(model.shape_contact_pairs.numpy()) == 0
+
+
 def test_a_choice_of_mujoco_s_pgs_solver_is_read_over(tmp_path: Path):
     file = tmp_path / "robot.xml"
     file.write_text(

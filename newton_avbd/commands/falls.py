@@ -96,7 +96,7 @@ def load(name: str) -> newton.ModelBuilder:
     """
     with silence(), showing(f"reading {name}"):
         if _is_file(name):
-            builder, _ = read_asset(Path(name), "avbd", floating=True)
+            builder, _ = read_asset(Path(name), "avbd", floating=True, light_links=False)
         else:
             builder, _ = read_robot(replace(find_robot(name), bolted=False))
         if builder.body_count == 0:

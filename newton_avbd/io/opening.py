@@ -76,7 +76,8 @@ def _read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
         robot, builder, notes = robots.set_up_robot(name, "avbd")
         return _given(robot.name, builder, notes), notes
     if name.removeprefix(EXAMPLE_PREFIX) not in examples.names() and _is_asset(name):
-        builder, notes = set_up_asset(Path(name), "avbd")
+        # other solvers are asked about it, too
+        builder, notes = set_up_asset(Path(name), "avbd", light_links=False)
         return _given(Path(name).name, builder, notes), notes
     # studies run on the CPU, for which a model that is there already cannot be made anew
     with wp.ScopedDevice("cpu"):

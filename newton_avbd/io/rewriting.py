@@ -45,6 +45,7 @@ _SILENT = {
     "gainprm": "0",
     "biastype": "none",
     "biasprm": "0",
+    "forcelimited": "false",
 }
 """A ``<general>`` actuator that exerts no force."""
 _GROUPS = range(31)
@@ -346,6 +347,7 @@ def separate_joints(root: Element) -> list[str]:
         return []
     combined = _combined(root)
     inside = {item: parent for parent in root.iter() for item in parent}
+    taken = {item.get("name", "") for item in root.iter("body")}
     found = []
     for body in bodies(root):
         joints = [item for item in body.element if item.tag == "joint"]
@@ -359,17 +361,25 @@ def separate_joints(root: Element) -> list[str]:
         place = [*parent].index(own)
         parent.remove(own)
         moved = {key: own.attrib.pop(key) for key in _OF_PLACE if key in own.attrib}
-        for joint in joints[:-1]:
+        for number, joint in enumerate(joints[:-1]):
             own.remove(joint)
             light = ElementTree.Element("body", moved)
             if body.name:
-                light.set("name", f"{body.name}_{joint.get('name', len(found))}")
+                light.set("name", _unused(f"{body.name}_{joint.get('name', number)}", taken))
             ElementTree.SubElement(light, "inertial", _LIGHT)
             light.append(joint)
             parent.insert(place, light)
             parent, place, moved = light, 2, {}
         parent.insert(place, own)
     return found
+
+
+def _unused(name: str, taken: set[str]) -> str:
+    """A name that no body has, which is taken from now on."""
+    while name in taken:
+        name += "_"
+    taken.add(name)
+    return name
 
 
 def _place_slides(body: Body, joints: list[Element]) -> None:

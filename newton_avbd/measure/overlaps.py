@@ -171,18 +171,24 @@ def _groups(robot: newton.Model | newton.ModelBuilder) -> NDArray[np.int64]:
 
 
 def _neighbors(robot: newton.Model | newton.ModelBuilder) -> set[frozenset[int]]:
-    """Rigid groups that a joint connects, or several joints with light links between them."""
+    """Rigid groups that a joint connects, or several joints with light groups between them."""
     group = _groups(robot)
-    parents, children = _of(robot.joint_parent), _of(robot.joint_child)
-    is_light = _of(robot.body_mass) <= LIGHT
-    is_light[[body for body in _of(robot.shape_body) if body >= 0]] = False
-    above = dict(zip(children.tolist(), parents.tolist(), strict=True))
+    is_solid = _of(robot.body_mass) > LIGHT
+    is_solid[[body for body in _of(robot.shape_body) if body >= 0]] = True
+    solid = set(group[is_solid].tolist())
+    joints = [
+        (int(group[parent]), int(group[child]))
+        for parent, child in zip(_of(robot.joint_parent), _of(robot.joint_child), strict=True)
+        if parent >= 0
+    ]
+    above = {child: parent for parent, child in reversed(joints) if parent != child}
     found = set()
-    for child, parent in above.items():
-        while parent >= 0 and is_light[parent]:
-            parent = above.get(parent, -1)
-        if parent >= 0:
-            found.add(frozenset((int(group[parent]), int(group[child]))))
+    for parent, child in joints:
+        seen = {child}
+        while parent not in solid and parent in above and parent not in seen:
+            seen.add(parent)
+            parent = above[parent]
+        found.add(frozenset((parent, child)))
     return found
 
 

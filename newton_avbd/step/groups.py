@@ -5,8 +5,8 @@
 A forest links each body of a pile to one other. The rest of its rows both bodies see as if the
 other stood still. So where a row of boxes is pushed, or a wall stands on a cart, each body is held
 back by the next, and a sweep moves all of them by a part only of what is asked for. Hence a sweep
-first moves the bodies of a group together: to the minimum of the quadratic model over a rigid
-motion delta about the COM of the group's first body,
+first moves the bodies of a group, which such rows tie that pushed in the last step, together: to
+the minimum of the quadratic model over a rigid motion delta about the COM of its first body,
 
     (sum of T^T (M/h^2 + K) T) delta = sum of T^T w.
 
@@ -23,14 +23,14 @@ from ..data import PileWork, Solver, Step
 from .bodies import moved_by
 
 ALONE = wp.constant(0)
-"""Of a group: the forest solves it exactly, or all but the motion that its bodies share."""
+"""Of a group: the forest solves it exactly, or what its bodies share is settled in this step."""
 TIED = wp.constant(1)
 """It has rows that push and are no links."""
 SUMMED = wp.constant(2)
 """Likewise, and its block has been summed."""
 LITTLE = wp.constant(0.1)
-"""Share of what a sweep moves, squared, below which groups are moved no more in the step. With a
-tenth of it sweeps of a heap take a fifth longer, and nothing that is pushed gets closer."""
+"""Share of what a sweep moves, squared, below which a world's groups move no more in the step.
+With a tenth of it sweeps of a heap take a fifth longer, and nothing that is pushed gets closer."""
 
 
 @wp.func
@@ -67,7 +67,7 @@ def begin_groups(world: int, s: wp.ref[Solver]):
 
 @wp.func
 def end_groups(world: int, s: wp.ref[Solver]):
-    """Moves groups no more in this step."""
+    """Moves the groups of a world no more in this step."""
     for i in range(s.worlds.body_start[world], s.rows.piles.end[world]):
         s.rows.piles.tied[s.rows.piles.order[i]] = ALONE
 

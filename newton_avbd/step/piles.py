@@ -142,7 +142,8 @@ def is_grounded(body: int, gap: float, s: wp.ref[Solver]) -> bool:
 
 @wp.func
 def reach(slot: int, parent: int, at: int, rows: wp.ref[RowWork]) -> int:
-    """Links a body to its parent, if it has not been reached before; returns where to list more."""
+    """Links a body to its parent, and takes it into the group of that, if it has not been reached
+    before; returns where to list more."""
     if rows.piles.parent[slot] != _UNSEEN:
         return at
     rows.piles.parent[slot] = parent
@@ -169,7 +170,7 @@ def spread(at: int, end: int, rows: wp.ref[RowWork]) -> int:
             other = row.a + row.b - body
             end = reach(other, body, end, rows)
             if in_pile(rows, other) and not is_link(row, rows):
-                if wp.dot(row.normal, row.force) > 0.0:
+                if contact_rows.is_pushing(row):
                     tie(body, other, rows.piles)
             if other != before and supports(other, body, rows):
                 count += 1

@@ -49,7 +49,7 @@ class _Push:
 
 
 def _off(trial: Trial) -> float:
-    """By how much the mean speed of all mass is off a t [m/s]."""
+    """By how much the mean speed of all mass is off what the push gives [m/s]."""
     mean = np.average(trial.velocities()[:, 0], weights=trial.bodies.mass)
     return abs(float(mean) - ACCELERATION * trial.time)
 
