@@ -98,7 +98,7 @@ def load(name: str) -> newton.ModelBuilder:
         if _is_file(name):
             builder, _ = read_asset(Path(name), "avbd", floating=True, light_links=False)
         else:
-            builder, _ = read_robot(replace(find_robot(name), bolted=False))
+            builder, _ = read_robot(replace(find_robot(name), bolted=False), light_links=False)
         if builder.body_count == 0:
             raise UserError(f"{name} holds no rigid bodies")
         return bare(builder)

@@ -120,7 +120,7 @@ def read_driven(
     Args:
         path: The file.
         solver: The solver for which the builder is prepared.
-        light_links: Whether joints may get links of their own, of next to no mass.
+        light_links: As of :func:`read_asset`.
 
     Returns:
         A builder, and what the user should know of it, a sentence each.
@@ -132,13 +132,14 @@ def read_driven(
 
 
 def _read_mjcf(
-    path: Path, solver: str, **options: Any
+    path: Path, solver: str, *, light_links: bool, **options: Any
 ) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
-    """Read an MJCF file; options are those of :func:`.mjcf.add_mjcf`."""
+    """Read an MJCF file; further options are those of ``builder.add_mjcf``."""
     builder = _prepared(solver)
     if "ctrl_direct" in options:
         newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    notes = add_mjcf(builder, path, **options)
+    takes_them = solver in ACTUATED
+    notes = add_mjcf(builder, path, light_links=light_links and takes_them, **options)
     _collide_by_hulls(builder, of_world=True)
     filter_neighbors(builder)
     return builder, notes
@@ -187,7 +188,7 @@ def read_asset(
     """
     try:
         if path.suffix.lower() == ".xml":
-            return _read_mjcf(path, solver, light_links=light_links and solver in ACTUATED)
+            return _read_mjcf(path, solver, light_links=light_links)
         return _read(path, solver, floating)
     except UserError:
         raise

@@ -72,11 +72,11 @@ def read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
 def _read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
     if name in scenes.SCENES:
         return scenes.SCENES[name], ()
+    # no light links: studies ask other solvers about it, too
     if name.startswith(robots.PREFIX):
-        robot, builder, notes = robots.set_up_robot(name, "avbd")
+        robot, builder, notes = robots.set_up_robot(name, "avbd", light_links=False)
         return _given(robot.name, builder, notes), notes
     if name.removeprefix(EXAMPLE_PREFIX) not in examples.names() and _is_asset(name):
-        # other solvers are asked about it, too
         builder, notes = set_up_asset(Path(name), "avbd", light_links=False)
         return _given(Path(name).name, builder, notes), notes
     # studies run on the CPU, for which a model that is there already cannot be made anew

@@ -197,16 +197,16 @@ def whole_gap(gap: float, _recovery: float, _slop: float) -> float:
 
 @wp.func
 def effective_mass(
-    normal: wp.vec3,
+    direction: wp.vec3,
     arm_a: wp.vec3,
     arm_b: wp.vec3,
     inv_mass: float,
     inv_inertia_a: wp.mat33,
     inv_inertia_b: wp.mat33,
 ) -> float:
-    """Mass that a force along the normal meets at the contact point [kg]: 1 / (J M^-1 J^T)."""
-    ja = wp.cross(arm_a, normal)
-    jb = wp.cross(arm_b, normal)
+    """Mass that a force in a direction meets at the contact point [kg]: 1 / (J M^-1 J^T)."""
+    ja = wp.cross(arm_a, direction)
+    jb = wp.cross(arm_b, direction)
     return 1.0 / (inv_mass + wp.dot(ja, inv_inertia_a * ja) + wp.dot(jb, inv_inertia_b * jb))
 
 
