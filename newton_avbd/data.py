@@ -1498,6 +1498,8 @@ class PileWork:
     tied: wp.array[wp.int32]
     """At the first body of a group: ALONE, TIED or SUMMED of ``step/groups.py``. There ``link_ll``,
     ``link_al`` and ``link_aa`` hold the group's block, and ``update`` its wrench and its motion."""
+    shared: wp.array[float]
+    """Likewise: how far that motion has moved one of its bodies at most, squared [m^2]."""
     update: wp.array[wp.spatial_vector]
     """How the body moves in a sweep [m, rad]."""
 

@@ -30,6 +30,8 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         stages.solve_cluster,
     )
 
+    share_motion = stages.piles.share_motion
+
     @wp.func
     def sweep_to_rest(
         world: int,
@@ -49,11 +51,15 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         update = float(0.0)
         sweep = int(0)
         while sweep < most:
-            update = sweep_world(world, sweep > 0, recovery, scale.slop, scale.step, step, s)
+            update = sweep_world(world, sweep > 0, recovery, scale, step, s)
             sweep += 1
             if wp.static(not effects.ramp):
                 if update <= enough * enough:
                     most = sweep
+        if wp.static(effects.piles):
+            # what is cut off has the momentum that it should have all the same
+            if recovery == 0.0 and update > enough * enough:
+                share_motion(world, scale, step, s)
         return most, update
 
     return sweep_to_rest

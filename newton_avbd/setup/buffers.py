@@ -174,6 +174,7 @@ def pile_work(slots: int, count: int) -> Any:
     piles.whole = wp.zeros(slots, dtype=float)
     piles.held = wp.zeros(slots, dtype=float)
     piles.lasting = wp.zeros(slots, dtype=float)
+    piles.shared = wp.zeros(slots, dtype=float)
     for block in ("ll", "al", "aa", "link_ll", "link_al", "link_aa"):
         setattr(piles, block, wp.zeros(slots, dtype=wp.mat33))
     piles.push = wp.zeros(slots, dtype=wp.spatial_vector)

@@ -23,14 +23,19 @@ from ..data import PileWork, Solver, Step
 from .bodies import moved_by
 
 ALONE = wp.constant(0)
-"""Of a group: the forest solves it exactly, or what its bodies share is settled in this step."""
-TIED = wp.constant(1)
-"""It has rows that push and are no links."""
-SUMMED = wp.constant(2)
-"""Likewise, and its block has been summed."""
+"""Of a group: the forest solves it exactly."""
+LEFT = wp.constant(1)
+"""It has rows that touch and are no links, and sweeps get on better alone."""
+TIED = wp.constant(2)
+"""It has such rows."""
+PUSHED = wp.constant(3)
+"""Likewise, and enough pulls it that its block has to be summed."""
+SUMMED = wp.constant(4)
+"""Likewise, and that has been done."""
 LITTLE = wp.constant(0.1)
-"""Share of what a sweep moves, squared, below which a world's groups move no more in the step.
-With a tenth of it sweeps of a heap take a fifth longer, and nothing that is pushed gets closer."""
+"""Share of what a sweep moves one of its bodies, squared, below which a group moves no more in the
+step. With a tenth of it sweeps of a heap take a fifth longer, and nothing that is pushed gets
+closer."""
 
 
 @wp.func
@@ -66,10 +71,54 @@ def begin_groups(world: int, s: wp.ref[Solver]):
 
 
 @wp.func
-def end_groups(world: int, s: wp.ref[Solver]):
-    """Moves the groups of a world no more in this step."""
-    for i in range(s.worlds.body_start[world], s.rows.piles.end[world]):
-        s.rows.piles.tied[s.rows.piles.order[i]] = ALONE
+def leave_group(body: int, moved: float, piles: wp.ref[PileWork]):
+    """Moves a group no more in this step where a sweep has moved one of its bodies, by so much
+    squared [m^2], that much farther than what all share."""
+    first = piles.group[body]
+    if piles.shared[first] < LITTLE * moved:
+        piles.tied[first] = LEFT
+
+
+@wp.func
+def take_up_groups(world: int, s: wp.ref[Solver]):
+    """Moves groups on that sweeps have been left alone with."""
+    piles = s.rows.piles
+    for i in range(s.worlds.body_start[world], piles.end[world]):
+        body = piles.order[i]
+        if piles.tied[body] == LEFT:
+            piles.tied[body] = SUMMED
+
+
+@wp.func
+def clear_block(first: int, piles: wp.ref[PileWork]):
+    """Begins the sum of a group's block."""
+    piles.link_ll[first] = wp.mat33(0.0)
+    piles.link_al[first] = wp.mat33(0.0)
+    piles.link_aa[first] = wp.mat33(0.0)
+
+
+@wp.func
+def add_to_block(
+    first: int,
+    span: wp.vec3,
+    ll: wp.mat33,
+    al: wp.mat33,
+    aa: wp.mat33,
+    piles: wp.ref[PileWork],
+):
+    """Adds the block of one of its bodies, which ``span`` leads to, to that of a group."""
+    ll, al, aa = span_block(span, ll, al, aa)
+    piles.link_ll[first] = piles.link_ll[first] + ll
+    piles.link_al[first] = piles.link_al[first] + al
+    piles.link_aa[first] = piles.link_aa[first] + aa
+
+
+@wp.func
+def group_motion(first: int, piles: wp.ref[PileWork]) -> wp.spatial_vector:
+    """Motion at which the block of a group holds what pulls it."""
+    factor = factor_block(piles.link_ll[first], piles.link_al[first], piles.link_aa[first])
+    push = piles.update[first]
+    return solve_block(factor, wp.spatial_top(push), wp.spatial_bottom(push))
 
 
 def make_move_groups(outer_block: wp.Function) -> wp.Function:
@@ -79,55 +128,92 @@ def make_move_groups(outer_block: wp.Function) -> wp.Function:
     """
 
     @wp.func
-    def move_groups(world: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]) -> float:
-        """Takes what that changes off the push on each body; returns the square of how far one of
-        them has moved [m^2]."""
+    def sum_pushes(world: int, h: float, s: wp.ref[Solver]) -> bool:
+        """Sums what pulls each group, and its inertia; returns whether there is one."""
         piles = s.rows.piles
         begin = s.worlds.body_start[world]
         end = piles.end[world]
         are_tied = bool(False)
         for i in range(begin, end):
             body = piles.order[i]
-            if piles.group[body] == body and piles.tied[body] != ALONE:
+            if piles.group[body] == body and piles.tied[body] >= TIED:
                 are_tied = True
+                piles.shared[body] = 0.0
                 piles.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
                 if piles.tied[body] == TIED:
-                    piles.link_ll[body] = wp.mat33(0.0)
-                    piles.link_al[body] = wp.mat33(0.0)
-                    piles.link_aa[body] = wp.mat33(0.0)
+                    clear_block(body, piles)
         if not are_tied:
-            return 0.0
+            return False
+        inv_h2 = 1.0 / (h * h)
         for i in range(begin, end):
             body = piles.order[i]
             first = piles.group[body]
-            if piles.tied[first] != ALONE:
+            if piles.tied[first] >= TIED:
                 span = s.work.com[body] - s.work.com[first]
                 piles.update[first] = piles.update[first] + handed_down(span, piles.push[body])
                 if piles.tied[first] == TIED:
-                    ll, al, aa = outer_block(body, h, step, s)
-                    ll, al, aa = span_block(span, ll, al, aa)
-                    piles.link_ll[first] = piles.link_ll[first] + ll
-                    piles.link_al[first] = piles.link_al[first] + al
-                    piles.link_aa[first] = piles.link_aa[first] + aa
+                    mass = wp.diag(wp.vec3(inv_h2 * s.model.mass[body]))
+                    inertia = inv_h2 * s.work.inertia[body]
+                    add_to_block(first, span, mass, wp.mat33(0.0), inertia, piles)
+        return True
+
+    @wp.func
+    def sum_blocks(world: int, enough: float, h: float, step: wp.ref[Step], s: wp.ref[Solver]):
+        """Sums the blocks of groups that could move farther than ``enough`` [m]."""
+        piles = s.rows.piles
+        begin = s.worlds.body_start[world]
+        end = piles.end[world]
+        are_pushed = bool(False)
         for i in range(begin, end):
             body = piles.order[i]
-            if piles.group[body] == body and piles.tied[body] != ALONE:
+            if piles.group[body] == body and piles.tied[body] == TIED:
+                # held by nothing it would move so far, on the average of its mass
+                farthest = wp.dot(piles.update[body], group_motion(body, piles))
+                if farthest > enough * enough * piles.link_ll[body][0, 0]:
+                    are_pushed = True
+                    piles.tied[body] = PUSHED
+                    clear_block(body, piles)
+        if not are_pushed:
+            return
+        for i in range(begin, end):
+            body = piles.order[i]
+            first = piles.group[body]
+            if piles.tied[first] == PUSHED:
+                ll, al, aa = outer_block(body, h, step, s)
+                piles.ll[body] = ll
+                piles.al[body] = al
+                piles.aa[body] = aa
+                add_to_block(first, s.work.com[body] - s.work.com[first], ll, al, aa, piles)
+
+    @wp.func
+    def move_groups(
+        world: int, enough: float, h: float, step: wp.ref[Step], s: wp.ref[Solver]
+    ) -> float:
+        """Takes what that changes off the push on each body; returns the square of how far one of
+        them has moved [m^2]. A group stays that nothing could move farther than ``enough`` [m]."""
+        if not sum_pushes(world, h, s):
+            return 0.0
+        sum_blocks(world, enough, h, step, s)
+        piles = s.rows.piles
+        begin = s.worlds.body_start[world]
+        end = piles.end[world]
+        for i in range(begin, end):
+            body = piles.order[i]
+            if piles.group[body] == body and piles.tied[body] >= PUSHED:
                 piles.tied[body] = SUMMED
-                factor = factor_block(piles.link_ll[body], piles.link_al[body], piles.link_aa[body])
-                push = piles.update[body]
-                piles.update[body] = solve_block(
-                    factor, wp.spatial_top(push), wp.spatial_bottom(push)
-                )
+                piles.update[body] = group_motion(body, piles)
         farthest = float(0.0)
         for i in range(begin, end):
             body = piles.order[i]
             first = piles.group[body]
-            if piles.tied[first] != ALONE:
+            if piles.tied[first] == SUMMED:
                 motion = carried(s.work.com[body] - s.work.com[first], piles.update[first])
                 s.work.increment[body] = s.work.increment[body] + motion
-                ll, al, aa = outer_block(body, h, step, s)
-                piles.push[body] = piles.push[body] - times_block(ll, al, aa, motion)
-                farthest = wp.max(farthest, moved_by(body, motion, s.work))
+                change = times_block(piles.ll[body], piles.al[body], piles.aa[body], motion)
+                piles.push[body] = piles.push[body] - change
+                moved = moved_by(body, motion, s.work)
+                piles.shared[first] = wp.max(piles.shared[first], moved)
+                farthest = wp.max(farthest, moved)
         return farthest
 
     return move_groups

@@ -30,14 +30,15 @@ import warp as wp
 
 from ..algebra.block import factor_block, solve_block
 from ..blocks.tree import carried, handed_down, span_block, times_block
-from ..data import NO_JOINT, ContactRow, RowWork, Solver, Step, WorldScale
+from ..data import NO_JOINT, ContactRow, PileWork, RowWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at, moved_by
-from .groups import ALONE, LITTLE, begin_groups, end_groups, first_of, make_move_groups, tie
+from .groups import ALONE, SUMMED, begin_groups, first_of, leave_group, make_move_groups, take_up_groups, tie
 from .needles import is_needle
 from .rotations import place_body
+from .scale import settled_update
 
 ROOT = wp.constant(-1)
 """Parent of a body from which its pile was reached."""
@@ -158,23 +159,46 @@ def reach(slot: int, parent: int, at: int, rows: wp.ref[RowWork]) -> int:
 
 
 @wp.func
-def spread(at: int, end: int, rows: wp.ref[RowWork]) -> int:
+def meets(row: ContactRow, slop: float, s: wp.ref[Solver]) -> bool:
+    """Whether two bodies touch, or would by the end of the step if nothing held them."""
+    if row.gap <= slop or contact_rows.is_pushing(row):
+        return True
+    span = s.work.com[row.a] - s.work.com[row.b]
+    u = contact_rows.slip(row, s.work.target[row.a], s.work.target[row.b], span)
+    return row.gap + wp.dot(row.normal, u) <= slop
+
+
+@wp.func
+def are_one(a: int, b: int, piles: wp.ref[PileWork]) -> bool:
+    """Whether two bodies belong to one group that has been tied."""
+    first = first_of(a, piles)
+    return piles.tied[first] != ALONE and first == first_of(b, piles)
+
+
+@wp.func
+def spread(at: int, end: int, slop: float, s: wp.ref[Solver]) -> int:
     """Links, breadth first, what the bodies listed from ``at`` to ``end`` touch, and counts what
     supports each; the new end."""
+    rows = s.rows
     while at < end:
         body = rows.piles.order[at]
         count = int(0)
         before = int(-1)
+        is_one = bool(False)
         for k in range(row_count(body, rows)):
             row = rows.rows[row_of(body, k, rows)]
             other = row.a + row.b - body
-            end = reach(other, body, end, rows)
-            if in_pile(rows, other) and not is_link(row, rows):
-                if contact_rows.is_pushing(row):
+            if other != before:
+                before = other
+                end = reach(other, body, end, rows)
+                if supports(other, body, rows):
+                    count += 1
+                is_one = not in_pile(rows, other) or is_link(row, rows)
+                is_one = is_one or are_one(body, other, rows.piles)
+            if not is_one:
+                if meets(row, slop, s):
                     tie(body, other, rows.piles)
-            if other != before and supports(other, body, rows):
-                count += 1
-            before = other
+                    is_one = True
         rows.piles.supports[body] = count
         at += 1
     return end
@@ -193,6 +217,8 @@ class PileFunctions:
 
     Returns the square of how far that moved a body [m^2], a turn by its radius of gyration.
     """
+    share_motion: wp.Function
+    """Moves all groups of a world to where their momentum is right; returns as ``sweep_piles``."""
     spend_impacts: wp.Function
     """Finds which share of what holds each body has stopped something and ends with the step."""
 
@@ -232,11 +258,11 @@ def make_piles(
             for i in range(first, last):
                 if is_grounded(body_at(i, s.worlds), near, s):
                     end = reach(body_at(i, s.worlds), ROOT, end, s.rows)
-            end = spread(at, end, s.rows)
+            end = spread(at, end, slop, s)
             near = wp.inf
         for i in range(first, last):
             # what the ground does not carry starts from its first body
-            end = spread(end, reach(body_at(i, s.worlds), ROOT, end, s.rows), s.rows)
+            end = spread(end, reach(body_at(i, s.worlds), ROOT, end, s.rows), slop, s)
         at = int(end)
         while at > first:
             at -= 1
@@ -335,13 +361,35 @@ def make_piles(
         piles = rows.piles
         return times_block(piles.link_ll[body], piles.link_al[body], piles.link_aa[body], motion)
 
+    @wp.func
+    def sum_pushes(
+        world: int,
+        has_dual: bool,
+        recovery: float,
+        scale: WorldScale,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ):
+        """Sums what pulls each body, in the order of visits, which says who updates a row."""
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if in_pile(s.rows, body):
+                s.rows.piles.push[body] = gather(
+                    body, has_dual, recovery, scale.slop, scale.step, step, s
+                )
+
+    @wp.func
+    def share_motion(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> float:
+        take_up_groups(world, s)
+        sum_pushes(world, False, 0.0, scale, step, s)
+        return move_groups(world, settled_update(scale), scale.step, step, s)
+
     @wp.func(inline=effects.inline)
     def sweep_piles(
         world: int,
         has_dual: bool,
         recovery: float,
-        slop: float,
-        h: float,
+        scale: WorldScale,
         step: wp.ref[Step],
         s: wp.ref[Solver],
     ) -> float:
@@ -349,14 +397,10 @@ def make_piles(
         end = s.rows.piles.end[world]
         if end == first:
             return 0.0
-        # in the order of visits, which says who owns a row and updates it
-        for i in range(first, s.worlds.body_start[world + 1]):
-            body = body_at(i, s.worlds)
-            if in_pile(s.rows, body):
-                s.rows.piles.push[body] = gather(body, has_dual, recovery, slop, h, step, s)
-        moved = float(0.0)
+        sum_pushes(world, has_dual, recovery, scale, step, s)
+        farthest = float(0.0)
         if recovery == 0.0:
-            moved = move_groups(world, h, step, s)
+            farthest = move_groups(world, settled_update(scale), scale.step, step, s)
         at = int(end)
         while at > first:
             at -= 1
@@ -369,7 +413,6 @@ def make_piles(
                 span = s.work.com[body] - s.work.com[parent]
                 load = handed_down(span, link_wrench(body, alone, s.rows))
                 s.rows.piles.push[parent] = s.rows.piles.push[parent] + load
-        farthest = float(0.0)
         while at < end:
             body = s.rows.piles.order[at]
             parent = s.rows.piles.parent[body]
@@ -384,11 +427,12 @@ def make_piles(
             s.work.increment[body] = s.work.increment[body] + update
             if wp.static(effects.loops):
                 place_body(body, s)
-            farthest = wp.max(farthest, moved_by(body, update, s.work))
+            moved = moved_by(body, update, s.work)
+            if s.rows.piles.tied[s.rows.piles.group[body]] == SUMMED:
+                leave_group(body, moved, s.rows.piles)
+            farthest = wp.max(farthest, moved)
             at += 1
-        if moved > 0.0 and moved < LITTLE * farthest:
-            end_groups(world, s)
-        return wp.max(farthest, moved)
+        return farthest
 
     @wp.func
     def spend_impacts(
@@ -427,4 +471,4 @@ def make_piles(
                         s.rows.piles.update[other] = s.rows.piles.update[other] + share
                     before = other
 
-    return PileFunctions(link_piles, factor_piles, sweep_piles, spend_impacts)
+    return PileFunctions(link_piles, factor_piles, sweep_piles, share_motion, spend_impacts)

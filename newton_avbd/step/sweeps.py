@@ -5,7 +5,7 @@
 import warp as wp
 
 from ..algebra.block import solve_block
-from ..data import Solver, Step
+from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from .beginning import is_tree
 from .bodies import body_at, has_rows, moved_by
@@ -89,15 +89,14 @@ def make_sweep_world(
         world: int,
         has_dual: bool,
         recovery: float,
-        slop: float,
-        h: float,
+        scale: WorldScale,
         step: wp.ref[Step],
         s: wp.ref[Solver],
     ) -> float:
         """Visits all blocks; returns the square of how far one of their bodies moved [m^2].
 
         With a ``recovery`` above zero what was wrong at the start of the step goes, too: that share
-        of the penetration beyond ``slop``, and all misfit of joints.
+        of the penetration beyond the slop, and all misfit of joints.
         """
         farthest = float(0.0)
         first = int(s.worlds.body_start[world])
@@ -105,21 +104,21 @@ def make_sweep_world(
             if wp.static(effects.ramp):
                 body = body_at(first, s.worlds)
                 if s.work.inv_mass[body] > 0.0 and has_rows(s.rows, body):
-                    sweep_body_ramped(body, h, s)
+                    sweep_body_ramped(body, scale.step, s)
             else:
                 farthest = wp.max(
                     farthest,
-                    sweep_block(first, has_dual, recovery, slop, h, step, s),
+                    sweep_block(first, has_dual, recovery, scale.slop, scale.step, step, s),
                 )
             first = s.worlds.block_end[first]
         if wp.static(effects.piles):
             farthest = wp.max(
                 farthest,
-                sweep_piles(world, has_dual, recovery, slop, h, step, s),
+                sweep_piles(world, has_dual, recovery, scale, step, s),
             )
         if wp.static(effects.loops):
             for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
-                loop_wrench(i, recovery, h, True, True, step, s)
+                loop_wrench(i, recovery, scale.step, True, True, step, s)
         if wp.static(effects.cables):
             for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
                 changed = solve_cluster(i, recovery, s)
