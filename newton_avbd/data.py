@@ -831,9 +831,15 @@ class IslandWork:
 
     parent: wp.array[wp.int32]
     fixed: wp.array[wp.int32]
-    """1 at the root of an island that pushes something the solver does not move."""
+    """At the root of an island: what that the solver does not move acts on it, FREE, TOUCHING or
+    HELD of ``step/islands.py``."""
     sum: wp.array[IslandSum]
     """At the root of an island."""
+    hold_ll: wp.array[wp.mat33]
+    """Likewise: curvature of its contacts with fixed things about its COM, times h^2 [kg]; that of
+    turns is in the inertia of the sum."""
+    hold_al: wp.array[wp.mat33]
+    """Likewise [kg m]."""
     balance: wp.array[Balance]
     """At the root of an island that did not settle."""
     start_q: wp.array[wp.transform]

@@ -10,6 +10,7 @@ from ..data import Solver, Step
 from ..effects import Effects
 from ..step.anchors import is_linked
 from ..step.bodies import vector_sum
+from ..step.islands import HELD
 from ..step.kernels import KernelDecorator
 from ..step.loops import ties
 from ..step.smoothness import is_quiet
@@ -53,13 +54,13 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
         if wp.static(effects.joints and effects.islands):
             if s[0].work.inv_mass[body] > 0.0:
                 if is_linked(body, s[0]):
-                    join_at_once(body, s[0].tree.parent[body], s[0])
+                    join_at_once(body, s[0].tree.parent[body], HELD, s[0])
                 if wp.static(effects.loops):
                     for k in range(s[0].loops.body_start[body], s[0].loops.body_start[body + 1]):
                         if ties(s[0].loops.items[k] / 2, s[0]):
                             other = other_end(body, s[0].loops.items[k], s[0])
                             slot = wp.where(other < 0, scale.static_slot, other)
-                            join_at_once(body, slot, s[0])
+                            join_at_once(body, slot, HELD, s[0])
                 if wp.static(effects.tendons):
                     if s[0].colors.block[body] == body:
                         join_tendons(s[0].worlds.rank[body], s[0])

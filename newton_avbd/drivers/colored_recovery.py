@@ -23,7 +23,7 @@ from ..step.scale import (
 )
 from ..step.slopes import JUMPED, QUIET_WORLD
 from .colored_joints import loop_world
-from .colored_sweeps import count_sweeps, is_settled
+from .colored_sweeps import count_sweeps, is_settled, last_moved
 from .stages import Stages
 
 
@@ -55,9 +55,7 @@ def make_colored_recovery(
         world = wp.tid()
         scale = s[0].colors.scale[world]
         sweeps = count_sweeps(world, s[0].colors.moved)
-        update = float(0.0)
-        if sweeps > 0:
-            update = s[0].colors.moved[sweeps, world]
+        update = last_moved(world, s[0].colors.moved)
         s[0].worlds.sweeps[world] = sweeps
         s[0].worlds.update[world] = length_of(update)
         s[0].worlds.settled[world] = settled_update(scale)

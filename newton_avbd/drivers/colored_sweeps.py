@@ -58,6 +58,13 @@ def count_sweeps(world: int, moved: wp.array2d[float]) -> int:
     return sweeps
 
 
+@wp.func
+def last_moved(world: int, moved: wp.array2d[float]) -> float:
+    """Square of how far the last sweep of a world has moved a body [m^2]."""
+    sweeps = count_sweeps(world, moved)
+    return wp.where(sweeps > 0, moved[sweeps, world], 0.0)
+
+
 def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorator) -> SweepKernels:
     """The kernels, made by the decorator ``kernel``."""
     begin_body, sweep_block = stages.begin_body, stages.sweep_block

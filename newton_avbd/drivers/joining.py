@@ -10,8 +10,9 @@ an island is its first body in whatever order the threads come.
 import warp as wp
 
 from ..data import IslandSum, IslandWork, Solver, Step
-from ..step.islands import keep_momentum, keep_spin
+from ..step.islands import HELD, TOUCHING, keep_momentum, keep_spin
 from ..step.second_order import lead_spin
+from .colored_sweeps import is_settled, last_moved
 from .coloring import sort_part
 
 
@@ -27,10 +28,10 @@ def root_of(islands: wp.ref[IslandWork], body: int) -> int:
 
 
 @wp.func
-def join_at_once(a: int, b: int, s: wp.ref[Solver]):
+def join_at_once(a: int, b: int, how: int, s: wp.ref[Solver]):
     """As :func:`.step.islands.join_islands`, while other threads join others."""
     if s.work.inv_mass[b] == 0.0:
-        s.islands.fixed[a] = 1
+        wp.atomic_max(s.islands.fixed, a, how)
         return
     one = root_of(s.islands, a)
     other = root_of(s.islands, b)
@@ -45,26 +46,33 @@ def join_at_once(a: int, b: int, s: wp.ref[Solver]):
 
 @wp.kernel(enable_backward=False)
 def find_roots(s: wp.array[Solver]):
-    """Names the root of each body's island, marks it where one is fixed; one thread a body.
+    """Names the root of each body's island, and marks it with what fixed things act on its bodies;
+    one thread a body.
 
-    A world that is held has no island that is to move.
+    A world that is held has no island that is to move, one that has settled none that touches fixed
+    things.
     """
     body = wp.tid()
     s[0].colors.count[body] = 0
     if s[0].work.inv_mass[body] > 0.0:
         root = root_of(s[0].islands, body)
         s[0].islands.parent[body] = root
-        if s[0].islands.fixed[body] == 1 or s[0].colors.is_finite[s[0].worlds.of_body[body]] == 0:
-            s[0].islands.fixed[root] = 1
+        world = s[0].worlds.of_body[body]
+        how = s[0].islands.fixed[body]
+        if s[0].colors.is_finite[world] == 0:
+            how = HELD
+        elif is_settled(last_moved(world, s[0].colors.moved), s[0].colors.scale[world]):
+            how = wp.where(how == TOUCHING, HELD, how)
+        wp.atomic_max(s[0].islands.fixed, root, how)
 
 
 @wp.kernel(enable_backward=False)
 def count_members(s: wp.array[Solver]):
-    """How many bodies each island has that pushes nothing fixed; one thread a body."""
+    """How many bodies each island has that may move; one thread a body."""
     body = wp.tid()
     if s[0].work.inv_mass[body] > 0.0:
         root = s[0].islands.parent[body]
-        if s[0].islands.fixed[root] == 0:
+        if s[0].islands.fixed[root] != HELD:
             wp.atomic_add(s[0].colors.count, root, 1)
 
 
@@ -74,7 +82,7 @@ def list_members(s: wp.array[Solver]):
     body = wp.tid()
     if s[0].work.inv_mass[body] > 0.0:
         root = s[0].islands.parent[body]
-        if s[0].islands.fixed[root] == 0:
+        if s[0].islands.fixed[root] != HELD:
             left = wp.atomic_add(s[0].colors.count, root, -1)
             s[0].worlds.bodies[s[0].worlds.body_start[root + 1] - left] = body
 
@@ -91,7 +99,7 @@ def keep_island(moves: bool, s: wp.array[Solver]):
             s[0].worlds.bodies, s[0].worlds.body_start[root], s[0].worlds.body_start[root + 1]
         )
         step = s[0].colors.scale[s[0].worlds.of_body[root]].step
-        keep_momentum(root, step, moves, s[0])
+        keep_momentum(root, step, TOUCHING, moves, s[0])
 
 
 @wp.kernel(enable_backward=False)

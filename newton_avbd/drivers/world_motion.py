@@ -12,7 +12,7 @@ from ..step.anchors import parent_slot
 from ..step.bodies import body_at
 from ..step.cables import has_jerked
 from ..step.impacts import leave_impacts
-from ..step.islands import join_islands, keep_momentum
+from ..step.islands import FREE, HELD, TOUCHING, join_islands, keep_momentum
 from ..step.loops import ties
 from ..step.motion_history import remember_loop
 from ..step.scale import last_update, length_of, settled_update
@@ -54,10 +54,10 @@ def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
         """What rows and loops push with is kept for the next step; islands keep their momentum.
 
         Takes the sweeps of the motion and the square of their last update [m^2]. Returns whether
-        there are islands that push nothing fixed.
+        islands have been given their momentum.
         """
+        enough = last_update(scale)
         if wp.static(effects.second_order):
-            enough = last_update(scale)
             if update > enough * enough:
                 # what does not settle tells nothing of the next step
                 s.history.smooth[world] = 0
@@ -89,9 +89,9 @@ def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
                 child = s.joints.child[joint]
                 parent = parent_slot(s.joints, joint, scale.static_slot)
                 if s.work.inv_mass[child] > 0.0:
-                    join_islands(child, parent, s)
+                    join_islands(child, parent, HELD, s)
                 elif s.work.inv_mass[parent] > 0.0:
-                    join_islands(parent, child, s)
+                    join_islands(parent, child, HELD, s)
         if wp.static(effects.cables and effects.islands):
             for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
                 join_cluster(i, s)
@@ -100,7 +100,10 @@ def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
                 join_tendons(i, s)
         if wp.static(effects.islands and not effects.ramp):
             if sweeps > 0:
-                has_islands = keep_momentum(world, scale.step, wp.static(effects.pairs), s)
+                most_fixed = wp.where(update > enough * enough, TOUCHING, FREE)
+                has_islands = keep_momentum(
+                    world, scale.step, most_fixed, wp.static(effects.pairs), s
+                )
         return has_islands
 
     @wp.func(inline=effects.inline)

@@ -13,7 +13,7 @@ from ..step.bodies import body_at
 from ..step.cables import begin_cluster
 from ..step.contacts import make_rows
 from ..step.distances import reach_farther
-from ..step.islands import join_islands
+from ..step.islands import HELD, join_islands
 from ..step.kernels import absent
 from ..step.scale import LONGER, MUCH_LONGER, make_measure_world, sweeps_at_age
 from ..step.sides import make_written_side
@@ -145,7 +145,7 @@ def make_world_start(effects: Effects, stages: Stages) -> WorldStart:
                     sweeps = step.iterations
                 if wp.static(effects.joints and effects.islands):
                     if is_linked(body, s):
-                        join_islands(body, s.tree.parent[body], s)
+                        join_islands(body, s.tree.parent[body], HELD, s)
         if wp.static(effects.piles):
             factor_piles(world, s)
         if wp.static(not effects.ramp):

@@ -30,8 +30,6 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         stages.solve_cluster,
     )
 
-    share_motion = stages.piles.share_motion
-
     @wp.func
     def sweep_to_rest(
         world: int,
@@ -56,10 +54,6 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
             if wp.static(not effects.ramp):
                 if update <= enough * enough:
                     most = sweep
-        if wp.static(effects.piles):
-            # what is cut off has the momentum that it should have all the same
-            if recovery == 0.0 and update > enough * enough:
-                share_motion(world, scale, step, s)
         return most, update
 
     return sweep_to_rest

@@ -402,6 +402,10 @@ class SolverArrays:
             self._forget_launches()
             with wp.ScopedDevice(self.device):
                 buffers.add_drag_work(self._work)
+        if self._flags.pairs and self._islands.hold_ll is None:
+            self._forget_launches()
+            with wp.ScopedDevice(self.device):
+                buffers.add_hold(self._islands)
         if self._flags.balanced and self._islands.balance is None:
             self._forget_launches()
             with wp.ScopedDevice(self.device):

@@ -122,6 +122,13 @@ def island_work(slots: int) -> Any:
     return islands
 
 
+def add_hold(islands: Any) -> None:
+    """What holds islands that touch fixed things, by body slot."""
+    slots = islands.parent.shape[0]
+    islands.hold_ll = wp.zeros(slots, dtype=wp.mat33)
+    islands.hold_al = wp.zeros(slots, dtype=wp.mat33)
+
+
 def add_balance(islands: Any) -> None:
     """What bounds the energy of a step that does not settle, by body slot."""
     slots = islands.parent.shape[0]

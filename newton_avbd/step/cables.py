@@ -37,6 +37,7 @@ from .cable_segments import (
     measure_cable,
     slot_at,
 )
+from .islands import HELD
 from .tensions import form_groups, let_slip, list_rows, solve_groups, tauten
 
 ROUNDING = wp.constant(wp.float64(1.0e-7))
@@ -232,8 +233,8 @@ def make_join(join: Any) -> wp.Function:
                     a = slot_at(seg, 0, cables)
                     b = slot_at(seg, 1, cables)
                     if s.work.inv_mass[a] > 0.0:
-                        join(a, b, s)
+                        join(a, b, HELD, s)
                     elif s.work.inv_mass[b] > 0.0:
-                        join(b, a, s)
+                        join(b, a, HELD, s)
 
     return join_cluster

@@ -21,7 +21,7 @@ from .block_start import UNKNOWN
 from .bodies import body_at, has_rows, pose_sum, report_held
 from .carrying import carry_flight, carry_turn, carry_velocity, is_short, less_one
 from .contacts import size_of
-from .islands import is_alone, is_free_island, turn_with_island
+from .islands import TOUCHING, is_alone, is_moved_island, turn_with_island
 from .loops import has_loops
 from .needles import is_needle
 from .piles import lasting_share, row_count, row_of
@@ -81,7 +81,7 @@ def make_remember(
                     is_joining = is_joining or (row.k_n > 0.0 and s.work.inv_mass[row.b] > 0.0)
                     if row.b != joined and is_joining:
                         joined = row.b
-                        join(body, joined, s)
+                        join(body, joined, TOUCHING, s)
                 if wp.static(not effects.compliance):
                     coasting = contact_rows.slip(
                         row,
@@ -248,7 +248,7 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
                     spin += (wp.quat_rotate(exp_quat(turn - free), free) - free) / step
             velocity = wp.spatial_vector(wp.spatial_top(velocity), spin)
         if wp.static(effects.joints and effects.pairs and not effects.ramp):
-            if has_islands and is_free_island(s.islands, body, -1):
+            if has_islands and is_moved_island(s.islands, body, -1):
                 if not has_no_joints(rank, s):
                     turn_with_island(body, s)
         return velocity

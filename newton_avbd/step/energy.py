@@ -29,7 +29,7 @@ from .balance import add_cables, add_momentum, add_tendons
 from .bodies import moved_by
 from .body_energy import make_add_body
 from .cables import make_join
-from .islands import begin_island, island_of, join_islands
+from .islands import HELD, begin_island, island_of, join_islands
 from .kernels import absent
 from .slowing import drop_tensions, make_slowing
 from .tendons import make_join_tendons
@@ -136,13 +136,13 @@ def make_join_bodies(effects: Effects, join: wp.Function) -> JoinFunctions:
         """Makes one island of bodies that joints link, where contacts have not called for it."""
         if wp.static(effects.joints):
             if is_linked(body, s):
-                join(body, s.tree.parent[body], s)
+                join(body, s.tree.parent[body], HELD, s)
         if wp.static(effects.loops):
             for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
                 joint = s.loops.joints[s.loops.items[k] / 2]
                 if s.loops.items[k] % 2 == 0 and s.joints.enabled[joint]:
                     parent = parent_slot(s.joints, joint, static_slot)
-                    join(body, parent, s)
+                    join(body, parent, HELD, s)
 
     join_tendons = make_join_tendons(join) if effects.tendons else absent
     return JoinFunctions(begin_balance, join_joints, join_tendons, make_join(join))

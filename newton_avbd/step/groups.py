@@ -23,14 +23,12 @@ from ..data import PileWork, Solver, Step
 from .bodies import moved_by
 
 ALONE = wp.constant(0)
-"""Of a group: the forest solves it exactly."""
-LEFT = wp.constant(1)
-"""It has rows that touch and are no links, and sweeps get on better alone."""
-TIED = wp.constant(2)
-"""It has such rows."""
-PUSHED = wp.constant(3)
+"""Of a group: the forest solves it exactly, or what its bodies share is settled in this step."""
+TIED = wp.constant(1)
+"""It has rows that touch and are no links."""
+PUSHED = wp.constant(2)
 """Likewise, and enough pulls it that its block has to be summed."""
-SUMMED = wp.constant(4)
+SUMMED = wp.constant(3)
 """Likewise, and that has been done."""
 LITTLE = wp.constant(0.1)
 """Share of what a sweep moves one of its bodies, squared, below which a group moves no more in the
@@ -76,17 +74,7 @@ def leave_group(body: int, moved: float, piles: wp.ref[PileWork]):
     squared [m^2], that much farther than what all share."""
     first = piles.group[body]
     if piles.shared[first] < LITTLE * moved:
-        piles.tied[first] = LEFT
-
-
-@wp.func
-def take_up_groups(world: int, s: wp.ref[Solver]):
-    """Moves groups on that sweeps have been left alone with."""
-    piles = s.rows.piles
-    for i in range(s.worlds.body_start[world], piles.end[world]):
-        body = piles.order[i]
-        if piles.tied[body] == LEFT:
-            piles.tied[body] = SUMMED
+        piles.tied[first] = ALONE
 
 
 @wp.func
@@ -136,7 +124,7 @@ def make_move_groups(outer_block: wp.Function) -> wp.Function:
         are_tied = bool(False)
         for i in range(begin, end):
             body = piles.order[i]
-            if piles.group[body] == body and piles.tied[body] >= TIED:
+            if piles.group[body] == body and piles.tied[body] != ALONE:
                 are_tied = True
                 piles.shared[body] = 0.0
                 piles.update[body] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
@@ -148,7 +136,7 @@ def make_move_groups(outer_block: wp.Function) -> wp.Function:
         for i in range(begin, end):
             body = piles.order[i]
             first = piles.group[body]
-            if piles.tied[first] >= TIED:
+            if piles.tied[first] != ALONE:
                 span = s.work.com[body] - s.work.com[first]
                 piles.update[first] = piles.update[first] + handed_down(span, piles.push[body])
                 if piles.tied[first] == TIED:

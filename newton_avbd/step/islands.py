@@ -1,29 +1,40 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Momentum of islands: bodies that may push each other, or are tied, and push nothing fixed.
+"""Momentum of islands: bodies that may push each other, or are tied.
 
 Forces within an island cannot change its momentum. Sweeps that stop early do: two bodies that meet
 are held together by the penalty, and their common motion converges slowly. So do turns, in which
 the block of a body keeps the inertia that it had at the start of the step, and recovery, which
 turns a body and leaves its spin. The rigid motion of the island that brings back its momentum is
-known in closed form and leaves all slips as they are.
+known in closed form and leaves all slips within it as they are. Where contacts with something fixed
+hold the island, too, it is the minimum of the quadratic model over such motions.
 """
 
 import warp as wp
 
+from ..algebra.block import factor_block, solve_block
 from ..algebra.so3 import exp_quat, turned_from, world_inertia
 from ..blocks.tree import combined_with
 from ..data import BodyWork, IslandSum, IslandWork, SleepWork, Solver, Step, WorldWork
+from ..rows import contact as contact_rows
+from ..rows import spin as spin_rows
 from .bodies import body_at
 from .drag import resistance
 from .rotations import turn_by
+
+FREE = wp.constant(0)
+"""Of an island: nothing fixed acts on it."""
+TOUCHING = wp.constant(1)
+"""Contacts with something fixed do."""
+HELD = wp.constant(2)
+"""Joints, cables or tendons to something fixed do."""
 
 
 @wp.func
 def begin_island(islands: wp.ref[IslandWork], body: int):
     """Puts a body into an island of its own."""
     islands.parent[body] = body
-    islands.fixed[body] = 0
+    islands.fixed[body] = FREE
 
 
 @wp.func
@@ -48,12 +59,14 @@ def unite(islands: wp.ref[IslandWork], worlds: wp.ref[WorldWork], a: int, b: int
 
 
 @wp.func
-def join_islands(a: int, b: int, s: wp.ref[Solver]):
-    """Makes one island of two bodies that push each other; b may be one that does not move."""
+def join_islands(a: int, b: int, how: int, s: wp.ref[Solver]):
+    """Makes one island of two bodies that push each other; b may be one that does not move, which
+    acts on a as ``how`` says: TOUCHING or HELD."""
     if s.work.inv_mass[b] > 0.0:
         unite(s.islands, s.worlds, a, b)
     else:
-        s.islands.fixed[island_of(s.islands, a)] = 1
+        root = island_of(s.islands, a)
+        s.islands.fixed[root] = wp.max(s.islands.fixed[root], how)
 
 
 @wp.func
@@ -70,7 +83,14 @@ def disturb(slot: int, worlds: wp.ref[WorldWork], sleep: wp.ref[SleepWork]):
 def is_free_island(islands: wp.ref[IslandWork], body: int, free: int) -> bool:
     """Whether the body's island has other bodies and touches nothing fixed, as ``free`` does."""
     root = island_of(islands, body)
-    return root == free or (islands.fixed[root] == 0 and islands.sum[root].bodies > 1)
+    return root == free or (islands.fixed[root] == FREE and islands.sum[root].bodies > 1)
+
+
+@wp.func
+def is_moved_island(islands: wp.ref[IslandWork], body: int, moved: int) -> bool:
+    """Whether the body's island has other bodies and is given its momentum, as ``moved`` is."""
+    root = island_of(islands, body)
+    return root == moved or islands.sum[root].bodies > 1
 
 
 @wp.func
@@ -84,7 +104,7 @@ def store_sum(islands: wp.ref[IslandWork], root: int, total: IslandSum):
 def is_alone(islands: wp.ref[IslandWork], body: int) -> bool:
     """Whether nothing pushes the body."""
     root = island_of(islands, body)
-    return islands.fixed[root] == 0 and islands.sum[root].bodies == 1
+    return islands.fixed[root] == FREE and islands.sum[root].bodies == 1
 
 
 @wp.func
@@ -102,13 +122,64 @@ def point_inertia(mass: float, r: wp.vec3) -> wp.mat33:
 
 
 @wp.func
-def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
-    """Moves each free island rigidly so that it has the momentum of its inertial targets.
+def with_fixed(body: int, r: wp.vec3, h: float, total: IslandSum, s: wp.ref[Solver]) -> IslandSum:
+    """The sum of an island with what pushes a body of it, at r from its COM, off fixed things."""
+    root = s.islands.parent[body]
+    ll = s.islands.hold_ll[root]
+    al = s.islands.hold_al[root]
+    aa = total.inertia
+    for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+        row = s.rows.rows[i]
+        if s.work.inv_mass[row.b] > 0.0:
+            continue
+        arm = r + row.arm
+        push = (h * h) * row.force
+        total.momentum -= push
+        total.angular -= wp.cross(arm, push)
+        row.k_n *= h * h
+        row.k_t *= wp.where(contact_rows.slid(row), 0.0, h * h)
+        ll, al, aa = contact_rows.curvature(row, arm, ll, al, aa)
+        if s.rows.spin.shape[0] > 0:
+            spin = s.rows.spin[i]
+            total.angular -= (h * h) * spin.torque
+            aa += (h * h) * spin_rows.curvature(spin, row.normal)
+    s.islands.hold_ll[root] = ll
+    s.islands.hold_al[root] = al
+    total.inertia = aa
+    return total
 
-    With r from the island's COM, the missing momentum is sum m (dx* - dx) and the missing angular
-    momentum sum r x m (dx* - dx) + I (dtheta* - dtheta), both times h. Returns whether there is
-    a free island. One that no contact holds need not move (not ``moves``): its sums are all that
-    :func:`keep_spin` asks for.
+
+@wp.func
+def shared_motion(root: int, total: IslandSum, islands: wp.ref[IslandWork]) -> wp.spatial_vector:
+    """Rigid motion that gives an island what momentum it lacks [m, rad]."""
+    if islands.fixed[root] == FREE:
+        return wp.spatial_vector(
+            total.momentum / total.mass, rigid_spin(total.inertia, total.angular)
+        )
+    ll = islands.hold_ll[root] + wp.diag(wp.vec3(total.mass))
+    aa = 0.5 * (total.inertia + wp.transpose(total.inertia))
+    return solve_block(factor_block(ll, islands.hold_al[root], aa), total.momentum, total.angular)
+
+
+@wp.func
+def keep_momentum(world: int, h: float, most_fixed: int, moves: bool, s: wp.ref[Solver]) -> bool:
+    """Moves islands rigidly so that they have the momentum that what acts on them gives.
+
+    With r from the island's COM, a free island lacks the momentum sum m (dx* - dx) and the angular
+    momentum sum r x m (dx* - dx) + I (dtheta* - dtheta), both times h; one that contacts hold,
+    what these push it with besides.
+
+    Args:
+        world: The world.
+        h: Time step [s].
+        most_fixed: Which islands: FREE, or TOUCHING for those, too, that contacts with fixed things
+            hold.
+        moves: Whether to move them. One that no contact holds need not move: its sums are all that
+            :func:`keep_spin` asks for.
+        s: The solver.
+
+    Returns:
+        Whether there is one.
     """
     first = s.worlds.body_start[world]
     last = s.worlds.body_start[world + 1]
@@ -120,7 +191,7 @@ def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
         body = body_at(i, s.worlds)
         if s.work.inv_mass[body] > 0.0:
             root = island_of(s.islands, body)
-            if s.islands.fixed[root] == 0:
+            if s.islands.fixed[root] <= most_fixed:
                 if root != island:
                     store_sum(s.islands, island, total)
                     # the root comes first, since it is visited first
@@ -139,7 +210,7 @@ def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
     island = int(-1)
     for i in range(first, last):
         body = body_at(i, s.worlds)
-        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, island):
+        if s.work.inv_mass[body] > 0.0 and is_moved_island(s.islands, body, island):
             root = s.islands.parent[body]
             if root != island:
                 store_sum(s.islands, island, total)
@@ -147,6 +218,9 @@ def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
                 if body == root:
                     total.com = total.com / total.mass
                     total.moved = total.moved / total.mass
+                    if s.islands.fixed[root] == TOUCHING:
+                        s.islands.hold_ll[root] = wp.mat33(0.0)
+                        s.islands.hold_al[root] = wp.mat33(0.0)
                 island = root
             if not moves:
                 continue
@@ -172,19 +246,22 @@ def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
             total.momentum += momentum
             total.angular += wp.cross(r, momentum)
             total.angular += spin
+            if s.islands.fixed[root] == TOUCHING:
+                total = with_fixed(body, r, h, total, s)
     store_sum(s.islands, island, total)
     if not moves:
         return True
     island = int(-1)
     for i in range(first, last):
         body = body_at(i, s.worlds)
-        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, island):
+        if s.work.inv_mass[body] > 0.0 and is_moved_island(s.islands, body, island):
             root = s.islands.parent[body]
             if root != island:
                 total = s.islands.sum[root]
                 if body == root:
-                    total.momentum = total.momentum / total.mass
-                    total.angular = rigid_spin(total.inertia, total.angular)
+                    motion = shared_motion(root, total, s.islands)
+                    total.momentum = wp.spatial_top(motion)
+                    total.angular = wp.spatial_bottom(motion)
                     s.islands.sum[root] = total
                 island = root
             shift = total.momentum + wp.cross(total.angular, s.work.com[body] - total.com)
@@ -196,7 +273,7 @@ def keep_momentum(world: int, h: float, moves: bool, s: wp.ref[Solver]) -> bool:
 
 @wp.func
 def turn_with_island(body: int, s: wp.ref[Solver]):
-    """Turns a body that joints hold as :func:`keep_momentum` has turned its free island.
+    """Turns a body that joints hold as :func:`keep_momentum` has turned its island.
 
     That turn is rigid to first order, and joints would open by its product with how far the step
     has moved and turned the body. So the body goes to where a rigid turn of the island about its

@@ -35,7 +35,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at, moved_by
-from .groups import ALONE, SUMMED, begin_groups, first_of, leave_group, make_move_groups, take_up_groups, tie
+from .groups import ALONE, SUMMED, begin_groups, first_of, leave_group, make_move_groups, tie
 from .needles import is_needle
 from .rotations import place_body
 from .scale import settled_update
@@ -217,8 +217,6 @@ class PileFunctions:
 
     Returns the square of how far that moved a body [m^2], a turn by its radius of gyration.
     """
-    share_motion: wp.Function
-    """Moves all groups of a world to where their momentum is right; returns as ``sweep_piles``."""
     spend_impacts: wp.Function
     """Finds which share of what holds each body has stopped something and ends with the step."""
 
@@ -361,29 +359,6 @@ def make_piles(
         piles = rows.piles
         return times_block(piles.link_ll[body], piles.link_al[body], piles.link_aa[body], motion)
 
-    @wp.func
-    def sum_pushes(
-        world: int,
-        has_dual: bool,
-        recovery: float,
-        scale: WorldScale,
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
-    ):
-        """Sums what pulls each body, in the order of visits, which says who updates a row."""
-        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-            body = body_at(i, s.worlds)
-            if in_pile(s.rows, body):
-                s.rows.piles.push[body] = gather(
-                    body, has_dual, recovery, scale.slop, scale.step, step, s
-                )
-
-    @wp.func
-    def share_motion(world: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> float:
-        take_up_groups(world, s)
-        sum_pushes(world, False, 0.0, scale, step, s)
-        return move_groups(world, settled_update(scale), scale.step, step, s)
-
     @wp.func(inline=effects.inline)
     def sweep_piles(
         world: int,
@@ -397,7 +372,13 @@ def make_piles(
         end = s.rows.piles.end[world]
         if end == first:
             return 0.0
-        sum_pushes(world, has_dual, recovery, scale, step, s)
+        # in the order of visits, which says who owns a row and updates it
+        for i in range(first, s.worlds.body_start[world + 1]):
+            body = body_at(i, s.worlds)
+            if in_pile(s.rows, body):
+                s.rows.piles.push[body] = gather(
+                    body, has_dual, recovery, scale.slop, scale.step, step, s
+                )
         farthest = float(0.0)
         if recovery == 0.0:
             farthest = move_groups(world, settled_update(scale), scale.step, step, s)
@@ -471,4 +452,4 @@ def make_piles(
                         s.rows.piles.update[other] = s.rows.piles.update[other] + share
                     before = other
 
-    return PileFunctions(link_piles, factor_piles, sweep_piles, share_motion, spend_impacts)
+    return PileFunctions(link_piles, factor_piles, sweep_piles, spend_impacts)

@@ -18,9 +18,10 @@ SETTLED = wp.constant(5.0e-6)
 """Update from which nothing moves any more, as a share of g h^2: a world at rest sweeps once."""
 ROUNDED = wp.constant(1.0e-7)
 """Likewise without gravity, as a share of the farthest move: what float32 rounds of it."""
-GOING_ON = wp.constant(0.25)
-"""Update of a last sweep from which impacts go on, as a share of g h^2: with twice as much a chain
-that lands on the ground at 60 Hz is 1.1 mm deep, and a table that takes an impact 0.5 mm."""
+GOING_ON = wp.constant(0.05)
+"""Update of a last sweep from which impacts go on, as a share of g h^2: with five times as much a
+row of ten cubes that is hit at 60 Hz is 1.4 mm deep instead of 0.09, and its speeds differ by half;
+with half of it a heap of 40 that falls takes 15 % longer."""
 WEIGHTLESS = wp.constant(1.0e-2)
 """What stands for g h^2 there without gravity, as a share of the reach: at 5 m/s and 60 Hz about as
 much."""

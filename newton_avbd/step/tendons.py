@@ -24,6 +24,7 @@ from ..rows import axis as axis_rows
 from ..rows.path import JOINT
 from ..rows.tendon import linear_pull, range_of, tendon_law
 from .anchors import ROUNDING
+from .islands import HELD
 from .slopes import begin_axis, end_axis
 from .tendon_curvature import make_bend
 from .tendon_length import begin_points, center_of, make_length
@@ -324,7 +325,7 @@ def make_join_tendons(join: wp.Function) -> wp.Function:
             for k in range(tendons.start[i], tendons.start[i + 1]):
                 body = tendons.body[k]
                 if one >= 0 and body >= 0 and body != one:
-                    join(one, body, s)
+                    join(one, body, HELD, s)
 
     return join_tendons
 
