@@ -5,6 +5,7 @@
 import newton
 import numpy as np
 import pytest
+import warp as wp
 from helpers import G, Simulation, add_box, add_ground
 
 
@@ -62,3 +63,52 @@ def test_a_group_turns_as_one() -> None:
     moved = np.cross(center, velocity[:, :3])[:, 2]
     np.testing.assert_allclose((mass * moved + inertia * velocity[:, 5]).sum(), 500.0, rtol=0.01)
     np.testing.assert_allclose(velocity[:, 5], velocity[0, 5], rtol=0.02)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"parallel": "bodies"}, {"blocks": "body"}], ids=["worlds", "bodies", "body"]
+)
+@pytest.mark.parametrize("rate", [60, 240])
+def test_what_hits_a_pile_leaves_it_its_momentum(rate: int, options: dict) -> None:
+    """What the sweeps cut off took up to a fifth of it, or gave half as much again."""
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu=0.0)
+    for layer, count in enumerate((3, 2, 1)):
+        for i in range(count):
+            add_box(builder, (0.25 * layer + 0.5 * i + 0.5, 0.0, 0.5 * layer + 0.25), mu=0.4)
+    hits = add_box(builder, (-0.3, 0.0, 0.25), mu=0.0)
+    builder.body_qd[hits] = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sim = Simulation(builder, dt=1.0 / rate, **options)
+    sim.run(0.4)
+    momentum = (sim.mass * sim.velocity[:, 0]).sum()
+    assert momentum == pytest.approx(2.0 * sim.mass[hits], rel=1e-3)
+    np.testing.assert_allclose((sim.mass * sim.velocity[:, 1]).sum(), 0.0, atol=0.1)
+
+
+@pytest.mark.parametrize("options", [{}, {"parallel": "bodies"}], ids=["worlds", "bodies"])
+def test_articulations_on_the_ground_keep_their_momentum(options: dict) -> None:
+    """Three trains of two hinged cubes in a row, which another hits; joints stay closed."""
+    builder = newton.ModelBuilder()
+    add_ground(builder, mu=0.0)
+    shape = newton.ModelBuilder.ShapeConfig(density=1000.0, mu=0.0)
+    for i in range(3):
+        cars = []
+        for x in (1.05 * i + 0.5, 1.05 * i + 1.05):
+            cars.append(builder.add_link(xform=wp.transform((x, 0.0, 0.25))))
+            builder.add_shape_box(cars[-1], hx=0.25, hy=0.25, hz=0.25, cfg=shape)
+        base = builder.add_joint_free(child=cars[0])
+        hinge = builder.add_joint_revolute(
+            *cars,
+            axis=(0.0, 0.0, 1.0),
+            parent_xform=wp.transform((0.275, 0.0, 0.0)),
+            child_xform=wp.transform((-0.275, 0.0, 0.0)),
+        )
+        builder.add_articulation([base, hinge])
+    hits = add_box(builder, (-0.3, 0.0, 0.25), mu=0.0)
+    builder.body_qd[hits] = (2.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sim = Simulation(builder, dt=1.0 / 60.0, **options)
+    sim.run(0.4)
+    momentum = (sim.mass * sim.velocity[:, 0]).sum()
+    assert momentum == pytest.approx(2.0 * sim.mass[hits], rel=1e-3)
+    apart = sim.pose[1:6:2, 0] - sim.pose[0:6:2, 0]
+    np.testing.assert_allclose(apart, 0.55, atol=1e-5)

@@ -61,8 +61,9 @@ def find_roots(s: wp.array[Solver]):
         how = s[0].islands.fixed[body]
         if s[0].colors.is_finite[world] == 0:
             how = HELD
-        elif is_settled(last_moved(world, s[0].colors.moved), s[0].colors.scale[world]):
-            how = wp.where(how == TOUCHING, HELD, how)
+        elif how == TOUCHING:
+            if is_settled(last_moved(world, s[0].colors.moved), s[0].colors.scale[world]):
+                how = HELD
         wp.atomic_max(s[0].islands.fixed, root, how)
 
 
