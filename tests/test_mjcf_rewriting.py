@@ -137,6 +137,18 @@ def test_boxes_and_ellipsoids_span_from_one_point_to_another(tmp_path: Path) -> 
     np.testing.assert_allclose(moments, np.sort(native.body_inertia[1:]), rtol=1.0e-4)
 
 
+def test_boxes_of_the_world_span_too_where_a_class_or_a_frame_says_so(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        f"""<mujoco><default><default class="beam"><geom type="box" size=".1"/></default></default>
+        <worldbody>{BODY.format("a", "a", "")}<frame childclass="beam">
+        <geom fromto="0 0 1 2 0 1"/></frame></worldbody></mujoco>""",
+    )
+    builder, _ = read_driven(path)
+    scale = next(builder.shape_scale[i] for i in range(2) if builder.shape_body[i] < 0)
+    np.testing.assert_allclose(sorted(scale), [0.1, 0.1, 1.0], atol=1.0e-5)
+
+
 def test_actuators_that_mujoco_writes_otherwise_are_the_same(tmp_path: Path) -> None:
     path = written(
         tmp_path,

@@ -93,6 +93,21 @@ def bodies(root: ElementTree.Element) -> list[Body]:
     return found
 
 
+def world_geoms(root: ElementTree.Element) -> list[Attributes]:
+    """The geoms of the world, with attributes of default classes."""
+    classes = by_class(root)
+
+    def walk(parent: ElementTree.Element, ambient: str) -> Iterator[Attributes]:
+        for item in parent:
+            if item.tag == "frame":
+                yield from walk(item, item.get("childclass", ambient))
+            elif item.tag == "geom":
+                own = classes.get(item.get("class", ambient), {}).get("geom", {})
+                yield own | item.attrib
+
+    return [geom for world in root.iter("worldbody") for geom in walk(world, _MAIN)]
+
+
 def by_class(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
     """Attributes by default class and tag, with those that a class inherits."""
     found: dict[str, dict[str, Attributes]] = {}
@@ -113,12 +128,15 @@ def by_class(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
     return found | {"main": found.get(_MAIN, {})}
 
 
-def in_tree(root: ElementTree.Element, tag: str) -> Iterator[str]:
-    """Labels of elements in the tree of bodies: by their names, or by the body that has them."""
+def in_tree(root: ElementTree.Element, tag: str, *, parents: str = "") -> Iterator[str]:
+    """Labels of elements in the tree of bodies: by their names, or by the body that has them.
+
+    With ``parents`` those only that are directly in elements of that tag.
+    """
 
     def walk(parent: ElementTree.Element, owner: str) -> Iterator[str]:
         for item in parent:
-            if item.tag == tag:
+            if item.tag == tag and parents in ("", parent.tag):
                 names = (item.get(key) for key in ("name", "model", "prefix"))
                 yield label({"name": next(filter(None, names), "")}, owner)
             yield from walk(item, called(item.get("name", "")) if item.tag == "body" else owner)

@@ -15,7 +15,17 @@ import numpy as np
 from newton_avbd.measure.overlaps import LIGHT
 from newton_avbd.model.welds import IDENTITY, multiply
 
-from .elements import Attributes, Body, bodies, by_class, has_fluid, in_tree, numbers, of_group
+from .elements import (
+    Attributes,
+    Body,
+    bodies,
+    by_class,
+    has_fluid,
+    in_tree,
+    numbers,
+    of_group,
+    world_geoms,
+)
 
 Element = ElementTree.Element
 
@@ -70,8 +80,7 @@ def hidden(root: Element) -> list[str]:
     found += [f"<{tag}>" for tag in _ACTUATORS if any(of_group(root, "actuator", tag))]
     if any(numbers(said, "timeconst").any() for _, said in of_group(root, "actuator", "position")):
         found.append("timeconst of <position>")
-    geoms = [geom for body in bodies(root) for geom in body.geoms]
-    geoms += [item.attrib for item in root.iterfind("worldbody/geom")]
+    geoms = world_geoms(root) + [geom for body in bodies(root) for geom in body.geoms]
     if any("fromto" in geom and geom.get("type") in _SPANNED for geom in geoms):
         found.append("fromto of a box or an ellipsoid")
     if any(body.framed for body in bodies(root)):

@@ -114,7 +114,7 @@ def _of_tree(root: ElementTree.Element, bodies: list[Body]) -> Iterator[_Kind]:
     names = [label for label, _ in of_group(root, "deformable", "flex")]
     instead = "nothing holds the bodies at its vertices together"
     yield _Kind("", "flex", names, instead, _SOFT)
-    names = [*in_tree(root, "plugin")]
+    names = [*in_tree(root, "plugin", parents="body")]
     remedy = "builder.add_rod() makes a cable that resists bending"
     yield _Kind("", "plugin", names, "a cable of such bodies does not resist bending", remedy)
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import newton
 import numpy as np
 
+from newton_avbd.io.masses import finalized
 from newton_avbd.measure.overlaps import DEPTH
 from newton_avbd.measure.state import Array, Bodies, Probe, rotate, transform
 from newton_avbd.scenes.pose import dofs_of, lowest_points, stand
@@ -98,7 +99,7 @@ def starts(builder: newton.ModelBuilder, kinds: tuple[str, ...], seeds: range) -
         kinds: Of :data:`~newton_avbd.study.falls.kinds.KINDS`.
         seeds: Numbers of the starts; the same number gives the same pose in all kinds.
     """
-    model = builder.finalize(device="cpu")
+    model = finalized(builder, device="cpu")
     probe, state = Probe(model), model.state()
     is_loop = any(articulation < 0 for articulation in builder.joint_articulation)
     throw = _throw(builder)
@@ -139,7 +140,7 @@ def make_model(builder: newton.ModelBuilder, chosen: list[Start]) -> newton.Mode
             worlds.add_shape_plane((-1.0, 0.0, 0.0, start.wall), width=0.0, length=0.0)
         worlds.end_world()
     worlds.color()
-    model = worlds.finalize(device="cpu")
+    model = finalized(worlds, device="cpu")
     for array, values in (
         (model.joint_q, [start.joint_q for start in chosen]),
         (model.joint_qd, [start.joint_qd for start in chosen]),

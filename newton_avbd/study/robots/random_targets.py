@@ -17,6 +17,7 @@ import newton
 import numpy as np
 
 from newton_avbd.io import solvers
+from newton_avbd.io.masses import finalized
 from newton_avbd.io.names import SOLVERS
 from newton_avbd.io.options import add_solvers
 from newton_avbd.io.output import table
@@ -47,7 +48,7 @@ def run(name: str, pose: Pose, solver_name: str, rate: int, seed: int = 0) -> tu
     Returns:
         A row of the table below :data:`HEAD`.
     """
-    model = pose.builder.finalize(device="cpu")
+    model = finalized(pose.builder, device="cpu")
     solver = solvers.construct(solver_name, model)
     state, following, control = model.state(), model.state(), model.control()
     pipeline = None if solvers.detects_collisions(solver) else newton.CollisionPipeline(model)

@@ -12,6 +12,7 @@ import newton
 import numpy as np
 from numpy.typing import NDArray
 
+from newton_avbd.io.masses import finalized
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.state import Array, Bodies
 from newton_avbd.model.equalities import may_hold
@@ -108,7 +109,7 @@ def run_robot(
     Raises:
         TimeoutError: It took longer than ``budget``.
     """
-    model = pose.builder.finalize(device="cpu")
+    model = finalized(pose.builder, device="cpu")
     peer = PEERS[solver_name]
     solver = peer.make(model)
     state, following, control = model.state(), model.state(), model.control()
