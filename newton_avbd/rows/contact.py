@@ -264,21 +264,28 @@ def sliding_mass(
 
 
 @wp.func
-def slides(
+def loosened(
     row: ContactRow, k_t: float, mass: float, sliding: float, u: wp.vec3, f_n: float, h: float
-) -> bool:
-    """Whether a row is about to slide, or slides on, by the slip u [m] of bodies without
-    constraints.
+) -> float:
+    """Tangential penalty [N/m] of a row, which has ``k_t`` where it sticks, by the slip u [m] that
+    its bodies would have without constraints.
 
-    What slid does where friction cannot stop its mass ``sliding`` [kg] in the step. What stuck does
-    where the slip, and the normal force f_n [N] that goes with it, take it beyond its cone.
+    What slid slides on where friction cannot stop its mass ``sliding`` [kg] in the step: friction
+    mu f_n at the slip that it leaves then has the curvature mu f_n / |u| across it, and none along
+    it. What stuck is about to slide where the slip, and the normal force f_n [N] that goes with it,
+    take it beyond its cone.
     """
     n = row.normal
     if sliding > 0.0:
         most = row.mu * expected_force(row, mass, u, h)
-        return sliding * wp.length(u - n * wp.dot(n, u)) > h * h * most
+        left = wp.length(u - n * wp.dot(n, u)) - h * h * most / sliding
+        if left <= 0.0:
+            return k_t
+        return wp.min(RELEASE_RATIO * k_t, most / left)
     trial = row.force - k_t * u
-    return wp.length(trial - n * wp.dot(n, trial)) > row.mu * f_n
+    if wp.length(trial - n * wp.dot(n, trial)) <= row.mu * f_n:
+        return k_t
+    return RELEASE_RATIO * k_t
 
 
 @wp.func
@@ -335,8 +342,7 @@ def penalise(
     out.k_n = k
     out.k_t = tangent_penalty(row, k)
     if f_n > 0.0 and not is_followed:
-        if slides(row, out.k_t, mass, sliding, u, f_n, scale.h):
-            out.k_t = RELEASE_RATIO * out.k_t
+        out.k_t = loosened(row, out.k_t, mass, sliding, u, f_n, scale.h)
     return out
 
 
@@ -405,8 +411,8 @@ def comply(
     out.k_n = share * k
     out.k_t = tangent_penalty(row, k)
     f_n = wp.dot(row.normal, out.force) - k * (u_n + row.gap)
-    if f_n > 0.0 and slides(row, out.k_t, mass, sliding, u, f_n, scale.h):
-        out.k_t = RELEASE_RATIO * out.k_t
+    if f_n > 0.0:
+        out.k_t = loosened(row, out.k_t, mass, sliding, u, f_n, scale.h)
     out.force = keep_share(row, out.force, share)
     return out, share
 

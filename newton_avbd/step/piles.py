@@ -440,7 +440,7 @@ def make_piles(
             along = wp.dot(change, change - wp.spatial_bottom(handed))
             spent = float(0.0)
             if along > 0.0 and wp.length(change) > least * piles.mass[body]:
-                spent = wp.length_sq(change) / along
+                spent = along / wp.length_sq(change - wp.spatial_bottom(handed))
             s.rows.piles.lasting[body] = wp.max(1.0 - spent, 0.0)
             if piles.supports[body] > 0:
                 share = handed / float(piles.supports[body])
