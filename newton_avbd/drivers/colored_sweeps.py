@@ -10,7 +10,7 @@ from ..data import ColorWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..step.contacts import stiffen_rows
 from ..step.kernels import KernelDecorator
-from ..step.scale import is_struck, last_update
+from ..step.scale import is_struck, last_update, stiffens
 from .colored_joints import loop_world
 from .stages import Stages
 
@@ -186,8 +186,9 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
         """
         body = wp.tid()
         world = s[0].worlds.of_body[body]
-        if s[0].colors.begin[world] == begin:
-            stiffen_rows(body, s[0].colors.scale[world], s[0].rows)
+        scale = s[0].colors.scale[world]
+        if s[0].colors.begin[world] == begin and stiffens(s[0].colors.moved[begin, world], scale):
+            stiffen_rows(body, scale, s[0].rows)
 
     return SweepKernels(
         assemble,

@@ -36,6 +36,7 @@ from ..step.scale import (
     is_struck,
     is_unsettled,
     most_rounds,
+    stiffens,
 )
 from ..step.sides import make_written_side
 from .stages import make_stages
@@ -123,7 +124,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                 is_cut_off = taken == step.iterations and sweeps < STRUCK_FACTOR * step.iterations
                 if is_cut_off and is_struck(sweeps, update, scale):
                     if wp.static(effects.contact and not effects.compliance):
-                        stiffen_impacts(world, scale, s)
+                        if stiffens(update, scale):
+                            stiffen_impacts(world, scale, s)
                     continue
             if wp.static(effects.piles):
                 if taken == most and sweeps < RESTLESS_FACTOR * most:

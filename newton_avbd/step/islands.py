@@ -137,7 +137,7 @@ def with_fixed(body: int, r: wp.vec3, h: float, total: IslandSum, s: wp.ref[Solv
         total.momentum -= push
         total.angular -= wp.cross(arm, push)
         row.k_n *= h * h
-        row.k_t *= h * h
+        row.k_t *= wp.where(contact_rows.slid(row), 0.0, h * h)
         ll, al, aa = contact_rows.curvature(row, arm, ll, al, aa)
         if s.rows.spin.shape[0] > 0:
             spin = s.rows.spin[i]

@@ -50,6 +50,9 @@ LINK_WEIGHT = wp.constant(0.3)
 """Weight of the mass behind a link against the effective mass of the link's rows."""
 SHARE_WEIGHT = wp.constant(0.01)
 """Likewise, of its share, where a body rests on others than the one that it is linked to."""
+ALONG = wp.constant(0.5)
+"""Share of what holds a body that goes along the change of its momentum, squared, from which it has
+stopped the body: what drags it by friction goes on."""
 
 
 @wp.func
@@ -419,8 +422,9 @@ def make_piles(
     def spend_impacts(
         world: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
-        """What holds a body and what rests on it makes the change c of their momentum, less what
-        pulls them, p. Of c - p the part along c, |c|^2 / (c.(c - p)), ends with the step."""
+        """What holds a body and what rests on it, f, makes the change c of their momentum, less
+        what pulls them. The part |c|^2 / (f.c) of f ends with the step; where f goes across c for
+        the most part, f.c / |f|^2."""
         piles = s.rows.piles
         first = s.worlds.body_start[world]
         at = int(piles.end[world])
@@ -440,7 +444,10 @@ def make_piles(
             along = wp.dot(change, change - wp.spatial_bottom(handed))
             spent = float(0.0)
             if along > 0.0 and wp.length(change) > least * piles.mass[body]:
-                spent = along / wp.length_sq(change - wp.spatial_bottom(handed))
+                force = change - wp.spatial_bottom(handed)
+                spent = along / wp.length_sq(force)
+                if along * along > ALONG * wp.length_sq(change) * wp.length_sq(force):
+                    spent = wp.length_sq(change) / along
             s.rows.piles.lasting[body] = wp.max(1.0 - spent, 0.0)
             if piles.supports[body] > 0:
                 share = handed / float(piles.supports[body])
