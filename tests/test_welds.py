@@ -50,7 +50,7 @@ def beam(welded: bool, height: float = 0.1, joint: str = "fixed") -> newton.Mode
 
 def throw(sim: Simulation) -> None:
     """The same rigid motion of the beam, whatever it is made of."""
-    spin = np.array([0.5, 2.0, 1.0])
+    spin = np.array([0.5, 1.0, 1.0])
     middle = np.array([0.5 * SIZE[0], 0.0, sim.center[0, 2]])
     for body, center in enumerate(sim.center):
         sim.set_velocity(body, np.cross(spin, center - middle) + np.array([0.3, 0, 1]), spin)
@@ -72,7 +72,8 @@ def test_two_welded_boxes_move_as_one_of_the_same_total(joint: str, settings: di
     """Poses, energy and contact forces, thrown up, tumbling and at rest.
 
     Bounds: the inertia of the sum rounds by some EPS; a tumble and its impacts multiply what that
-    changes by some hundreds until it lies still.
+    changes by some hundreds until it lies still. (With twice the spin impacts at one end after the
+    other make up to 1e-3 m of it, converged or not: the two have twice as many contacts.)
     """
     two = Simulation(beam(True, 0.5, joint), **settings)
     one = Simulation(beam(False, 0.5), **settings)
@@ -83,7 +84,7 @@ def test_two_welded_boxes_move_as_one_of_the_same_total(joint: str, settings: di
     for seconds in (0.1, 0.2, 1.7):
         two.run(seconds)
         one.run(seconds)
-        np.testing.assert_allclose(two.pose[0], one.pose[0], atol=1e-4)
+        np.testing.assert_allclose(two.pose[0], one.pose[0], atol=1e-5)
         assert two.kinetic_energy == pytest.approx(one.kinetic_energy, rel=2e-3, abs=1e-4)
     if not settings.get("sleeping"):
         sums = [force.contact_f.numpy()[:, :3].sum(axis=0) for force in forces]
