@@ -76,10 +76,6 @@ BEYOND = {
         "penetration",
         "detection names one point of boxes that meet elsewhere at the end of a step",
     ),
-    "pusher": (
-        "drift",
-        "a block on a slider and the boxes before it are moved in turns: 1.2 % of the push is lost",
-    ),
     "teleports": (
         "drift",
         "boxes put into each other part upwards, and fall from more than assumed",
