@@ -1490,7 +1490,8 @@ class PileWork:
     lasting: wp.array[float]
     """Share of their force that the next step can expect again: what stopped something ends."""
     ll: wp.array[wp.mat33]
-    """Block of the body and of what is linked behind it, without the link to its parent."""
+    """Block of the body and of what is linked behind it, without the link to its parent; once that
+    is factored, of a group that moves, the body's inertia and what leads out of the group."""
     al: wp.array[wp.mat33]
     aa: wp.array[wp.mat33]
     link_ll: wp.array[wp.mat33]
@@ -1502,8 +1503,9 @@ class PileWork:
     group: wp.array[wp.int32]
     """First body of the body's group (``step/groups.py``)."""
     tied: wp.array[wp.int32]
-    """At the first body of a group: ALONE, TIED or SUMMED of ``step/groups.py``. There ``link_ll``,
-    ``link_al`` and ``link_aa`` hold the group's block, and ``update`` its wrench and its motion."""
+    """At the first body of a group: ALONE, TIED, PUSHED or SUMMED of ``step/groups.py``. There
+    ``link_ll``, ``link_al`` and ``link_aa`` hold the group's block, ``update`` its wrench and its
+    motion."""
     shared: wp.array[float]
     """Likewise: how far that motion has moved one of its bodies at most, squared [m^2]."""
     update: wp.array[wp.spatial_vector]

@@ -113,6 +113,7 @@ def make_begin_body(effects: Effects, assemble_body: wp.Function) -> wp.Function
         is_jointed = bool(False)
         if wp.static(effects.islands):
             begin_island(s.islands, body)
+            # an island that touches fixed things is summed where the step does not settle only
             s.islands.sum[body].bodies = 0
         if wp.static(effects.contact):
             is_touched = has_rows(s.rows, body)

@@ -5,8 +5,9 @@
 A forest links each body of a pile to one other. The rest of its rows both bodies see as if the
 other stood still. So where a row of boxes is pushed, or a wall stands on a cart, each body is held
 back by the next, and a sweep moves all of them by a part only of what is asked for. Hence a sweep
-first moves the bodies of a group, which such rows tie that pushed in the last step, together: to
-the minimum of the quadratic model over a rigid motion delta about the COM of its first body,
+first moves the bodies of a group, which such rows tie where they touch, or would by the end of the
+step, together: to the minimum of the quadratic model over a rigid motion delta about the COM of its
+first body,
 
     (sum of T^T (M/h^2 + K) T) delta = sum of T^T w.
 

@@ -123,7 +123,10 @@ def point_inertia(mass: float, r: wp.vec3) -> wp.mat33:
 
 @wp.func
 def with_fixed(body: int, r: wp.vec3, h: float, total: IslandSum, s: wp.ref[Solver]) -> IslandSum:
-    """The sum of an island with what pushes a body of it, at r from its COM, off fixed things."""
+    """The sum of an island with what pushes a body of it, at r from its COM, off fixed things.
+
+    A contact that slides gives way along its friction, whatever penalty it has.
+    """
     root = s.islands.parent[body]
     ll = s.islands.hold_ll[root]
     al = s.islands.hold_al[root]

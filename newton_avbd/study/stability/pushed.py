@@ -126,9 +126,9 @@ def _add_pusher(builder: newton.ModelBuilder) -> None:
     _add_cubes(builder, (3,))
 
 
-def _add_striker(builder: newton.ModelBuilder, gap: float) -> None:
+def _add_striker(builder: newton.ModelBuilder) -> None:
     """Add a cube of half a meter that slides to the origin along x, with no friction."""
-    body = add_box(builder, (-0.25 - gap, 0.0, 0.25), (0.5, 0.5, 0.5), mu=0.0)
+    body = add_box(builder, (-0.55, 0.0, 0.25), (0.5, 0.5, 0.5), mu=0.0)
     set_velocity(builder, body, (SPEED, 0.0, 0.0))
 
 
@@ -140,7 +140,7 @@ def _add_struck_cubes(builder: newton.ModelBuilder, layers: tuple[int, ...]) -> 
         for i in range(count):
             position = (0.25 * layer + 0.5 * i + 0.25, 0.0, 0.5 * layer + 0.25)
             add_box(builder, position, (0.5, 0.5, 0.5), mu=mu)
-    _add_striker(builder, gap=0.3)
+    _add_striker(builder)
 
 
 def _add_struck_trains(builder: newton.ModelBuilder) -> None:
@@ -159,7 +159,7 @@ def _add_struck_trains(builder: newton.ModelBuilder) -> None:
             )
         )
         builder.add_articulation(joints)
-    _add_striker(builder, gap=0.3)
+    _add_striker(builder)
 
 
 _declare(
