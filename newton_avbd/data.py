@@ -598,6 +598,33 @@ class ContactInput:
 
 
 @wp.struct
+class MixedBody:
+    """What :mod:`.step.mixing` remembers of the last sweeps of a body, (dx [m], dtheta [rad])."""
+
+    start: wp.spatial_vector
+    """Increment that the last sweep started from."""
+    end: wp.spatial_vector
+    """Increment that it led to."""
+    update: wp.spatial_vector
+    """Their difference."""
+    shift: wp.spatial_vector
+    """How far the end was from that of the sweep before."""
+    change: wp.spatial_vector
+    """How far the update was from that of the sweep before."""
+
+
+@wp.struct
+class MixedRow:
+    """Likewise of the multiplier of a contact row [N]."""
+
+    start: wp.vec3
+    end: wp.vec3
+    update: wp.vec3
+    shift: wp.vec3
+    change: wp.vec3
+
+
+@wp.struct
 class BodyWork:
     """Per body slot: the unknowns of the step and what they are pulled to, body_count + 1 long."""
 
@@ -645,6 +672,8 @@ class BodyWork:
     give in a step [J]."""
     drag: wp.array[Drag]
     """In a fluid or held by servos: what slows the body down."""
+    mixed: wp.array[MixedBody]
+    """Where trees may push what else moves."""
 
 
 @wp.struct
@@ -1534,6 +1563,8 @@ class RowWork:
     """Torsional and rolling friction."""
     impacts: wp.array[Impact]
     """Restitution."""
+    mixed: wp.array[MixedRow]
+    """Where trees may push what else moves."""
     struck_qd: wp.array[wp.spatial_vector]
     """Restitution: velocity of each body slot while impacts go through the world."""
     struck_at: wp.array[float]

@@ -54,6 +54,12 @@ CAUSES: dict[str, Cause] = {
         "step/piles.py",
         "Pass blocks='body'.",
     ),
+    "mixing": Cause(
+        "body",
+        "moved by joints, in a world in which something else moves",
+        "step/mixing.py",
+        _OF_JOINTS,
+    ),
     "cylinders": Cause("shape", "of type CYLINDER, which may roll", "step/rolling.py"),
     "ellipsoids": Cause(
         "shape", "of type ELLIPSOID, which may touch without a normal", "step/ellipsoids.py"
@@ -234,7 +240,7 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
     "contact": (
         *("pairs", "piles", "friction", "angular_friction", "put_bodies", "restitution", "ramp"),
         *("light_links", "condim", "contact_pairs", "adhesion", "needles"),
-        *("cylinders", "ellipsoids"),
+        *("cylinders", "ellipsoids", "mixing"),
     ),
     "gyroscopic": ("needles",),
     "friction": ("put_bodies",),
@@ -327,6 +333,8 @@ class Effects:
     """Bodies that are tied to each other and to nothing that is fixed."""
     compliance: bool = False
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
+    mixing: bool = False
+    """A body moved by joints, beside what else moves."""
     piles: bool = False
     """Free bodies in contact are solved at once, and a world has two of them."""
     second_order: bool = False

@@ -121,14 +121,14 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             sweeps += taken
             goes_on = False
             if wp.static(effects.switching and not effects.ramp):
-                is_cut_off = taken == step.iterations and sweeps < STRUCK_FACTOR * step.iterations
+                is_cut_off = taken >= step.iterations and sweeps < STRUCK_FACTOR * step.iterations
                 if is_cut_off and is_struck(sweeps, update, scale):
                     if wp.static(effects.contact and not effects.compliance):
                         if stiffens(update, scale):
                             stiffen_impacts(world, scale, s)
                     continue
             if wp.static(effects.piles):
-                if taken == most and sweeps < RESTLESS_FACTOR * most:
+                if taken >= most and sweeps < RESTLESS_FACTOR * most:
                     goes_on = is_restless(update, farthest_move(world, s), scale)
                 if goes_on:
                     continue

@@ -8,6 +8,8 @@ from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..step.bodies import body_at
 from ..step.contacts import stiffen_rows
+from ..step.kernels import absent
+from ..step.mixing import MIXED_FACTOR, begin_mixing, make_mix
 from ..step.scale import last_update
 from ..step.sweeps import make_sweep_world
 from .stages import Stages
@@ -30,6 +32,8 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         stages.solve_cluster,
     )
 
+    mix = make_mix(effects) if effects.mixing else absent
+
     @wp.func
     def sweep_to_rest(
         world: int,
@@ -48,12 +52,21 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         most = int(sweeps)
         update = float(0.0)
         sweep = int(0)
+        is_mixed = bool(False)
         while sweep < most:
             update = sweep_world(world, sweep > 0, recovery, scale, step, s)
             sweep += 1
             if wp.static(not effects.ramp):
                 if update <= enough * enough:
                     most = sweep
+            if wp.static(effects.mixing):
+                if recovery == 0.0 and sweep < most:
+                    if is_mixed:
+                        mix(world, sweep, scale.step, s)
+                    elif sweep == 1:
+                        is_mixed = begin_mixing(world, s)
+                        if is_mixed:
+                            most = MIXED_FACTOR * most
         return most, update
 
     return sweep_to_rest

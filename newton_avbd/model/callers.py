@@ -69,11 +69,12 @@ def find_callers(
     }
     without = set()
     if callers["contact"].size == 0:
-        without |= {"pairs", "piles"}
+        without |= {"pairs", "piles", "mixing"}
     if callers["friction"].size == 0:
         without |= {"put_bodies"}
     if ramp:
-        without |= {"angular_friction", "restitution", "floating", "piles", "light_links"}
+        without |= {"angular_friction", "restitution", "floating", "light_links"}
+        without |= {"piles", "mixing"}
     if compliance:
         without |= {"restitution"}
     else:
@@ -116,6 +117,7 @@ def _of_bodies(model: newton.Model, topology: Topology) -> dict[str, np.ndarray]
     return {
         "pairs": topology.in_company(np.ones(model.body_count, dtype=bool)),
         "piles": topology.in_company(topology.is_alone),
+        "mixing": topology.trees_beside_others(moving(model)),
         "gyroscopic": _unequal_moments(model),
         "needles": _needles(model, topology),
         "carried_rounding": np.arange(model.body_count),

@@ -331,7 +331,7 @@ class SolverArrays:
             )
         takes_bodies = self._takes_bodies(groups, flags)
         if takes_bodies:
-            flags = flags.leaving_out(frozenset({"piles"}))
+            flags = flags.leaving_out(frozenset({"piles", "mixing"}))
         if flags.fourth_order:
             found = world_smooth.obstacles(flags) + takes_bodies * ["parallel='bodies'"]
             if found:
@@ -484,6 +484,10 @@ class SolverArrays:
             count = slots if self.settings.sleeping else self._world_count
             with wp.ScopedDevice(self.device):
                 self._rows.piles = buffers.pile_work(slots, count)
+        self._work.mixed = None
+        if self._flags.mixing:
+            slots = self._solved.body_count + 1
+            self._work.mixed = wp.zeros(slots, dtype=data.MixedBody, device=self.device)
 
     def _allocate_trees(self, topology: Topology) -> None:
         """Buffers for the trees of joints."""
@@ -716,6 +720,7 @@ class SolverArrays:
             (rows, "drift", wp.vec3, self._moving_surfaces or effects.drift),
             (rows, "left", float, effects.joints and not (effects.compliance or effects.ramp)),
             (rows, "impacts", data.Impact, effects.restitution),
+            (rows, "mixed", data.MixedRow, effects.mixing),
             (rows, "spin", data.SpinRow, effects.angular_friction),
             (history, "torque", wp.vec3, effects.angular_friction),
             (rows, "share", float, effects.compliance),

@@ -50,6 +50,8 @@ _OWNERS: dict[str, str] = {
     "rows.awake": "sleeping",
     "rows.awake_count": "sleeping",
     "rows.piles": "piles",
+    "rows.mixed": "mixing",
+    "work.mixed": "mixing",
     "islands.hold_ll": "pairs",
     "islands.hold_al": "pairs",
     "rows.owner": "contact",

@@ -52,6 +52,8 @@ class MoveFunctions:
     """Device functions that move bodies by their updates."""
 
     gimbal_step: wp.Function
+    shift: wp.Function
+    """Moves a body by any update, and measures its coordinates anew."""
     move: wp.Function
 
 
@@ -77,9 +79,8 @@ def make_move(effects: Effects) -> MoveFunctions:
         return largest
 
     @wp.func(inline=effects.inline)
-    def move(body: int, share: float, h: float, s: wp.ref[Solver]):
-        """Moves the body by a share of its update."""
-        update = share * s.tree.update[body]
+    def move_pose(body: int, update: wp.spatial_vector, h: float, s: wp.ref[Solver]):
+        """Moves the body by an update."""
         increment = s.work.increment[body]
         turn = s.tree.turn[body]
         before = wp.spatial_bottom(increment) - turn
@@ -92,29 +93,45 @@ def make_move(effects: Effects) -> MoveFunctions:
                 update = wp.spatial_vector(wp.spatial_top(update), further)
                 s.work.rounded[body] = update - (moved - increment)
         turn_by(body, rest, s.tree)
+
+    @wp.func
+    def measure(body: int, share: float, s: wp.ref[Solver]):
+        """Measures the coordinates of a joint after a share of the steps of its axes."""
+        static_slot = s.work.inv_mass.shape[0] - 1
+        if wp.static(effects.kinds.gimbals):
+            joint = s.tree.joint[body]
+            if is_gimbal(s.joints, joint):
+                # its pose does not tell all of its coordinates: what its axes turned does
+                first = s.tree.axis_start[body]
+                dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
+                for k in range(first, first + dofs):
+                    back = (1.0 - share) * s.tree.axes[k].step
+                    s.tree.coordinate[k] = s.tree.coordinate[k] - wp.float64(back)
+                measure_coordinates(body, first, wp.vec3(0.0), s.tree.coordinate, static_slot, s)
+                return
+        measure_moved(body, static_slot, s)
+
+    @wp.func(inline=effects.inline)
+    def move(body: int, share: float, h: float, s: wp.ref[Solver]):
+        """Moves the body by a share of its update."""
+        update = share * s.tree.update[body]
+        move_pose(body, update, h, s)
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
             far = wp.static(EULER_FAR if effects.kinds.euler else FAR)
             if is_linked(body, s) and (
                 share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > far * far
             ):
-                static_slot = s.work.inv_mass.shape[0] - 1
-                if wp.static(effects.kinds.gimbals):
-                    joint = s.tree.joint[body]
-                    if is_gimbal(s.joints, joint):
-                        # its pose does not tell all of its coordinates: what its axes turned does
-                        first = s.tree.axis_start[body]
-                        dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
-                        for k in range(first, first + dofs):
-                            back = (1.0 - share) * s.tree.axes[k].step
-                            s.tree.coordinate[k] = s.tree.coordinate[k] - wp.float64(back)
-                        measure_coordinates(
-                            body, first, wp.vec3(0.0), s.tree.coordinate, static_slot, s
-                        )
-                        return
-                measure_moved(body, static_slot, s)
+                measure(body, share, s)
 
-    return MoveFunctions(gimbal_step, move)
+    @wp.func
+    def shift(body: int, update: wp.spatial_vector, h: float, s: wp.ref[Solver]):
+        move_pose(body, update, h, s)
+        if wp.static(effects.coordinates):
+            if is_linked(body, s):
+                measure(body, 1.0, s)
+
+    return MoveFunctions(gimbal_step, shift, move)
 
 
 def make_sweep_tree(
