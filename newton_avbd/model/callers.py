@@ -114,10 +114,11 @@ def _of_shapes(
 
 def _of_bodies(model: newton.Model, topology: Topology) -> dict[str, np.ndarray]:
     """What calls for the effects of single bodies, and of several in a world."""
+    everyone = topology.in_company(np.ones(model.body_count, dtype=bool))
     return {
-        "pairs": topology.in_company(np.ones(model.body_count, dtype=bool)),
+        "pairs": everyone,
         "piles": topology.in_company(topology.is_alone),
-        "mixing": topology.trees_beside_others(moving(model)),
+        "mixing": np.setdiff1d(everyone, np.flatnonzero(topology.is_alone)),
         "gyroscopic": _unequal_moments(model),
         "needles": _needles(model, topology),
         "carried_rounding": np.arange(model.body_count),

@@ -217,17 +217,6 @@ class Topology:
         bodies = np.flatnonzero(chosen)
         return bodies[np.bincount(self.worlds[bodies])[self.worlds[bodies]] > 1]
 
-    def trees_beside_others(self, moves: np.ndarray) -> np.ndarray:
-        """Bodies that are moved in trees, in worlds where another block moves, too.
-
-        Args:
-            moves: Whether each body moves.
-        """
-        block = self.block_end[self.rank]
-        first = np.unique(block[moves], return_index=True)[1]
-        blocks = np.bincount(self.worlds[moves][first], minlength=1 + self.worlds.max(initial=0))
-        return np.flatnonzero(moves & ~self.is_alone & (blocks[self.worlds] > 1))
-
     @classmethod
     def of_model(
         cls,

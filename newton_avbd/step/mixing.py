@@ -44,7 +44,7 @@ def begin_mixing(world: int, s: wp.ref[Solver]) -> bool:
         body = body_at(i, s.worlds)
         for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             b = s.rows.rows[k].b
-            if s.work.inv_mass[b] > 0.0 and not is_same_block(s.worlds, body, b):
+            if s.work.inv_mass[b] > 0.0:
                 if is_in_tree(i, s) or is_in_tree(s.worlds.rank[b], s):
                     is_mixed = True
     if not is_mixed:
