@@ -673,7 +673,7 @@ class BodyWork:
     drag: wp.array[Drag]
     """In a fluid or held by servos: what slows the body down."""
     mixed: wp.array[MixedBody]
-    """Where trees may push what else moves."""
+    """Where links may push what moves."""
 
 
 @wp.struct
@@ -1564,7 +1564,7 @@ class RowWork:
     impacts: wp.array[Impact]
     """Restitution."""
     mixed: wp.array[MixedRow]
-    """Where trees may push what else moves."""
+    """Where links may push what moves."""
     struck_qd: wp.array[wp.spatial_vector]
     """Restitution: velocity of each body slot while impacts go through the world."""
     struck_at: wp.array[float]

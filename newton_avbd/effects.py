@@ -56,7 +56,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "mixing": Cause(
         "body",
-        "moved by joints, in a world in which something else moves",
+        "moved by joints, in a world of several bodies",
         "step/mixing.py",
         _OF_JOINTS,
     ),
@@ -334,7 +334,7 @@ class Effects:
     compliance: bool = False
     """Contacts and joint limits give way as the stiffness and damping that are authored say."""
     mixing: bool = False
-    """A body moved by joints, beside what else moves."""
+    """A body moved by joints, in a world of several bodies."""
     piles: bool = False
     """Free bodies in contact are solved at once, and a world has two of them."""
     second_order: bool = False

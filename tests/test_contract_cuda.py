@@ -67,7 +67,7 @@ VARIANTS = {
         HINGED, "drives limits armature springs second_order fourth_order carried_rounding"
     ),
     "a robot": with_all(
-        dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs welds"
+        dataclasses.replace(BODIES, kinds=HINGED.kinds), "drives limits armature pairs welds mixing"
     ),
     "contacts": with_all(
         BODIES,
@@ -83,7 +83,7 @@ VARIANTS = {
         "floating flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
         "gravity_compensation body_actuators servos adhesion spatial_tendons cables equalities "
-        "force_ranges",
+        "force_ranges mixing",
     ),
     "compliant articulations": with_all(JOINTED, "compliance limit_impedance"),
 }

@@ -481,6 +481,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
         "breaking",  # that some joint can break is said before
         *(
             "piles",
+            "mixing",
             "compliance",
             "ramp",
             "second_order",

@@ -1,17 +1,18 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Anderson mixing: where trees push what else moves, sweeps go on from more than the last one.
+"""Anderson mixing: where links push what moves, sweeps go on from more than the last one.
 
-A robot and the box in its gripper are solved in turns, each as if the other stood still. What both
-share, such as the lift of the box, then needs as many sweeps as contacts are stiff. But a sweep is a
+A robot and the box in its gripper are solved in turns, each as if the other stood still, and so are
+two links of a robot that press on each other. What both share, such as the lift of the box, then
+needs the more sweeps the stiffer contacts are. But a sweep is a
 map z -> F(z) of the increments of all bodies and of the multipliers of all contacts, and one that
 converges slowly does so along few directions, which its last updates d = F(z) - z tell. So the next
 sweep starts from
 
     F_k - t_1 (F_k - F_k-1) - t_2 (F_k-1 - F_k-2)
 
-with those t for which the same mixture of updates, d_k - t_1 (d_k - d_k-1) - t_2 (d_k-1 - d_k-2), is
-least. Updates count by their energy: m |dx|^2 / h^2, and |df|^2 / k of multipliers. See Anderson
+with those t for which the same mixture of updates, d_k - t_1 (d_k - d_k-1) - t_2 (d_k-1 - d_k-2),
+is least. Updates count by their energy: m |dx|^2 / h^2, and |df|^2 / k of multipliers. See Anderson
 (1965), Walker and Ni (2011), and Zhang, Peng, Ouyang and Deng (2019) for methods of multipliers. A
 step ends with a sweep, so that what mixing cannot know, closed joints and cones of friction, holds.
 """
@@ -22,7 +23,6 @@ from ..data import Solver
 from ..effects import Effects
 from .beginning import is_in_tree
 from .bodies import body_at
-from .gathering import is_same_block
 from .rotations import place_body
 from .sweep_tree import make_move
 
@@ -38,7 +38,7 @@ after a second, with 20 by 0.01."""
 
 @wp.func
 def begin_mixing(world: int, s: wp.ref[Solver]) -> bool:
-    """Notes from where the next sweep starts, if a tree pushes what else moves; returns whether."""
+    """Notes from where the next sweep starts, if a link may push what moves; returns whether."""
     is_mixed = bool(False)
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
         body = body_at(i, s.worlds)
