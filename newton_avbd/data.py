@@ -601,15 +601,15 @@ class ContactInput:
 class MixedBody:
     """What :mod:`.step.mixing` remembers of the last sweeps of a body, (dx [m], dtheta [rad])."""
 
-    start: wp.spatial_vector
+    start: wp.spatial_vectorf
     """Increment that the last sweep started from."""
-    end: wp.spatial_vector
+    end: wp.spatial_vectorf
     """Increment that it led to."""
-    update: wp.spatial_vector
+    update: wp.spatial_vectorf
     """Their difference."""
-    shift: wp.spatial_vector
+    shift: wp.spatial_vectorf
     """How far the end was from that of the sweep before."""
-    change: wp.spatial_vector
+    change: wp.spatial_vectorf
     """How far the update was from that of the sweep before."""
 
 
