@@ -54,12 +54,7 @@ CAUSES: dict[str, Cause] = {
         "step/piles.py",
         "Pass blocks='body'.",
     ),
-    "mixing": Cause(
-        "body",
-        "moved by joints, in a world of several bodies",
-        "step/mixing.py",
-        _OF_JOINTS,
-    ),
+    "mixing": Cause("body", "moved by joints, in a world of several bodies", "step/mixing.py"),
     "cylinders": Cause("shape", "of type CYLINDER, which may roll", "step/rolling.py"),
     "ellipsoids": Cause(
         "shape", "of type ELLIPSOID, which may touch without a normal", "step/ellipsoids.py"

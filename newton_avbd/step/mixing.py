@@ -29,6 +29,8 @@ from .sweep_tree import make_move
 MOST_MIXED = wp.constant(4.0)
 """Most that a difference of sweeps counts. The last one counts by zero at least: sweeps that
 overshoot are not shortened."""
+MOST_TURN = wp.constant(0.1)
+"""Turn of a body from sweep to sweep [rad] beyond which the last ones tell nothing of the next."""
 UNCERTAIN = wp.constant(1.0e-2)
 """Share of itself that is added to the square of each difference, since they are alike."""
 MIXED_FACTOR = wp.constant(2)
@@ -73,6 +75,7 @@ def least_mixture(world: int, sweep: int, h: float, s: wp.ref[Solver]) -> wp.vec
     inv_h2 = 1.0 / (h * h)
     a_11, a_12, a_22 = float(0.0), float(0.0), float(0.0)
     b_1, b_2 = float(0.0), float(0.0)
+    turned = float(0.0)
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
         body = body_at(i, s.worlds)
         if s.work.inv_mass[body] == 0.0:
@@ -85,6 +88,8 @@ def least_mixture(world: int, sweep: int, h: float, s: wp.ref[Solver]) -> wp.vec
         a_22 += along(body, last.change, last.change, inv_h2, s)
         b_1 += along(body, update, change, inv_h2, s)
         b_2 += along(body, update, last.change, inv_h2, s)
+        turn = wp.spatial_bottom(s.work.increment[body] - last.end)
+        turned = wp.max(turned, wp.length_sq(turn))
         for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             held = s.rows.mixed[k]
             row = s.rows.rows[k]
@@ -95,7 +100,7 @@ def least_mixture(world: int, sweep: int, h: float, s: wp.ref[Solver]) -> wp.vec
             a_22 += wp.dot(held.change, held.change) / row.k_n
             b_1 += wp.dot(force, other) / row.k_n
             b_2 += wp.dot(force, held.change) / row.k_n
-    if sweep < 3 or a_11 == 0.0:
+    if sweep < 3 or a_11 == 0.0 or turned > MOST_TURN * MOST_TURN:
         return wp.vec2(0.0)
     a_11 *= 1.0 + UNCERTAIN
     a_22 *= 1.0 + UNCERTAIN
