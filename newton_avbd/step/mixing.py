@@ -34,8 +34,8 @@ MOST_TURN = wp.constant(0.1)
 UNCERTAIN = wp.constant(1.0e-2)
 """Share of itself that is added to the square of each difference, since they are alike."""
 MIXED_FACTOR = wp.constant(2)
-"""How many times more a world sweeps then: with 10 sweeps an arm that pushes a box is off by 10 mm
-after a second, with 20 by 0.01."""
+"""How many times more a world sweeps then: with 10 sweeps an arm that pushes a box is off by 39 mm
+after a second at 60 Hz, with 20 by 6 mm; without mixing 10 sweeps leave 136 mm."""
 
 
 @wp.func
