@@ -1732,9 +1732,8 @@ class History:
     """Acceleration of a body with joints in the last step [m/s^2, rad/s^2]."""
     friction_force: wp.array[float]
     """Multiplier of friction on a degree of freedom outside of trees [N or N m]."""
-    falling: wp.array[float]
-    """Share of its free acceleration that a body had in the last step, 0 to 1; 0 for a body of a
-    pile that others hold."""
+    gained: wp.array[wp.vec3]
+    """Acceleration of a body in the last step [m/s^2]; 0 for a body of a pile that others hold."""
     step: wp.array[float]
     """Length of the last step [s], shape (world_count,)."""
     age: wp.array[wp.int32]

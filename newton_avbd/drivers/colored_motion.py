@@ -106,7 +106,7 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
             s[0].islands.start_q[body] = s[0].work.pose[body]
             s[0].islands.start_qd[body] = velocity
         if s[0].colors.is_finite[world] == 0:
-            s[0].history.falling[body] = 0.0
+            s[0].history.gained[body] = wp.vec3(0.0)
         elif s[0].work.inv_mass[body] > 0.0:
             velocity = end_velocity(
                 s[0].worlds.rank[body], s[0].colors.scale[world], step.body_qd, True, s[0]

@@ -156,7 +156,7 @@ def history(model: newton.Model, second_order: bool, is_linked: bool, sides: int
     history = data.History()
     history.start = wp.zeros((sides, slots), dtype=wp.int32)
     history.end = wp.zeros((sides, slots), dtype=wp.int32)
-    history.falling = wp.zeros(slots, dtype=float)
+    history.gained = wp.zeros(slots, dtype=wp.vec3)
     if second_order:
         history.last = wp.zeros(slots, dtype=data.LastStep)
         history.pushing = wp.zeros(slots, dtype=wp.int32)

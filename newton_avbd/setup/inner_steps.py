@@ -21,7 +21,7 @@ _BY: dict[str, str] = {
     **dict.fromkeys(
         (
             *("history.joint_force", "history.left_q", "history.lost", "history.acceleration"),
-            *("history.falling", "history.last", "history.pushing", "history.flying"),
+            *("history.gained", "history.last", "history.pushing", "history.flying"),
             *("tree.runge_kutta.left_q", "tree.runge_kutta.left_qd"),
             "tree.runge_kutta.ball_start",
         ),

@@ -29,6 +29,8 @@ FAST = wp.constant(0.25)
 """Turn of a step [rad] from which the spin of a linked body resists tilting within the step."""
 NOT_UNIT = wp.constant(1.0e-4)
 """Squared length of a quaternion, less 1, that rounding does not explain."""
+HOLDING = wp.constant(1.001)
+"""How far beyond Gauss's principle an acceleration may be and still be one that contacts allow."""
 MIDPOINT = wp.constant(0.15)
 """Turn of a step [rad] up to which a free body takes the implicit midpoint rule at second order:
 its energy swings by up to turn^2/24 of it, 1e-3 here. Beyond, backward Euler takes energy away."""
@@ -291,6 +293,24 @@ def report_freed(
         )
 
 
+@wp.func
+def expected(free: wp.spatial_vector, last: wp.vec3) -> wp.spatial_vector:
+    """What a step is likely to add to the coasting of a body, by what the last one added [m].
+
+    Contacts that only hold leave of the free acceleration f what is nearest to it, a with
+    a.a = a.f (Gauss's principle): then the acceleration of the last step goes on. Where a.a is
+    more, something pushes, as in an impact, and the body has the same share of its free
+    acceleration again (VBD, section 3.7).
+    """
+    shift = wp.spatial_top(free)
+    along = wp.dot(last, shift)
+    share = wp.clamp(along / wp.max(wp.dot(shift, shift), 1.0e-30), 0.0, 1.0)
+    guess = share * free
+    if along > 0.0 and wp.dot(last, last) <= HOLDING * along:
+        return wp.spatial_vector(last, wp.spatial_bottom(guess))
+    return guess
+
+
 @functools.cache
 def make_predict_body(effects: Effects) -> wp.Function:
     """Device function: all that the sweeps need of a body, once a step.
@@ -361,11 +381,10 @@ def make_predict_body(effects: Effects) -> wp.Function:
         if wp.static(effects.ramp):
             s.work.increment[body] = target
             return
-        # Start from the share of its free acceleration that the body had in the last step (VBD,
-        # section 3.7): a resting body starts at rest, a falling one at its target. Of one that
-        # others hold the share counts as none (:mod:`.ending`).
+        # of a body that others hold the last acceleration counts as none (:mod:`.ending`)
         coasting = h * velocity
-        s.work.increment[body] = coasting + s.history.falling[body] * (target - coasting)
+        last = (h * h) * s.history.gained[body]
+        s.work.increment[body] = coasting + expected(target - coasting, last)
 
     return predict_body
 

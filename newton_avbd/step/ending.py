@@ -216,14 +216,12 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
         got = wp.spatial_top(increment - coasting)
         if wp.static(effects.joints):
             s.history.acceleration[body] = (increment - coasting) / (step * step)
-        s.history.falling[body] = wp.clamp(
-            wp.dot(got, free) / wp.max(wp.dot(free, free), 1.0e-30), 0.0, 1.0
-        )
+        s.history.gained[body] = got / (step * step)
         if wp.static(effects.pairs):
-            if s.history.falling[body] < HELD and has_no_joints(rank, s):
+            if wp.dot(got, free) < HELD * wp.dot(free, free) and has_no_joints(rank, s):
                 if pushes_others(body, s):
                     # of a pile that is what sweeps had not finished, and would go on next time
-                    s.history.falling[body] = 0.0
+                    s.history.gained[body] = wp.vec3(0.0)
         velocity = increment / step
         if wp.static(effects.second_order):
             velocity = (increment - s.work.lead[body]) / step

@@ -101,7 +101,7 @@ def hold_world(
         step.body_q_out[body] = s.work.pose[body]
         step.body_qd_out[body] = body_qd[body]
         s.rows.owned_end[body] = s.rows.owned_start[body]
-        s.history.falling[body] = 0.0
+        s.history.gained[body] = wp.vec3(0.0)
         for side in range(s.history.start.shape[0]):
             s.history.start[side, body] = 0
             s.history.end[side, body] = 0

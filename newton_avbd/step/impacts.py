@@ -305,7 +305,8 @@ def leave_impacts(body: int, scale: WorldScale, s: wp.ref[Solver]):
         for k in range(row_count(body, s.rows)):
             early = add_target(body, owned_last(body, k, s.rows), 1.0, scale.h, s)
             s.work.increment[body] = s.work.increment[body] - early
-        s.history.falling[body] = free_share(body, scale, s.work)
+        share = free_share(body, scale, s.work)
+        s.history.gained[body] = share * s.model.gravity[s.model.world[body]]
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ def reset_bodies(
     for side in range(s[0].history.start.shape[0]):
         s[0].history.start[side, body] = 0
         s[0].history.end[side, body] = 0
-    s[0].history.falling[body] = 0.0
+    s[0].history.gained[body] = wp.vec3(0.0)
     if s[0].work.put.shape[0] > 0:
         forget_pose(body, s[0].work)
     if s[0].sleep.still.shape[0] > 0:

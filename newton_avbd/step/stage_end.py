@@ -135,7 +135,7 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
         wrench = external_wrench(body, s)
         given = s.model.inv_mass[body] * wp.spatial_top(wrench)
         s.history.acceleration[body] = gained
-        s.history.falling[body] = 1.0
+        s.history.gained[body] = wp.spatial_top(gained)
         s.history.joint_force[body] = wp.vec3(0.0)
         if is_linked(body, s):
             s.history.lost[body] = wp.vec3(0.0)
