@@ -116,7 +116,7 @@ def test_articulations_on_the_ground_keep_their_momentum(options: dict) -> None:
 
 @pytest.mark.parametrize("mu", [0.3, 0.5, 0.8])
 def test_friction_drags_a_box_along(mu: float) -> None:
-    """On a plank that is drawn from under it at twice what friction could; to 0.5 % in 0.2 s.
+    """On a plank that is drawn from under it at twice what friction could; to 0.03 % in 0.2 s.
 
     Friction above g/2 was taken for an impact, which ends with its step.
     """
@@ -133,7 +133,7 @@ def test_friction_drags_a_box_along(mu: float) -> None:
     sim.state.body_f.assign(wrenches)
     sim.run(0.2)
     accelerations = [(force - mu * G * sim.mass[1]) / sim.mass[0], mu * G]
-    np.testing.assert_allclose(sim.velocity[:, 0], 0.2 * np.array(accelerations), rtol=5e-3)
+    np.testing.assert_allclose(sim.velocity[:, 0], 0.2 * np.array(accelerations), rtol=3e-4)
 
 
 def add_gripper(builder: newton.ModelBuilder, apart: float, mu: float) -> int:

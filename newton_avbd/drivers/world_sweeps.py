@@ -53,6 +53,7 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
         update = float(0.0)
         sweep = int(0)
         is_mixed = bool(False)
+        mixture = wp.vec2(0.0)
         while sweep < most:
             update = sweep_world(world, sweep > 0, recovery, scale, step, s)
             sweep += 1
@@ -62,7 +63,7 @@ def make_sweep_to_rest(effects: Effects, stages: Stages) -> wp.Function:
             if wp.static(effects.mixing):
                 if recovery == 0.0 and sweep < most:
                     if is_mixed:
-                        mix(world, sweep, scale.step, s)
+                        mixture = mix(world, sweep, mixture, scale.step, s)
                     elif sweep == 1:
                         is_mixed = begin_mixing(world, s)
                         if is_mixed:

@@ -12,9 +12,10 @@ sweep starts from
     F_k - t_1 (F_k - F_k-1) - t_2 (F_k-1 - F_k-2)
 
 with those t for which the same mixture of updates, d_k - t_1 (d_k - d_k-1) - t_2 (d_k-1 - d_k-2),
-is least. Updates count by their energy: m |dx|^2 / h^2, and |df|^2 / k of multipliers. See Anderson
-(1965), Walker and Ni (2011), and Zhang, Peng, Ouyang and Deng (2019) for methods of multipliers. A
-step ends with a sweep, so that what mixing cannot know, closed joints and cones of friction, holds.
+is least. Updates count by their energy: m |dx|^2 / h^2, and |df|^2 / k of multipliers. After one that
+is larger than the last one, nothing is mixed. See Anderson (1965), Walker and Ni (2011), and Zhang,
+Peng, Ouyang and Deng (2019) for methods of multipliers. A step ends with a sweep, so that what
+mixing cannot know, closed joints and cones of friction, holds.
 """
 
 import warp as wp
@@ -60,20 +61,28 @@ def begin_mixing(world: int, s: wp.ref[Solver]) -> bool:
 
 
 @wp.func
-def along(
-    body: int, a: wp.spatial_vector, b: wp.spatial_vector, inv_h2: float, s: wp.ref[Solver]
-) -> float:
-    """Product of two updates of a body [J]."""
-    shifts = s.model.mass[body] * wp.dot(wp.spatial_top(a), wp.spatial_top(b))
-    turns = wp.dot(wp.spatial_bottom(a), s.work.inertia[body] * wp.spatial_bottom(b))
-    return inv_h2 * (shifts + turns)
+def inertial(
+    body: int, update: wp.spatial_vector, inv_h2: float, s: wp.ref[Solver]
+) -> wp.spatial_vector:
+    """Of which an update's product with another one is an energy [J]."""
+    return inv_h2 * wp.spatial_vector(
+        s.model.mass[body] * wp.spatial_top(update),
+        s.work.inertia[body] * wp.spatial_bottom(update),
+    )
 
 
 @wp.func
-def least_mixture(world: int, sweep: int, h: float, s: wp.ref[Solver]) -> wp.vec2:
-    """The t_1 and t_2 for which the mixture of the last updates is least."""
+def least_mixture(
+    world: int, sweep: int, before: wp.vec2, h: float, s: wp.ref[Solver]
+) -> tuple[wp.vec2, wp.vec2]:
+    """The t_1 and t_2 for which the mixture of the last updates is least.
+
+    Takes what the sweep before left: the squares of its update and of how that had changed.
+    Returns those of this sweep, too.
+    """
     inv_h2 = 1.0 / (h * h)
-    a_11, a_12, a_22 = float(0.0), float(0.0), float(0.0)
+    size = float(0.0)
+    a_11, a_12 = float(0.0), float(0.0)
     b_1, b_2 = float(0.0), float(0.0)
     turned = float(0.0)
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
@@ -81,36 +90,41 @@ def least_mixture(world: int, sweep: int, h: float, s: wp.ref[Solver]) -> wp.vec
         if s.work.inv_mass[body] == 0.0:
             continue
         last = s.work.mixed[body]
-        update = s.work.increment[body] - last.start
+        end = s.work.increment[body]
+        update = end - last.start
         change = update - last.update
-        a_11 += along(body, change, change, inv_h2, s)
-        a_12 += along(body, change, last.change, inv_h2, s)
-        a_22 += along(body, last.change, last.change, inv_h2, s)
-        b_1 += along(body, update, change, inv_h2, s)
-        b_2 += along(body, update, last.change, inv_h2, s)
-        turn = wp.spatial_bottom(s.work.increment[body] - last.end)
-        turned = wp.max(turned, wp.length_sq(turn))
+        by_update = inertial(body, update, inv_h2, s)
+        by_change = inertial(body, change, inv_h2, s)
+        size += wp.dot(update, by_update)
+        a_11 += wp.dot(change, by_change)
+        a_12 += wp.dot(last.change, by_change)
+        b_1 += wp.dot(update, by_change)
+        b_2 += wp.dot(last.change, by_update)
+        turned = wp.max(turned, wp.length_sq(wp.spatial_bottom(end - last.end)))
         for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
             held = s.rows.mixed[k]
-            row = s.rows.rows[k]
-            force = row.force - held.start
-            other = force - held.update
-            a_11 += wp.dot(other, other) / row.k_n
-            a_12 += wp.dot(other, held.change) / row.k_n
-            a_22 += wp.dot(held.change, held.change) / row.k_n
-            b_1 += wp.dot(force, other) / row.k_n
-            b_2 += wp.dot(force, held.change) / row.k_n
-    if sweep < 3 or a_11 == 0.0 or turned > MOST_TURN * MOST_TURN:
-        return wp.vec2(0.0)
+            softness = 1.0 / s.rows.rows[k].k_n
+            step = s.rows.rows[k].force - held.start
+            other = step - held.update
+            size += softness * wp.dot(step, step)
+            a_11 += softness * wp.dot(other, other)
+            a_12 += softness * wp.dot(held.change, other)
+            b_1 += softness * wp.dot(step, other)
+            b_2 += softness * wp.dot(step, held.change)
+    after = wp.vec2(size, a_11)
+    is_worse = size > before[0]
+    if sweep < 3 or a_11 == 0.0 or is_worse or turned > MOST_TURN * MOST_TURN:
+        return wp.vec2(0.0), after
     a_11 *= 1.0 + UNCERTAIN
-    a_22 *= 1.0 + UNCERTAIN
+    a_22 = (1.0 + UNCERTAIN) * before[1]
     t_1 = b_1 / a_11
     t_2 = float(0.0)
     determinant = a_11 * a_22 - a_12 * a_12
     if sweep > 3 and determinant > 0.0:
         t_1 = (b_1 * a_22 - b_2 * a_12) / determinant
         t_2 = (b_2 * a_11 - b_1 * a_12) / determinant
-    return wp.vec2(wp.clamp(t_1, -MOST_MIXED, 0.0), wp.clamp(t_2, -MOST_MIXED, MOST_MIXED))
+    t_1 = wp.clamp(t_1, -MOST_MIXED, 0.0)
+    return wp.vec2(t_1, wp.clamp(t_2, -MOST_MIXED, MOST_MIXED)), after
 
 
 def make_mix(effects: Effects) -> wp.Function:
@@ -129,10 +143,10 @@ def make_mix(effects: Effects) -> wp.Function:
                 place_body(body, s)
 
     @wp.func
-    def mix(world: int, sweep: int, h: float, s: wp.ref[Solver]):
+    def mix(world: int, sweep: int, before: wp.vec2, h: float, s: wp.ref[Solver]) -> wp.vec2:
         """Takes how many sweeps there have been: the first has other multipliers, the second starts
-        what is remembered."""
-        t = least_mixture(world, sweep, h, s)
+        what is remembered. Takes and returns what :func:`least_mixture` does of sweeps."""
+        t, after = least_mixture(world, sweep, before, h, s)
         for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
             body = body_at(i, s.worlds)
             if s.work.inv_mass[body] == 0.0:
@@ -159,5 +173,6 @@ def make_mix(effects: Effects) -> wp.Function:
                 held.start = mixed
                 s.rows.mixed[k] = held
                 s.rows.rows[k].force = mixed
+        return after
 
     return mix
