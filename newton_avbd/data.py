@@ -1215,6 +1215,11 @@ class Wrap:
     length: wp.float64
     first: wp.vec3d
     last: wp.vec3d
+    back: wp.float64
+    """How far one of the spans beside it runs backwards [m]: the first, or if it is below 0 the
+    last."""
+    along: wp.vec3d
+    """Direction of that span from its start to its end."""
 
 
 @wp.struct
@@ -1230,6 +1235,7 @@ class TendonSpan:
     along: wp.vec3
     """Direction from start to end; zero where they coincide."""
     length: float
+    """How far either end is from what the span turns about as that end moves [m]."""
     share: float
     """1 over the divisor of the pulley before it."""
 
@@ -1271,6 +1277,9 @@ class TendonModel:
     """Where they are [m]."""
     rotation: wp.array[wp.quat]
     """Orientation of geoms."""
+    outside: wp.array[wp.vec3d]
+    """By geom with a side site inside, how far outside of its surface the nearer end of its path
+    is [m]: at the start of the step, now, and where the step is taken to pass."""
     spans: wp.array[TendonSpan]
     """Spans of a tendon from its first element on."""
     span_end: wp.array[wp.int32]

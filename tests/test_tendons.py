@@ -50,6 +50,42 @@ SCENE = """
   <actuator>{actuator}</actuator>
 </mujoco>
 """
+LIGHT, HEAVY, NEAR, FAR = 0.5, 5.0, 0.3, 1.2
+"""Two ends of a tendon that runs through a ball: masses [kg], and places on the line that leads out
+of its center [m]. The near one is on the surface of the ball."""
+
+
+def through_ball(has: str) -> str:
+    return f"""
+<mujoco>
+  <compiler angle="radian"/>
+  <worldbody>
+    <geom name="ball" type="sphere" size="{NEAR}" contype="0" conaffinity="0"/>
+    <site name="middle"/>
+    <body name="arm" pos="0 3 0">
+      <joint name="hinge" type="hinge" axis="0 1 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="0.3 0.5 0.4"/>
+    </body>
+    <body pos="{NEAR} 0 0">
+      <joint type="slide" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="{LIGHT}" diaginertia="0.3 0.5 0.4"/>
+      <site name="near"/>
+    </body>
+    <body pos="{FAR} 0 0">
+      <joint type="slide" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="{HEAVY}" diaginertia="0.3 0.5 0.4"/>
+      <site name="far"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial {has}>
+      <site site="near"/><geom geom="ball" sidesite="middle"/><site site="far"/>
+    </spatial>
+  </tendon>
+</mujoco>
+"""
+
+
 OVER_DRUM = """<spatial name="cord" {has}><site site="behind"/><geom geom="drum" sidesite="above"/>
 <site site="tip"/></spatial>"""
 ROPE = """<spatial name="rope" {has}><site site="left"/><site site="pulley_left"/>
@@ -254,6 +290,62 @@ def test_a_limit_of_a_fixed_tendon_stops_the_sum_of_its_coordinates() -> None:
     t = 0.6
     apart = 3.0 * q[-1, LEFT] - q[-1, RIGHT]
     assert apart == pytest.approx(0.5 * t - G * t * (t + DT), rel=1.0e-3)
+
+
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_a_limit_pulls_on_where_a_path_through_a_geom_is_shortest(scheme: str) -> None:
+    """A light end stays on the surface, and the heavy end comes in as MuJoCo's law of limits says.
+
+    Off the surface the light end yields with its mass m, so of m and M and with b and K of
+    ``solref`` the law is F = d (b v + d K r)/(1/m + 1/M), by which the heavy end is a damped
+    oscillator. So far beyond its range d is 0.95. The light end passes the surface within steps,
+    which is an error of first order.
+    """
+    share = 0.95 * LIGHT / (LIGHT + HEAVY)
+    damping = 2.0 / (0.95 * 0.02)
+    stiffness = 0.95 / (0.95 * 0.02) ** 2
+    half = share * damping / 2.0
+    rate = np.sqrt(share * stiffness - half**2)
+    time, beyond = 0.1, FAR - NEAR - 0.5
+    left = np.cos(rate * time) + half / rate * np.sin(rate * time)
+    reached = beyond * (np.exp(-half * time) * left - 1.0)
+    dt = DT / 4.0
+    model = model_of(through_ball('range="0 0.5"'))
+    path, solver = run(model, round(time / dt), dt=dt, scheme=scheme, compliant_contacts=True)
+    assert path[-1, RIGHT] == pytest.approx(reached, rel=0.02)
+    assert np.abs(path[:, LEFT]).max() < 0.01
+    assert solver.status.bounded_steps[0] == 0
+
+
+def test_a_tendon_beyond_its_limit_is_brought_back_where_its_path_is_shortest() -> None:
+    """The heavy end has to come in by all of it, without a velocity.
+
+    Bound: the light end moves there and back by 2 cm, what a recovery takes out of a length.
+    """
+    path, _ = run(model_of(through_ball('range="0 0.5"')), 400)
+    assert path[-1, RIGHT] == pytest.approx(NEAR + 0.5 - FAR, abs=1.0e-4)
+    assert np.abs(path[:, LEFT]).max() < 0.021
+
+
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_an_end_on_a_spring_swings_through_where_its_path_is_shortest(scheme: str) -> None:
+    """As in MuJoCo with steps that are a fiftieth.
+
+    Bounds: the heavy end's way is of first order where the light one passes the surface.
+    """
+    time, text = 0.2, through_ball('springlength="0 0.5" stiffness="200"')
+    start = (0.0, -0.1, 0.0)
+    path, solver = run(model_of(text), round(time / DT), start=start, scheme=scheme)
+    native = mujoco.MjModel.from_xml_string(text)
+    native.opt.timestep = DT / 50.0
+    native.opt.gravity = 0.0
+    now = mujoco.MjData(native)
+    now.qpos[:] = start
+    while now.time < time - 0.5 * native.opt.timestep:
+        mujoco.mj_step(native, now)
+    assert path[-1, RIGHT] == pytest.approx(now.qpos[RIGHT], rel=0.01)
+    assert np.ptp(path[:, LEFT]) > 0.15
+    assert solver.status.bounded_steps[0] == 0
 
 
 def test_friction_loss_holds_a_tendon_and_then_slips() -> None:

@@ -33,6 +33,13 @@ COINCIDENT = wp.constant(wp.float64(1.0e-12))
 ZERO = wp.constant(wp.float64(0.0))
 ONE = wp.constant(wp.float64(1.0))
 HALF_TURN = wp.constant(wp.float64(3.141592653589793))
+WHERE_IT_IS = wp.constant(0)
+WITHIN = wp.constant(1)
+OUTSIDE = wp.constant(2)
+"""On which side of a ring a path is taken to end: where it does, with an end within, or outside."""
+SHORTEST = wp.constant(1.0e-6)
+"""Length of a span [m], and cosine at which a path meets a ring, that nothing is divided by less
+than."""
 MOST_STEPS = 20
 """Iterations for the point at which a path touches a circle from inside; 4 are usual."""
 
@@ -97,14 +104,54 @@ def around_circle(
 
 
 @wp.func
-def inside_circle(p: wp.vec2d, q: wp.vec2d, radius: wp.float64) -> Wrap:
+def beyond_ring(p: wp.vec2d, q: wp.vec2d, radius: wp.float64) -> Wrap:
+    """The path of :func:`inside_circle` by a point of the ring, for a p within: a length without
+    the kink that the path has where p passes the ring.
+
+    The span from p to the ring has vanished there, and further in runs backwards.
+    """
+    out = Wrap()
+    out.length = -ONE
+    far = wp.length(p)
+    if far < COINCIDENT:
+        return out
+    outwards = p / far
+    touch = radius * outwards
+    rest = wp.length(q - touch)
+    share = wp.dot(q - touch, outwards)
+    if share <= ZERO:
+        # straight through the ring, with no kink
+        return out
+    along = (q - touch) / rest - wp.float64(2.0) * share / rest * outwards
+    back = (radius - far) * share / rest
+    if back >= rest:
+        return out
+    out.back = back
+    out.length = ZERO
+    out.first = wp.vec3d(touch[0], touch[1], ZERO)
+    out.last = out.first
+    out.along = wp.vec3d(along[0], along[1], ZERO)
+    return out
+
+
+@wp.func
+def inside_circle(p: wp.vec2d, q: wp.vec2d, radius: wp.float64, taken: int) -> Wrap:
     """The path from p to q that a ring holds from outside: straight through it, or by the point of
-    the ring at which its two spans make equal angles with the ring."""
+    the ring at which its two spans make equal angles with the ring. An end that has passed the ring
+    may be taken to be on the other side of it."""
     out = Wrap()
     out.length = -ONE
     far_p = wp.length(p)
     far_q = wp.length(q)
-    if wp.min(far_p, far_q) <= radius or radius < COINCIDENT:
+    if radius < COINCIDENT or taken == WITHIN:
+        return out
+    if wp.min(far_p, far_q) <= radius:
+        if taken == OUTSIDE and wp.max(far_p, far_q) > radius:
+            if far_p < far_q:
+                return beyond_ring(p, q, radius)
+            out = beyond_ring(q, p, radius)
+            out.back = -out.back
+            out.along = -out.along
         return out
     across = q - p
     square = wp.dot(across, across)
@@ -147,7 +194,13 @@ def inside_circle(p: wp.vec2d, q: wp.vec2d, radius: wp.float64) -> Wrap:
 
 @wp.func
 def wrap(
-    p: wp.vec3d, q: wp.vec3d, kind: int, radius: wp.float64, side: wp.vec3d, has_side: bool
+    p: wp.vec3d,
+    q: wp.vec3d,
+    kind: int,
+    radius: wp.float64,
+    side: wp.vec3d,
+    has_side: bool,
+    taken: int,
 ) -> Wrap:
     """The arc of a path from p to q around a geom, in the geom's frame; a length below 0 for none.
 
@@ -173,22 +226,31 @@ def wrap(
     flat_side = wp.vec2d(wp.dot(side, axis0), wp.dot(side, axis1))
     out = Wrap()
     if has_side and wp.length(side) < radius:
-        out = inside_circle(flat_p, flat_q, radius)
+        out = inside_circle(flat_p, flat_q, radius, taken)
     else:
         out = around_circle(flat_p, flat_q, flat_side, has_side, radius)
     if out.length < ZERO:
         return out
     first = out.first[0] * axis0 + out.first[1] * axis1
     last = out.last[0] * axis0 + out.last[1] * axis1
+    along = out.along[0] * axis0 + out.along[1] * axis1
     if kind == CYLINDER:
         before = wp.length(flat_p - wp.vec2d(out.first[0], out.first[1]))
         after = wp.length(flat_q - wp.vec2d(out.last[0], out.last[1]))
+        if out.back > ZERO:
+            before = -out.back
+        elif out.back < ZERO:
+            after = out.back
         climb = (q[2] - p[2]) / wp.max(before + out.length + after, COINCIDENT)
         first[2] = p[2] + climb * before
         last[2] = p[2] + climb * (before + out.length)
-        out.length *= wp.sqrt(ONE + climb * climb)
+        steep = wp.sqrt(ONE + climb * climb)
+        out.length *= steep
+        out.back *= steep
+        along = wp.vec3d(along[0], along[1], climb) / steep
     out.first = first
     out.last = last
+    out.along = along
     return out
 
 
@@ -231,7 +293,77 @@ def add_span(
 
 
 @wp.func
-def arc_of(last: int, geom: int, k: int, tendons: wp.ref[TendonModel]) -> Wrap:
+def run_back(at: int, share: wp.float64, arc: Wrap, spans: wp.array[TendonSpan]) -> wp.float64:
+    """Has a span run backwards; returns its share of the length."""
+    spans[at].along = single(arc.along)
+    spans[at].length = wp.float32(wp.abs(arc.back))
+    return -share * wp.abs(arc.back)
+
+
+@wp.func
+def reach_images(at: int, radius: float, spans: wp.array[TendonSpan]):
+    """How far two spans reach that meet at a ring.
+
+    As an end moves, the point where they meet goes along the ring. So a span turns about the image
+    of its other end in the ring, a convex mirror, and not about that point, which an end comes
+    close to.
+    """
+    first = spans[at - 1].length
+    last = spans[at].length
+    turned = wp.dot(spans[at - 1].along, spans[at].along)
+    steep = wp.sqrt(wp.max(0.5 * (1.0 - turned), 0.0))
+    bent = 2.0 / (radius * wp.max(steep, SHORTEST))
+    spans[at - 1].length = first + 1.0 / (1.0 / wp.max(last, SHORTEST) + bent)
+    spans[at].length = last + 1.0 / (1.0 / wp.max(first, SHORTEST) + bent)
+
+
+@wp.func
+def far_outside(last: int, geom: int, k: int, tendons: wp.ref[TendonModel]) -> wp.float64:
+    """How far outside of a geom the nearer one of two sites of a path is [m], if the path runs
+    through the geom; 0 elsewhere."""
+    center = tendons.point[geom]
+    radius = wp.float64(tendons.value[geom])
+    if tendons.kind[geom + 1] != SIDE or wp.length(tendons.point[geom + 1] - center) >= radius:
+        return ZERO
+    p = tendons.point[last] - center
+    q = tendons.point[k] - center
+    if tendons.kind[geom] == CYLINDER:
+        axis = double(wp.quat_rotate(tendons.rotation[geom], wp.vec3(0.0, 0.0, 1.0)))
+        p -= wp.dot(p, axis) * axis
+        q -= wp.dot(q, axis) * axis
+    return wp.min(wp.length(p), wp.length(q)) - radius
+
+
+@wp.func
+def side_taken(
+    last: int, geom: int, k: int, ahead: wp.float64, tendons: wp.ref[TendonModel]
+) -> int:
+    """The side of a geom on which a path that runs through it is taken to end within the step.
+
+    An ``ahead`` of 0 or more chooses it, by where the nearer end then is after that share of a
+    step.
+    """
+    now = far_outside(last, geom, k, tendons)
+    known = tendons.outside[geom]
+    if ahead >= ZERO:
+        known = wp.vec3d(now, now, now + ahead * (now - known[0]))
+    known[1] = now
+    tendons.outside[geom] = known
+    return wp.where(known[2] > ZERO, OUTSIDE, WITHIN)
+
+
+@wp.func
+def meets_kink(k: int, tendons: wp.ref[TendonModel]) -> bool:
+    """Whether an end of a path has passed the surface of a geom in the step, or will in the next
+    one if it goes on."""
+    started = tendons.outside[k][0]
+    now = tendons.outside[k][1]
+    then = now + (now - started)
+    return (now > ZERO) != (started > ZERO) or (now > ZERO) != (then > ZERO)
+
+
+@wp.func
+def arc_of(last: int, geom: int, k: int, taken: int, tendons: wp.ref[TendonModel]) -> Wrap:
     """The arc between two sites of a path around a geom, from the origin of the tendon."""
     center = tendons.point[geom]
     turned = tendons.rotation[geom]
@@ -245,15 +377,24 @@ def arc_of(last: int, geom: int, k: int, tendons: wp.ref[TendonModel]) -> Wrap:
         wp.float64(tendons.value[geom]),
         wp.quat_rotate_inv(axes, tendons.point[geom + 1] - center),
         tendons.kind[geom + 1] == SIDE,
+        taken,
     )
     out.first = center + wp.quat_rotate(axes, out.first)
     out.last = center + wp.quat_rotate(axes, out.last)
+    out.along = wp.quat_rotate(axes, out.along)
     return out
 
 
 @wp.func
-def find_path(i: int, tendons: wp.ref[TendonModel]) -> wp.float64:
-    """Spans of a spatial tendon by where its elements are, and its length [m]."""
+def find_path(i: int, in_step: bool, ahead: wp.float64, tendons: wp.ref[TendonModel]) -> wp.float64:
+    """Spans of a spatial tendon by where its elements are, and its length [m].
+
+    A path that runs through a geom is shortest, with a kink, where one of its ends is on the
+    surface. Within a step its length goes on without the kink, on the side that
+    :func:`side_taken` chooses: a light end that a tendon pulls there would be held by the kink
+    otherwise, from sweep to sweep on the other side, and by its jumps the tendon would pull nothing
+    else as it should.
+    """
     length = wp.float64(0.0)
     share = wp.float64(1.0)
     last = int(-1)
@@ -272,15 +413,27 @@ def find_path(i: int, tendons: wp.ref[TendonModel]) -> wp.float64:
                 start = tendons.point[last]
                 end = tendons.point[k]
                 from_ = int(last)
+                arc = Wrap()
                 if geom >= 0:
-                    arc = arc_of(last, geom, k, tendons)
+                    taken = int(WHERE_IT_IS)
+                    if in_step:
+                        taken = side_taken(last, geom, k, ahead, tendons)
+                    arc = arc_of(last, geom, k, taken, tendons)
                     if arc.length >= ZERO:
                         length += share * arc.length
-                        length += add_span(last, geom, start, arc.first, share, at, tendons.spans)
+                        part = add_span(last, geom, start, arc.first, share, at, tendons.spans)
+                        if arc.back > ZERO:
+                            part = run_back(at, share, arc, tendons.spans)
+                        length += part
                         at += 1
                         start = arc.last
                         from_ = geom
-                length += add_span(from_, k, start, end, share, at, tendons.spans)
+                part = add_span(from_, k, start, end, share, at, tendons.spans)
+                if arc.back < ZERO:
+                    part = run_back(at, share, arc, tendons.spans)
+                length += part
+                if geom >= 0 and from_ == geom and arc.length == ZERO:
+                    reach_images(at, tendons.value[geom], tendons.spans)
                 at += 1
             last = k
             geom = -1

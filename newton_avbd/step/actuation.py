@@ -26,7 +26,7 @@ from ..rows.actuator import (
 )
 from ..rows.axis import NO_DRIVE, POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
 from ..rows.joint import NO_LIMIT
-from ..rows.path import JOINT, PULLEY, double, find_path
+from ..rows.path import JOINT, PULLEY, ZERO, double, find_path
 from .body_actuators import pushed_by, velocity_at
 from .kernels import KERNEL
 from .resetting import is_selected
@@ -77,7 +77,7 @@ def measure_tendons(
                 frame = wp.transform_multiply(body_q[tendons.link[k]], frame)
             tendons.point[k] = double(wp.transform_get_translation(frame))
             tendons.rotation[k] = wp.transform_get_rotation(frame)
-    tendons.length[i] = find_path(i, tendons)
+    tendons.length[i] = find_path(i, False, ZERO, tendons)
     for s in range(first, tendons.span_end[i]):
         span = tendons.spans[s]
         for side in range(2):

@@ -23,7 +23,7 @@ from .flight import is_flying
 from .islands import rigid_spin
 from .needles import tilts_too_far
 from .slopes import JUMPED, is_going_on
-from .tendons import meets_range
+from .tendons import meets_range, turns_back
 
 JOLT = wp.constant(0.5)
 """Closing of a contact by the velocity of the start of a step that is an impact, as a share of
@@ -285,6 +285,9 @@ def make_smoothness(effects: Effects) -> SmoothnessFunctions:
                     return True
         if wp.static(effects.tendons and not effects.compliance):
             if meets_range(i, scale.h, s.tree):
+                return True
+        if wp.static(effects.spatial_tendons):
+            if turns_back(i, s.tree):
                 return True
         if wp.static(effects.kinds.gimbals and effects.axis_rates):
             # the rates of rotors change fast where angles lead the pose

@@ -73,8 +73,11 @@ def make_length(effects: Effects) -> LengthFunctions:
     linear_count = make_counts(effects.kinds).linear_count
 
     @wp.func
-    def find_length(i: int, is_start: bool, s: wp.ref[Solver]) -> wp.float64:
-        """Length of a tendon [m or rad], and its path where it is spatial."""
+    def find_length(i: int, is_start: bool, ahead: float, s: wp.ref[Solver]) -> wp.float64:
+        """Length of a tendon [m or rad], and its path where it is spatial.
+
+        At the start of a step ``ahead`` is as :func:`.rows.path.side_taken` has it.
+        """
         tendons = s.tree.tendons
         first = tendons.start[i]
         static_slot = s.work.inv_mass.shape[0] - 1
@@ -108,7 +111,7 @@ def make_length(effects: Effects) -> LengthFunctions:
                         tendons.rotation[k] = wp.transform_get_rotation(frame)
                         if body != static_slot:
                             tendons.rotation[k] = anchor_rotation(s.tree, body, frame)
-            total = find_path(i, tendons)
+            total = find_path(i, True, wp.float64(wp.where(is_start, ahead, -1.0)), tendons)
         return total
 
     @wp.func

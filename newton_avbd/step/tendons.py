@@ -21,11 +21,11 @@ import warp as wp
 from ..data import Closure, Solver, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import axis as axis_rows
-from ..rows.path import JOINT
+from ..rows.path import JOINT, meets_kink
 from ..rows.tendon import linear_pull, range_of, tendon_law
 from .anchors import ROUNDING
 from .islands import HELD
-from .slopes import begin_axis, end_axis
+from .slopes import begin_axis, end_axis, follows_second_order
 from .tendon_curvature import make_bend
 from .tendon_length import begin_points, center_of, make_length
 
@@ -95,7 +95,13 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         is_fixed = tendons.kind[tendons.start[i]] == JOINT
         if not is_fixed:
             begin_points(i, s)
-        length = find_length(i, True, s)
+        ahead = float(0.0)
+        if wp.static(effects.second_order):
+            # limits and armature take the rate for that on the side on which it was measured
+            knows_rate = tendons.is_limited[i] or tendons.armature[tendons.row[i]] > 0.0
+            if follows_second_order(scale) and not knows_rate:
+                ahead = 0.5
+        length = find_length(i, True, ahead, s)
         tendons.length[i] = length
         started = length
         rate = tendons.velocity[i]
@@ -143,9 +149,9 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         i = closure.tendon
         for slot in range(closure.slot, closure.slot_end):
             closures.way[slot] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
-        length = find_length(i, False, s)
+        length = find_length(i, False, 0.0, s)
         if closure.other >= 0:
-            other = find_length(closure.other, False, s)
+            other = find_length(closure.other, False, 0.0, s)
             led = led_by(closure, length, other, s)
             pull_along(i, closure.ends, 1.0, h, s)
             if closure.other != i:
@@ -196,11 +202,11 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         closures = s.tree.closures
         row = closure.row
         i = closure.tendon
-        length = find_length(i, False, s)
+        length = find_length(i, False, 0.0, s)
         missed = float(0.0)
         is_wrong = bool(False)
         if closure.other >= 0:
-            other = find_length(closure.other, False, s)
+            other = find_length(closure.other, False, 0.0, s)
             missed = led_by(closure, length, other, s)[0]
             if recovery == 0.0:
                 missed -= closures.misfit[row]
@@ -345,6 +351,24 @@ def meets_range(first: int, h: float, tree: wp.ref[TreeWork]) -> bool:
             ends = range_of(i, tree.tendons)
             if goes_to < ends[0] - LIMIT_JOLT or goes_to > ends[1] + LIMIT_JOLT:
                 return True
+    return False
+
+
+@wp.func
+def turns_back(first: int, tree: wp.ref[TreeWork]) -> bool:
+    """Second order: whether the rate of the length of a tendon of a block jumps, as the path has
+    come to a kink of it or is about to."""
+    closures = tree.closures
+    number = closures.block_of[first]
+    if number < 0:
+        return False
+    block = closures.blocks[number]
+    for c in range(block.first, block.end):
+        i = closures.closures[c].tendon
+        if i >= 0 and closures.closures[c].other < 0:
+            for k in range(tree.tendons.start[i], tree.tendons.start[i + 1]):
+                if meets_kink(k, tree.tendons):
+                    return True
     return False
 
 
