@@ -29,7 +29,10 @@ from .timing import StepTimer
 FRAMES = {
     "adaptive_collision": 45,
     "basic_dzhanibekov": 230,
+    "basic_heightfield": 120,
+    "basic_mimic_joint": 120,
     "basic_shapes": 150,
+    "basic_urdf": 200,
     "cable_cross_slide_table": 540,
     "cable_initial_rest_pose": 120,
     "controller_joint_impedance_heterogeneous": 120,
@@ -38,6 +41,7 @@ FRAMES = {
     "kamino_basic_heterogeneous": 120,
     "kamino_earworm_flowers": 120,
     "pyramid": 120,
+    "recording": 120,
     "robot_omniwheel": 500,
     "sensor_contact": 160,
     "sensor_imu": 200,
