@@ -12,10 +12,10 @@ sweep starts from
     F_k - t_1 (F_k - F_k-1) - t_2 (F_k-1 - F_k-2)
 
 with those t for which the same mixture of updates, d_k - t_1 (d_k - d_k-1) - t_2 (d_k-1 - d_k-2),
-is least. Updates count by their energy: m |dx|^2 / h^2, and |df|^2 / k of multipliers. After one that
-is larger than the last one, nothing is mixed. See Anderson (1965), Walker and Ni (2011), and Zhang,
-Peng, Ouyang and Deng (2019) for methods of multipliers. A step ends with a sweep, so that what
-mixing cannot know, closed joints and cones of friction, holds.
+is least. Updates count by their energy: m |dx|^2 / h^2, and |df|^2 / k of multipliers. After one
+that is larger than the last one, nothing is mixed. See Anderson (1965), Walker and Ni (2011), and
+Zhang, Peng, Ouyang and Deng (2019) for methods of multipliers. A step ends with a sweep, so that
+what mixing cannot know, closed joints and cones of friction, holds.
 """
 
 import warp as wp
