@@ -13,12 +13,15 @@ import warp as wp
 
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .effects import CAUSES
+from .measure.state import transform
 from .model.actuators import Actuators
 from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities, lonely_rows, unheard_rows
 from .model.tendons import left_joints, tendon_count, tendon_equalities, tendon_name, tendons
 from .rows.joint import KINDS
 
+_OPEN = 0.01
+"""Distance [m] by which a joint is open that nobody means to be."""
 _MOST_NAMES = 3
 """Labels in a message."""
 _INVERSE = 0.02
@@ -202,6 +205,43 @@ def report_ignored(
         raise NotImplementedError("\n".join(messages))
     for message in messages:
         warnings.warn(message, stacklevel=3)
+
+
+def report_open_joints(model: newton.Model, body_q: np.ndarray) -> None:
+    """Warns of joints that turn only, and that the first poses leave open.
+
+    So they are where a program sets coordinates of joints and leaves the poses to the solver, as
+    ``SolverMuJoCo`` has it.
+
+    Args:
+        model: The model.
+        body_q: Poses of its bodies, shape (body_count, 7) [m, quaternion].
+    """
+    if model.joint_count == 0:
+        return
+    turning = [newton.JointType[name] for name in ("REVOLUTE", "BALL", "FIXED", "D6")]
+    watched = np.isin(model.joint_type.numpy(), [int(kind) for kind in turning])
+    watched &= (model.joint_dof_dim.numpy()[:, 0] == 0) & (model.joint_articulation.numpy() >= 0)
+    joints = np.flatnonzero(watched & model.joint_enabled.numpy())
+    poses = np.vstack([body_q, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)])  # the last is the world's
+    parent, child = (
+        transform(poses[side.numpy()[joints]], frame.numpy()[joints, :3])
+        for side, frame in (
+            (model.joint_parent, model.joint_X_p),
+            (model.joint_child, model.joint_X_c),
+        )
+    )
+    apart = np.linalg.norm(child - parent, axis=1)
+    is_open = apart > _OPEN
+    if is_open.any():
+        labels = [_label(model.joint_label, joint) for joint in joints[is_open]]
+        names = _named(len(labels), "joint", labels)[0]
+        warnings.warn(
+            f"SolverAVBD starts from body_q, which leaves {names} open, by up to {apart.max():.3g} "
+            "m. If joint_q is what you mean, call newton.eval_fk(model, state.joint_q, "
+            "state.joint_qd, state) before the first step, or pass update_joint_state=True.",
+            stacklevel=3,
+        )
 
 
 def _named(count: int, what: str, labels: Sequence[str] = ()) -> list[str]:

@@ -20,7 +20,7 @@ from newton.solvers import SolverBase
 
 from . import data
 from .attributes import register_joint_attributes
-from .checks import check_model, report_ignored
+from .checks import check_model, report_ignored, report_open_joints
 from .coupling import RigidCoupling
 from .drivers.barrier import WARP
 from .drivers.launch import Compiler, Launcher
@@ -279,6 +279,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         self._without = left_out(effects or {})
         self._parallel = parallel
         self._is_told = False
+        self._is_placed = update_joint_state
         self.writes_joint_state = update_joint_state and model.joint_count > 0
         """Whether ``step`` writes the joint coordinates of ``state_out``."""
         if self.writes_joint_state:
@@ -331,6 +332,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         control_input = self._control_input(self.model if control is None else control)
         if self.writes_joint_state:
             self._joint_state.read(self._launch, state_in, self._history)
+        if not self._is_placed and not self.device.is_capturing:
+            self._is_placed = True
+            report_open_joints(self.model, state_in.body_q.numpy())
         if self._owns_detection:
             self._run_rigid_collision(state_in, dt)
         accelerations = _requested(observables and observables.body_qdd, state_out.body_qdd)

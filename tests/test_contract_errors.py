@@ -2,6 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages: what a model or an argument gets wrong, by name, before anything is simulated."""
 
+import warnings
 from collections.abc import Callable
 
 import newton
@@ -199,6 +200,31 @@ def test_particles_are_left_alone_with_a_warning() -> None:
     before = state.particle_q.numpy()
     solver.step(state, state, None, None, DT)
     np.testing.assert_array_equal(state.particle_q.numpy(), before)
+
+
+def test_joints_that_the_first_poses_leave_open_are_named() -> None:
+    """Links of which only the joints say where they are; not with poses, nor where joints count."""
+    builder = newton.ModelBuilder()
+    links = [builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3))) for _ in range(3)]
+    frame = wp.transform((0.4, 0.0, 0.0))
+    joints = [
+        builder.add_joint_revolute(-1, links[0], label="shoulder"),
+        builder.add_joint_revolute(links[0], links[1], parent_xform=frame, label="elbow"),
+        builder.add_joint_prismatic(links[1], links[2], label="finger"),
+    ]
+    builder.add_articulation(joints)
+    model = builder.finalize(device="cpu")
+    state = model.state()
+    with pytest.warns(UserWarning, match=r"1 joint \('elbow'\) open, by up to 0\.4 m") as caught:
+        solver = SolverAVBD(model)
+        solver.step(state, model.state(), None, None, DT)
+    assert [warning.filename for warning in caught] == [__file__]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solver.step(state, model.state(), None, None, DT)
+        SolverAVBD(model, update_joint_state=True).step(state, model.state(), None, None, DT)
+        newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+        SolverAVBD(model).step(state, model.state(), None, None, DT)
 
 
 def test_a_warning_points_to_the_users_line() -> None:
