@@ -14,10 +14,10 @@ import warp as wp
 from newton_avbd import SolverAVBD
 from newton_avbd.io.assets import read_driven
 from newton_avbd.io.errors import UserError
-from newton_avbd.io.masses import finalized
 from newton_avbd.io.mjcf import add_mjcf
-from newton_avbd.io.opening import open_scene
+from newton_avbd.io.opening import open_scene, read_scene
 from newton_avbd.io.simulation import Request
+from newton_avbd.scenes.finalize import finalized
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 BODY = '<body name="{}"><joint name="{}" {}/><geom size="0.1"/></body>'
@@ -352,8 +352,13 @@ def test_small_moments_of_inertia_are_as_the_file_has_them(tmp_path: Path) -> No
     inertial = '<inertial pos="0 0 0" mass="1e-5" diaginertia="2e-10 2e-10 3e-11"/>'
     body = f'<body name="claw"><joint/>{inertial}</body>'
     path = written(tmp_path, f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-    inertia = open_scene(str(path), Request()).model.body_inertia.numpy()[0]
-    np.testing.assert_allclose(inertia, np.diag([2.0e-10, 2.0e-10, 3.0e-11]), rtol=1.0e-5)
+    models = (
+        open_scene(str(path), Request()).model,
+        read_scene(str(path))[0].model(device="cpu"),
+    )
+    for model in models:
+        inertia = model.body_inertia.numpy()[0]
+        np.testing.assert_allclose(inertia, np.diag([2.0e-10, 2.0e-10, 3.0e-11]), rtol=1.0e-5)
 
 
 def test_moments_of_inertia_that_no_body_has_are_corrected_as_before() -> None:

@@ -66,6 +66,18 @@ def test_a_drive_gets_the_gains_of_the_inertia_that_it_moves():
     assert builder.joint_target_kd[0] == pytest.approx(2.0 * inertia * speed, rel=ROUNDING)
 
 
+def test_a_drive_of_next_to_no_inertia_gets_the_gains_of_that():
+    # 1e-9 kg m^2: to that Newton adds a thousand times as much where it corrects moments of inertia
+    builder = newton.ModelBuilder()
+    moments = wp.mat33(np.eye(3) * 5.0e-11)
+    link = builder.add_link(mass=1.0e-5, inertia=moments, com=wp.vec3(0.01, 0.0, 0.0))
+    joint = builder.add_joint_revolute(-1, link, axis=wp.vec3(0.0, 1.0, 0.0))
+    builder.add_articulation([joint])
+    stand(builder)
+    inertia, speed = 1.0e-5 * 0.01**2 + 5.0e-11, 2.0 * math.pi * FREQUENCY
+    assert builder.joint_target_ke[0] == pytest.approx(inertia * speed**2, rel=ROUNDING)
+
+
 def test_gains_of_the_file_are_kept():
     builder = newton.ModelBuilder()
     pendulum(builder, target_ke=7.0, target_kd=3.0)

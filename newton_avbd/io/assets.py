@@ -13,6 +13,7 @@ import newton
 import numpy as np
 
 from newton_avbd.measure.overlaps import filter_neighbors
+from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.pose import grounds, lowest_points
 from newton_avbd.scenes.robots import place
 
@@ -315,5 +316,5 @@ def add_ground(builder: newton.ModelBuilder) -> None:
     """Put a plane under everything unless the asset has a plane or a terrain of its own."""
     if grounds(builder):
         return
-    lowest = float(np.min(lowest_points(builder.finalize()), initial=np.inf))
+    lowest = float(np.min(lowest_points(finalized(builder)), initial=np.inf))
     builder.add_ground_plane(height=0.0 if lowest >= 0.0 else lowest - GROUND_CLEARANCE)

@@ -9,6 +9,7 @@ import newton
 import warp as wp
 
 from newton_avbd.scenes import named as scenes
+from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.scene import FRAMES_PER_SECOND, GivenScene, Scene
 
 from . import examples, robots, solvers
@@ -100,7 +101,9 @@ def _given(name: str, builder: newton.ModelBuilder, notes: tuple[str, ...]) -> G
         raise UserError("\n".join([f"cannot simulate {name}: it holds no rigid bodies", *notes]))
     if not builder.body_color_groups:
         builder.color()
-    return GivenScene(name, frames=FRAMES, finalize=builder.finalize)
+    return GivenScene(
+        name, frames=FRAMES, finalize=lambda device: finalized(builder, device=device)
+    )
 
 
 def _is_asset(name: str) -> bool:

@@ -9,11 +9,11 @@ from typing import Any, Protocol
 
 import newton
 
+from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.scene import may_collide
 
 from . import solvers
 from .controls import Controls
-from .masses import finalized
 from .timing import StepTimer
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from newton_avbd.measure.overlaps import DEPTH
 from newton_avbd.measure.state import Array, Probe, rotate, transform
+from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.robots import place
 
 FREQUENCY = 4.0
@@ -63,7 +64,7 @@ def stand(builder: newton.ModelBuilder) -> Pose:
     place(builder)
     pose = Pose(builder, floating=any(can_fall(builder, j) for j in range(builder.joint_count)))
     _meet_ground(builder, pose.floating)
-    model = builder.finalize(device="cpu")
+    model = finalized(builder, device="cpu")
     inertias = _inertias(model, pose.floating)
     _add_followers(builder, inertias)
     for joint in range(builder.joint_count):
@@ -139,7 +140,7 @@ def _meet_ground(builder: newton.ModelBuilder, floating: bool) -> None:
     What is bolted down keeps clear of a ground that is not its file's: that is there to be seen.
     """
     own = grounds(builder)
-    lowest = lowest_points(builder.finalize(device="cpu"))[:-1]
+    lowest = lowest_points(finalized(builder, device="cpu"))[:-1]
     bottom = float(np.min(lowest, initial=np.inf))
     free = [
         joint

@@ -16,6 +16,7 @@ import newton.examples
 import numpy as np
 import warp as wp
 
+from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.scene import Scene
 
 GAP = 0.02
@@ -190,7 +191,7 @@ def _finish(builder: newton.ModelBuilder) -> None:
 
 def place(builder: newton.ModelBuilder) -> None:
     """Move all bodies to where the joint coordinates put them."""
-    model = builder.finalize(device="cpu")
+    model = finalized(builder, device="cpu")
     state = model.state()
     newton.eval_fk(model, model.joint_q, model.joint_qd, state)
     for body, pose in enumerate(state.body_q.numpy()):

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 
 import newton
 
+from newton_avbd.scenes.finalize import finalized
+
 FRAMES_PER_SECOND = 60
 """Rate at which a scene is watched [1/s]; :attr:`Scene.frames` counts these."""
 
@@ -53,7 +55,7 @@ class Scene:
             builder.default_shape_cfg.ke = ke
         self.build(builder)
         builder.color()
-        return builder.finalize(device=device)
+        return finalized(builder, device=device)
 
 
 def may_collide(model: newton.Model) -> bool:

@@ -37,11 +37,11 @@ from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
 from newton_avbd.io.controls import Controls
-from newton_avbd.io.masses import finalized
 from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.robots import robots
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.state import Array
+from newton_avbd.scenes.finalize import finalized
 
 DT = 1.0 / 2000.0
 FINE = 1.0 / 40000.0

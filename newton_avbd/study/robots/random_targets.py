@@ -17,13 +17,13 @@ import newton
 import numpy as np
 
 from newton_avbd.io import solvers
-from newton_avbd.io.masses import finalized
 from newton_avbd.io.names import SOLVERS
 from newton_avbd.io.options import add_solvers
 from newton_avbd.io.output import table
 from newton_avbd.io.robots import find_robot, read_robot
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.joints import Joints
+from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.pose import Pose, dofs_of, stand
 
 ROBOTS = ("g1_29dof_rev_1_0", "go2", "icub", "panda", "anymal_c", "talos_full_v2", "laikago")

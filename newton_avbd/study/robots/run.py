@@ -12,10 +12,10 @@ import newton
 import numpy as np
 from numpy.typing import NDArray
 
-from newton_avbd.io.masses import finalized
 from newton_avbd.measure.joints import Joints
 from newton_avbd.measure.state import Array, Bodies
 from newton_avbd.model.equalities import may_hold
+from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.pose import Pose, can_fall
 from newton_avbd.study.peers import PEERS
 from newton_avbd.study.robots.torque import Torques
