@@ -255,10 +255,16 @@ def test_a_choice_of_mujoco_s_pgs_solver_is_read_over(tmp_path: Path):
     assert builder.body_count == 1
 
 
+LOSSES = """<mujoco><worldbody>
+<body><joint type="ball" range="0 20"/><geom size="0.1"/></body>
+<body><inertial pos="0 0 0" mass="1" diaginertia="1 1 1e-12"/><joint type="hinge"/></body>
+<body pos="9 0 0"><joint/><joint type="slide"/><geom size="0.1"/></body>
+</worldbody></mujoco>"""
+
+
 def test_a_robot_that_fails_is_told_with_what_its_file_loses(tmp_path: Path, monkeypatch, capfd):
     path = tmp_path / "arm.xml"
-    body = '<body><joint type="ball" range="0 20"/><geom size="0.1"/></body>'
-    path.write_text(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    path.write_text(LOSSES)
     chosen = [robots.Robot("arm", "package", path, bolted=False)]
     monkeypatch.setattr("newton_avbd.commands.robots.chosen_robots", lambda names: chosen)
 
@@ -269,6 +275,26 @@ def test_a_robot_that_fails_is_told_with_what_its_file_loses(tmp_path: Path, mon
     monkeypatch.setattr("newton_avbd.commands.robots.try_robot", fail)
     assert main(["robots"]) == 1
     assert "arm.xml goes on without the range of 1 ball joint" in capfd.readouterr().out
+
+
+def test_a_robot_is_told_with_all_that_a_run_says_of_it(tmp_path: Path, monkeypatch, capfd):
+    path = tmp_path / "arm.xml"
+    path.write_text(LOSSES)
+    robot = robots.Robot("arm", "package", path, bolted=False)
+    monkeypatch.setattr("newton_avbd.commands.robots.chosen_robots", lambda names: [robot])
+    monkeypatch.setattr(robots, "robots", lambda: (robot,))
+    said = {}
+    for command in (["robots", "--untimed"], ["run", "robot:arm", "--frames", "1"]):
+        main(command)
+        lines = capfd.readouterr().err.splitlines()
+        about = ("arm", "warning: Inertia", "warning: SolverAVBD")
+        said[command[0]] = [
+            line for line in lines if line.removeprefix("newton-avbd: ").startswith(about)
+        ]
+    assert said["robots"] == said["run"]
+    said_of = "\n".join(said["run"])
+    for part in ("without the range", "gets bodies of", "warning: Inertia"):
+        assert part in said_of
 
 
 def test_missing_converters_are_named_with_what_installs_them(monkeypatch, capsys):

@@ -20,6 +20,7 @@ from newton_avbd.io.errors import UserError, require
 from newton_avbd.io.robots import (
     SOURCES,
     Robot,
+    describe_filtered,
     find_robot,
     not_installed,
     read_robot,
@@ -37,7 +38,7 @@ from newton_avbd.study.robots.page import (
 from newton_avbd.study.robots.run import Record
 from newton_avbd.study.robots.trial import Report, try_robot
 
-from ..io.terminal import interruptible, show, showing
+from ..io.terminal import gathered_warnings, interruptible, say_notes, show, showing
 from . import view
 
 PICTURE_SIZE = (192, 108)
@@ -69,17 +70,19 @@ def main(args: argparse.Namespace) -> int:
             shown = partial(show_trial, f"{robot.name} ({number} of {len(chosen)})")
             notes: list[str] = []
             source = partial(as_usd, robot, Path(folder)) if args.usd else partial(_as_it_is, robot)
-            with silence():
+            with unprinted(), gathered_warnings(), showing(f"trying {robot.name}"):
                 load = partial(_load, source, notes)
                 record = try_robot(report, load, shown, timed=not args.untimed)
-                if report.failures:
-                    report.failures += dict.fromkeys(notes)
-                if args.output and record is not None and not args.usd:
+            notes = [*dict.fromkeys(notes), *describe_filtered(robot.name, report.filtered)]
+            say_notes(notes)
+            if report.failures:
+                report.failures += _losses(notes, robot.path.name)
+            if args.output and record is not None and not args.usd:
+                with silence():
                     _draw(robot, record, args.output / picture(robot.name))
             if args.untimed and robot.name in known:
                 report.times = known[robot.name].times
                 report.notes = known[robot.name].notes | report.notes
-            show("")
             print(line(report), flush=True)
             reports.append(report)
             known[robot.name] = report
@@ -111,13 +114,17 @@ def _as_it_is(robot: Robot) -> Robot:
 
 
 def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:
-    """Import a robot; ``notes`` gets what is to be known of what its file says."""
+    """Import a robot; ``notes`` gets what the user should know of it."""
     robot = source()
     with showing(f"reading {robot.name}"):
         builder, found = read_robot(robot)
-    file = robot.path.name
-    notes += [note for note in found if note.startswith((f"{file}:", f"{file} goes on without"))]
+    notes += found
     return builder
+
+
+def _losses(notes: list[str], file: str) -> list[str]:
+    """Those of the notes that say what a robot goes on without, which the page has beside it."""
+    return [note for note in notes if note.startswith((f"{file}:", f"{file} goes on without"))]
 
 
 def _make_folder(output: Path) -> None:
@@ -159,14 +166,20 @@ def show_trial(label: str, what: str, done: int, total: int) -> None:
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Keep solvers' warnings off the terminal, which kernels print past Python."""
+    """Keep solvers' warnings off the terminal."""
+    with unprinted(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+@contextmanager
+def unprinted() -> Iterator[None]:
+    """Keep what kernels print past Python off the terminal."""
     sys.stdout.flush()
     kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
+        yield
     finally:
         sys.stdout.flush()
         os.dup2(kept, 1)

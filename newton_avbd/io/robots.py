@@ -191,13 +191,13 @@ def set_up_robot(
     """
     robot = find_robot(name)
     builder, notes = read_robot(robot, solver, light_links=light_links)
-    pose = stand(builder)
-    if pose.filtered:
-        notes += (
-            f"{robot.name}: {pose.filtered} pairs of its shapes overlap in the first pose and are "
-            "filtered",
-        )
-    return robot, builder, notes
+    return robot, builder, (*notes, *describe_filtered(robot.name, stand(builder).filtered))
+
+
+def describe_filtered(name: str, filtered: int) -> list[str]:
+    """Says how many pairs of a robot's shapes are filtered since it stands; nothing for none."""
+    what = f"{filtered} pairs of its shapes overlap in the first pose and are filtered"
+    return [f"{name}: {what}"] if filtered else []
 
 
 def open_robot(name: str, request: Request) -> ModelSimulation:

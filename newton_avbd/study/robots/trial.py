@@ -140,11 +140,13 @@ def try_robot(
         report.failures.append(f"cannot be simulated: {_summary(error)}")
         record = None
     poses = _Poses(pose, load)
-    reference = _reference(report, poses, shown)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of other solvers, or known by now
+        reference = _reference(report, poses, shown)
+        if timed:
+            _time(report, poses, shown)
     if record is not None:
         report.failures += judge(report, record, reference)
-    if timed:
-        _time(report, poses, shown)
     return record
 
 
@@ -267,15 +269,13 @@ def _time(report: Report, poses: _Poses, shown: Callable[[str, int, int], None])
 def _contestant(solver: str, name: str, pose: Pose) -> Contestant:
     """Set a solver up on a robot and let it run for a moment."""
     scene = Scene(name, name, lambda builder: builder.add_builder(pose.builder), dt=DT)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        contestant: Contestant
-        if solver == MJ_STEP:
-            contestant = MujocoContestant(scene)
-        else:
-            contestant = NewtonContestant(scene, PEERS[solver])
-        for _ in range(WARM_UP):
-            contestant.advance()
+    contestant: Contestant
+    if solver == MJ_STEP:
+        contestant = MujocoContestant(scene)
+    else:
+        contestant = NewtonContestant(scene, PEERS[solver])
+    for _ in range(WARM_UP):
+        contestant.advance()
     return contestant
 
 
