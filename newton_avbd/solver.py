@@ -38,6 +38,7 @@ from .setup.joined import JoinedModel
 from .setup.joint_state import JointState
 from .setup.memory import bytes_by_effect, members
 from .setup.solved import BodyState, SolvedModel
+from .step.actuation import reset_activations
 from .step.adapting import export_mean_force
 from .step.bodies import BODIES_PER_THREAD, make_integrate, make_predict, push_more, report_freed
 from .step.breaking import enable_joints
@@ -271,6 +272,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         )
         self._launch = Launcher(self.device)
         self._retired = []
+        actuators = model.custom_frequency_counts.get("mujoco:actuator", 0)
+        self._activations = wp.zeros(actuators, dtype=float, device=self.device)
         self._predictors, self._workers = Workers(workers), Workers(workers)
         self.settings = settings
         """What the arguments and the scene say, as arguments of a solver that does the same."""
@@ -641,15 +644,12 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         """Activation of each of MuJoCo's actuators at the end of the last step.
 
         Shape (actuators,), float32, on the device, in the order of ``control.mujoco.ctrl``. It is
-        the solver's own array: the next step starts from what is written to it, also in a captured
-        graph. :meth:`reset` writes zeros, :meth:`checkpoint` includes it. Zero for actuators
-        without dynamics and for those that are joint drives; DC motors keep states of their own.
+        the solver's own array, the same one for good: the next step starts from what is written to
+        it, also in a captured graph. :meth:`reset` writes zeros, :meth:`checkpoint` includes it.
+        Zero, or what was written to it, for actuators without dynamics, for those that are joint
+        drives and where no actuator acts; DC motors keep states of their own.
         """
-        kept = None if self._actuation is None else self._actuation.law.activation
-        if kept is not None:
-            return kept
-        count = self.model.custom_frequency_counts.get("mujoco:actuator", 0)
-        return wp.zeros(count, dtype=float, device=self.device)
+        return self._activations
 
     @property
     def joint_sigma_prev(self) -> wp.array:
@@ -815,6 +815,9 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         model = self._solved
         if self._large is not None:
             self._large.forget(self._launch, model.body_world, selected)
+        if self._activations.size:
+            world = self.model.mujoco.actuator_world
+            self._launch(reset_activations, world.size, [world, selected, self._activations])
         if self._actuation is not None:
             self._actuation.reset(self._launch, selected)
         if self._cables is not None:
@@ -903,6 +906,8 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             yield "links.left_qd", self._solved.links.left_qd
         if self._large is not None:
             yield "colors.color", self._large.colors.color
+        if self._activations.size:
+            yield "actuators.activation", self._activations
         if self._actuation is not None:
             yield from self._actuation.remembered()
         if self._cables is not None:

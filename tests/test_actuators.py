@@ -319,6 +319,40 @@ def test_activations_of_a_scene_without_any_are_zeros() -> None:
     np.testing.assert_array_equal(solver.activations.numpy(), [0.0])
 
 
+def test_what_is_written_to_activations_stays_where_no_actuator_acts() -> None:
+    """Until a reset; a checkpoint has it."""
+    model = scene('<motor joint="hinge"/>', worlds=2)
+    solver, other = (SolverAVBD(model, effects={"actuators": False}) for _ in range(2))
+    state = model.state()
+    solver.activations.assign([0.5, 0.25])
+    solver.step(state, state, None, None, DT)
+    np.testing.assert_array_equal(solver.activations.numpy(), [0.5, 0.25])
+    other.restore(solver.checkpoint())
+    np.testing.assert_array_equal(other.activations.numpy(), [0.5, 0.25])
+    solver.reset(state, wp.array([True, False, False], dtype=wp.bool, device="cpu"))
+    np.testing.assert_array_equal(solver.activations.numpy(), [0.0, 0.25])
+
+
+def test_activations_go_on_where_links_come_apart() -> None:
+    """The solver makes its arrays anew for another grouping of links, but for these."""
+    pair = (
+        '<worldbody><body><joint/><geom size="0.1"/><body name="tip"><geom size="0.1"/></body>'
+        "</body></worldbody>"
+    )
+    model = scene('<general joint="hinge" dyntype="integrator"/>', tendon=pair)
+    solver, state = SolverAVBD(model), model.state()
+    activations = solver.activations
+    activations.assign([0.5])
+    solver.step(state, state, None, None, DT)
+    is_fixed = model.joint_type.numpy() == int(newton.JointType.FIXED)
+    assert is_fixed.sum() == 1 and solver.effects.flags.welds
+    model.joint_enabled.assign(~is_fixed)
+    solver.notify_model_changed(newton.ModelFlags.ALL)
+    assert solver.activations is activations
+    solver.step(state, state, None, None, DT)
+    np.testing.assert_array_equal(activations.numpy(), [0.5])
+
+
 def muscle_force(length: float) -> float:
     """Active force [N] of a muscle of 2 N at rest; [-1, 1] is its range [0.75, 1.05]."""
     unit = 2.0 / 0.3

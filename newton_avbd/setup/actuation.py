@@ -55,6 +55,7 @@ class Actuation:
         topology: Topology,
         joints: Any,
         wanted: frozenset[str],
+        activation: wp.array,
         before: "Actuation | None" = None,
     ) -> None:
         """Makes the arrays.
@@ -66,7 +67,8 @@ class Actuation:
             joints: The joints as kernels see them.
             wanted: Which of the effects :data:`ACTING` there are, and of ``effort_limits``,
                 ``force_ranges``, ``compliance`` and ``second_order``.
-            before: What there was before the model changed, whose activations go on.
+            activation: Activations of all actuators, the solver's.
+            before: What there was before the model changed, whose motors and tendons go on.
 
         Raises:
             ValueError: If a muscle has no length range, or a damping ratio or the peak force of a
@@ -97,8 +99,8 @@ class Actuation:
                     self._cords.take_on(before.tendons)
             if self.rows:
                 self._make_law(found)
-                if before is not None and before.law.activation is not None:
-                    self.law.activation = before.law.activation
+                self.law.activation = activation
+                if before is not None and before.law.motor is not None:
                     if before.law.motor.size == self.law.motor.size:
                         self.law.motor = before.law.motor
             carried = compensating_axes(model) if ACTUATED <= wanted else {}
@@ -219,13 +221,17 @@ class Actuation:
         return self._pushed
 
     def reset(self, launch: Launcher, mask: wp.array) -> None:
-        """Sets the activations of the selected worlds to zero."""
-        if self.law.activation is not None:
+        """Forgets the motors and tendons of the selected worlds."""
+        if self._keeps_motors:
             world = self._model.mujoco.actuator_world
-            states = [self.law.activation, self.law.motor]
-            launch(kernels.reset_activations, world.size, [world, mask, *states])
+            launch(kernels.reset_motors, world.size, [world, mask, self.law.motor])
         if self.tendons.row is not None:
             launch(kernels.forget_tendons, self.tendons.row.size, [mask, self.tendons])
+
+    @property
+    def _keeps_motors(self) -> bool:
+        """Whether there are DC motors, whose state goes on."""
+        return self.law.motor is not None and self.law.motor.size > 0
 
     def bind(self, joints: Any, bodies: Any) -> None:
         """Adds the armature of actuators to that of their axes, and servos to their bodies; drives
@@ -246,10 +252,8 @@ class Actuation:
 
     def remembered(self) -> Iterator[tuple[str, wp.array]]:
         """Arrays that a step leaves to the next one, by name."""
-        if self.law.activation is not None:
-            yield "actuators.activation", self.law.activation
-            if self.law.motor.size:
-                yield "actuators.motor", self.law.motor
+        if self._keeps_motors:
+            yield "actuators.motor", self.law.motor
         if self.tendons.row is not None:
             for name in KEPT:
                 if getattr(self.tendons, name).size:
@@ -273,7 +277,6 @@ class Actuation:
         ):
             limits += int(bit) * is_limited(mujoco, name)
         law.limits = wp.array(limits, dtype=wp.int32)
-        law.activation = wp.zeros(limits.size, dtype=float)
         law.is_reported = wp.zeros(limits.size, dtype=wp.bool)
         is_motor = mujoco.actuator_gaintype.numpy() == int(MOTOR)
         law.motor = wp.zeros(limits.size if np.any(is_motor) else 0, dtype=data.MotorState)

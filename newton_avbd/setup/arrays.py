@@ -71,6 +71,7 @@ class SolverArrays:
     settings: Settings
     iterations: int
     tolerance: float
+    _activations: wp.array
     _launch: Launcher
     _remembered: Callable[[], Iterator[tuple[str, wp.array]]]
     _without: frozenset[str]
@@ -856,7 +857,7 @@ class SolverArrays:
         self._actuator_force = None
         if not wanted.isdisjoint(ACTING):
             self._actuation = Actuation(
-                self.model, self._solved, topology, self._joints, wanted, before
+                self.model, self._solved, topology, self._joints, wanted, self._activations, before
             )
             self._actuation.bind(self._joints, self._bodies)
         # the next step makes its view of the control anew

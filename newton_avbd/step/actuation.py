@@ -510,11 +510,23 @@ def reset_activations(
     mask: wp.array[wp.bool],
     # Out:
     activation: wp.array[float],
-    motor: wp.array[MotorState],
 ):
     """Sets the activations of the selected worlds to zero; one thread an actuator."""
     i = wp.tid()
     if mask.shape[0] == 0 or is_selected(world[i], mask):
         activation[i] = 0.0
-        if motor.shape[0] > 0:
-            motor[i] = MotorState()
+
+
+@wp.kernel(**KERNEL)
+def reset_motors(
+    # Model:
+    world: wp.array[wp.int32],
+    # In:
+    mask: wp.array[wp.bool],
+    # Out:
+    motor: wp.array[MotorState],
+):
+    """Sets the states of DC motors of the selected worlds to zero; one thread an actuator."""
+    i = wp.tid()
+    if mask.shape[0] == 0 or is_selected(world[i], mask):
+        motor[i] = MotorState()
