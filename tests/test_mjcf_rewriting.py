@@ -388,6 +388,9 @@ def test_default_classes_add_up(tmp_path: Path, name: str, is_late: bool) -> Non
     )
     builder, notes = read_driven(path)
     assert len(notes) == is_late
+    if is_late:
+        late = "<joint armature=\"2\"/> in a <default> below the one that has class 'in'"
+        assert late in notes[0] and "move it above the class" in notes[0]
     native = mujoco.MjModel.from_xml_path(str(path))
     assert named(builder.joint_label) == [native.joint(i).name for i in range(3)]
     np.testing.assert_allclose(builder.joint_damping, native.dof_damping, rtol=1.0e-6)

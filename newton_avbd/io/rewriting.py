@@ -4,7 +4,7 @@
 """MJCF elements that Newton's importer does not read, in terms of those that it reads."""
 
 import importlib.util
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -87,9 +87,7 @@ def hidden(root: Element) -> list[str]:
         found.append("joints in a <frame>")
     if _has_shared_defaults(root):
         found.append("a <default> of actuators of another kind")
-    if _has_late_defaults(root):
-        found.append("a <default> that does not act on classes before it")
-    return found
+    return [*found, *_late_defaults(root)]
 
 
 def _has_shared_defaults(root: Element) -> bool:
@@ -103,18 +101,24 @@ def _has_shared_defaults(root: Element) -> bool:
     )
 
 
-def _has_late_defaults(root: Element) -> bool:
-    """Whether defaults of all elements change after a class has taken them on."""
+def _late_defaults(root: Element) -> Iterator[str]:
+    """The first default of all elements that comes after a class, which does without it."""
     said: dict[tuple[str, str], str] = {}
-    has_class = False
+    classes: list[str] = []
     for default in root.findall("default"):
         own = [item for item in default if item.tag != "default"]
         new = {(item.tag, key): value for item in own for key, value in item.attrib.items()}
-        if has_class and any(said.get(key) != value for key, value in new.items()):
-            return True
+        late = [(*key, value) for key, value in new.items() if said.get(key) != value]
+        if classes and late:
+            tag, key, value = late[0]
+            yield (
+                f'<{tag} {key}="{value}"/> in a <default> below the one that has class '
+                f"'{classes[0]}' (MuJoCo gives a class what stands above it, and not this: move it "
+                "above the class if that should have it)"
+            )
+            return
         said |= new
-        has_class |= default.find("default") is not None
-    return False
+        classes += [inner.get("class", "") for inner in default.iterfind("default")]
 
 
 def written_out(root: Element, read: Callable[[Path], Element]) -> Element:
