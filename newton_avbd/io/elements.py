@@ -13,8 +13,10 @@ Attributes = dict[str, str]
 
 _OWNERS = ("joint", "tendon", "site", "body", "site1", "body1")
 """Attributes that say whose an element without a name is."""
-_MAIN = ""
-"""The default class of what names none."""
+MAIN = "main"
+"""MuJoCo's name of the outermost default class, which is that of what names none."""
+_OUTERMOST = ""
+"""The same class where it stands for what an element is in: that may have named none."""
 _SHARED = ("equality", "tendon")
 """Groups whose elements share one element in a default class, of the group's name."""
 
@@ -89,7 +91,7 @@ def bodies(root: ElementTree.Element) -> list[Body]:
                 (joints if item.tag == "joint" else body.geoms).append(own | item.attrib)
 
     for world in root.iter("worldbody"):
-        walk(world, None, _MAIN, [])
+        walk(world, None, _OUTERMOST, [])
     return found
 
 
@@ -105,7 +107,7 @@ def world_geoms(root: ElementTree.Element) -> list[Attributes]:
                 own = classes.get(item.get("class", ambient), {}).get("geom", {})
                 yield own | item.attrib
 
-    return [geom for world in root.iter("worldbody") for geom in walk(world, _MAIN)]
+    return [geom for world in root.iter("worldbody") for geom in walk(world, _OUTERMOST)]
 
 
 def by_class(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
@@ -124,8 +126,8 @@ def by_class(root: ElementTree.Element) -> dict[str, dict[str, Attributes]]:
                 walk(item, own, item.get("class", ""))
 
     for default in root.findall("default"):
-        walk(default, {}, _MAIN)
-    return found | {"main": found.get(_MAIN, {})}
+        walk(default, {}, _OUTERMOST)
+    return found | {MAIN: found.get(_OUTERMOST, {})}
 
 
 def in_tree(root: ElementTree.Element, tag: str, *, parents: str = "") -> Iterator[str]:
@@ -151,7 +153,9 @@ def of_group(root: ElementTree.Element, group: str, tag: str) -> Iterator[tuple[
     shared = group if group in _SHARED else tag
     for parent in root.iter(group):
         for item in parent.findall(tag):
-            attributes = classes.get(item.get("class", _MAIN), {}).get(shared, {}) | item.attrib
+            attributes = (
+                classes.get(item.get("class", _OUTERMOST), {}).get(shared, {}) | item.attrib
+            )
             owner = next((attributes[key] for key in _OWNERS if key in attributes), "the file")
             yield label(attributes, owner), attributes
 

@@ -16,6 +16,7 @@ from newton_avbd.measure.overlaps import LIGHT
 from newton_avbd.model.welds import IDENTITY, multiply
 
 from .elements import (
+    MAIN,
     Attributes,
     Body,
     bodies,
@@ -70,8 +71,6 @@ _LIGHT = {
     "mass": f"{LIGHT:g}",
     "diaginertia": "2e-10 2e-10 2e-10",
 }
-_MAIN = "main"
-"""MuJoCo's name of the default class of what names none."""
 
 
 def hidden(root: Element) -> list[str]:
@@ -94,7 +93,7 @@ def _has_shared_defaults(root: Element) -> bool:
     """Whether an actuator has a default of another kind, such as a motor one of ``<general>``."""
     classes = by_class(root)
     return any(
-        kind in classes.get(item.get("class", _MAIN), {})
+        kind in classes.get(item.get("class", MAIN), {})
         for item in root.iterfind("actuator/*")
         for kind in _SHARING
         if kind != item.tag
@@ -184,7 +183,7 @@ def merge_defaults(root: Element) -> None:
     last element of a kind for all.
     """
     outer = root.findall("default")
-    called = any(_MAIN in (item.get("class"), item.get("childclass")) for item in root.iter())
+    called = any(MAIN in (item.get("class"), item.get("childclass")) for item in root.iter())
     if not called and len(outer) <= 1:
         return
     own: dict[str, Element] = {}
@@ -199,7 +198,7 @@ def merge_defaults(root: Element) -> None:
             else:
                 own[item.tag] = item
         root.remove(default)
-    for name, items in (({}, [*own.values(), *inner]), ({"class": _MAIN}, [*own.values()])):
+    for name, items in (({}, [*own.values(), *inner]), ({"class": MAIN}, [*own.values()])):
         whole = ElementTree.SubElement(root, "default", name)
         whole.extend(items)
 

@@ -35,7 +35,7 @@ from .tendons import KEPT, TendonArrays
 from .transmission import Transmission
 from .views import AllJoints, coordinates_of, indices, lists
 
-ACTUATED = frozenset({"actuators", "gravity_compensation"})
+_COMPENSATING = frozenset({"actuators", "gravity_compensation"})
 """Effects by which actuators compensate gravity."""
 _LIMITS = ("lower", "upper")
 _SAME = (
@@ -103,7 +103,7 @@ class Actuation:
                 if before is not None and before.law.motor is not None:
                     if before.law.motor.size == self.law.motor.size:
                         self.law.motor = before.law.motor
-            carried = compensating_axes(model) if ACTUATED <= wanted else {}
+            carried = compensating_axes(model) if _COMPENSATING <= wanted else {}
             self.compensates = frozenset(carried if self._has_limits else ())
             bounds = self._has_limits and "actuators" in wanted and bool(bodies or pulling)
             passed = passed_limits(model) if bounds else []
