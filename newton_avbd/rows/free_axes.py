@@ -19,6 +19,17 @@ LOOP_SPREAD = wp.constant(1.0e-3)
 """Likewise for torques of joints outside of trees: they grow to 16 times what turns the axis."""
 
 
+@wp.func
+def across_first(axis: wp.vec3, first: wp.vec3) -> float:
+    """Share of the inertia about an angular axis that is its own, square to the first one.
+
+    In exact arithmetic no coordinate meets less than that share of what turns the body itself. An
+    axis that is parallel to the first has next to none, and not zero, by which it is divided.
+    """
+    along = wp.dot(axis, first)
+    return wp.max(1.0 - along * along, 0.0) + 1.0e-6
+
+
 @dataclass(frozen=True)
 class FreeAxisFunctions:
     """Device functions of free axes, compiled for the kinds of joints that a scene has."""

@@ -168,8 +168,29 @@ def left_open(i: int, recovery: float, loops: wp.ref[LoopWork]) -> float:
 
 
 @functools.cache
+def make_frames_of(flipped: bool) -> wp.Function:
+    """Device function: the anchor frames of a joint that the tree may go through backwards."""
+
+    @wp.func
+    def frames_of(body: int, joint: int, joints: wp.ref[JointModel]):
+        """Sign and frames of :class:`Anchors`, of the joint of a body."""
+        sign = float(1.0)
+        frame_p = joints.parent_frame[joint]
+        frame_c = joints.child_frame[joint]
+        if wp.static(flipped):
+            if joints.child[joint] != body:
+                sign = -1.0
+                frame_p = joints.child_frame[joint]
+                frame_c = joints.parent_frame[joint]
+        return sign, frame_p, frame_c
+
+    return frames_of
+
+
+@functools.cache
 def make_anchors_of(flipped: bool) -> wp.Function:
     """Device function: the anchors of a body's joint, which the tree may go through backwards."""
+    frames_of = make_frames_of(flipped)
 
     @wp.func
     def anchors_of(body: int, s: wp.ref[Solver]) -> Anchors:
@@ -177,14 +198,10 @@ def make_anchors_of(flipped: bool) -> wp.Function:
         joint = nonnegative(s.tree.joint[body])
         parent = nonnegative(s.tree.parent[body])
         anchors = Anchors()
-        anchors.sign = 1.0
-        anchors.frame_p = s.joints.parent_frame[joint]
-        anchors.frame_c = s.joints.child_frame[joint]
-        if wp.static(flipped):
-            if s.joints.child[joint] != body:
-                anchors.sign = -1.0
-                anchors.frame_p = s.joints.child_frame[joint]
-                anchors.frame_c = s.joints.parent_frame[joint]
+        sign, frame_p, frame_c = frames_of(body, joint, s.joints)
+        anchors.sign = sign
+        anchors.frame_p = frame_p
+        anchors.frame_c = frame_c
         anchors.q_p = anchor_rotation(s.tree, parent, anchors.frame_p)
         anchors.q_c = anchor_rotation(s.tree, body, anchors.frame_c)
         if wp.static(flipped):

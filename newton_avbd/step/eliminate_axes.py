@@ -10,7 +10,7 @@ from ..blocks.tree import Block
 from ..data import Solver, Step, TreeAxis
 from ..effects import Effects
 from ..rows.euler import NEAR_POLE
-from ..rows.free_axes import make_free_axes
+from ..rows.free_axes import across_first, make_free_axes
 from ..rows.joint import BALL, ROD, linear_axis
 from .axis_forces import FreeAxis, make_add_forces, make_ball_and_rod
 from .bodies import nonnegative
@@ -56,15 +56,13 @@ def make_measure_axis(effects: Effects) -> wp.Function:
         """Least that an axis moves of the body itself [kg or kg m^2].
 
         In exact arithmetic no coordinate meets less; what heavy children add and take away again
-        rounds. (Of an Euler axis that is nearly parallel to the first only the part across it
-        counts.)
+        rounds.
         """
         own = float(s.model.mass[body])
         if dof >= frame.linear:
             across = float(1.0)
             if dof > frame.linear:
-                along = wp.dot(angular, frame.first_axis)
-                across = wp.max(1.0 - along * along, 0.0) + 1.0e-6
+                across = across_first(angular, frame.first_axis)
             own = across / wp.trace(s.model.inv_inertia[body])
         return own
 

@@ -11,7 +11,7 @@ from ..data import Solver
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows.joint import NO_LIMIT
-from .anchors import is_linked
+from .anchors import is_linked, make_frames_of
 from .block_start import UNKNOWN
 from .bodies import nonnegative
 from .smoothness import external_wrench
@@ -36,6 +36,7 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
     """Device functions of a body after the stages of a step."""
     axes = make_stage_axes(effects)
     is_ball, axis_count = axes.is_ball, axes.axis_count
+    frames_of = make_frames_of(effects.flipped)
 
     @wp.func
     def allows_coordinate(index: int, q: wp.float64, s: wp.ref[Solver]) -> bool:
@@ -108,11 +109,8 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
         if s.work.inv_mass[body] > 0.0 and is_linked(body, s):
             joint = nonnegative(s.tree.joint[body])
             parent = nonnegative(s.tree.parent[body])
-            frame = s.joints.parent_frame[joint]
-            if wp.static(effects.flipped):
-                if s.joints.child[joint] != body:
-                    frame = s.joints.child_frame[joint]
-            held = wp.transform_get_translation(frame)
+            _sign, frame_p, _frame_c = frames_of(body, joint, s.joints)
+            held = wp.transform_get_translation(frame_p)
             if parent != static_slot:
                 held = s.tree.runge_kutta.place[parent]
             shift = (held - place) + s.tree.span[body]

@@ -21,6 +21,7 @@ from ..data import Solver, Step
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows.euler import NEAR_POLE
+from ..rows.free_axes import across_first
 from ..rows.joint import BALL, ball_away, make_counts
 from .anchors import anchor_rotation, is_linked, parent_slot
 from .axes import make_axis
@@ -188,9 +189,9 @@ def make_stage_forces(effects: Effects) -> StageForceFunctions:
             if dof >= linear:
                 own = 1.0 / wp.trace(s.model.inv_inertia[body])
             if dof > linear:
-                # of a further angular axis only the part across the first one counts
-                along = wp.dot(s.tree.axes[nonnegative(k - dof + linear)].angular, axis.angular)
-                own *= wp.max(1.0 - along * along, 0.0) + 1.0e-6
+                own *= across_first(
+                    axis.angular, s.tree.axes[nonnegative(k - dof + linear)].angular
+                )
             # in exact arithmetic no coordinate meets less
             inert = wp.max(inert, own)
             if wp.static(effects.kinds.gimbals):

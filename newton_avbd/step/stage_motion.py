@@ -21,7 +21,7 @@ from ..data import Solver
 from ..effects import Effects
 from ..rows.angle import reduced
 from ..rows.joint import linear_axis, make_counts
-from .anchors import anchor_arm
+from .anchors import anchor_arm, make_frames_of
 from .bodies import nonnegative
 from .stage_axes import ball_rotation, make_stage_axes
 
@@ -32,6 +32,7 @@ def make_place_linked(effects: Effects) -> wp.Function:
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
     is_ball = make_stage_axes(effects).is_ball
+    frames_of = make_frames_of(effects.flipped)
 
     @wp.func
     def turn_of_joint(body: int, joint: int, first: int, dofs: int, s: wp.ref[Solver]) -> wp.quat:
@@ -126,14 +127,9 @@ def make_place_linked(effects: Effects) -> wp.Function:
         linear = linear_count(s.joints, joint)
         angular = angular_count(s.joints, joint)
         turn = turn_of_joint(body, joint, first + linear, angular, s)
-        sign = float(1.0)
-        frame_p = s.joints.parent_frame[joint]
-        frame_c = s.joints.child_frame[joint]
+        sign, frame_p, frame_c = frames_of(body, joint, s.joints)
         if wp.static(effects.flipped):
-            if s.joints.child[joint] != body:
-                sign = -1.0
-                frame_p = s.joints.child_frame[joint]
-                frame_c = s.joints.parent_frame[joint]
+            if sign < 0.0:
                 turn = wp.quat_inverse(turn)
         anchor_p = s.tree.rotation[parent] * wp.transform_get_rotation(frame_p)
         anchor_c = anchor_p * turn

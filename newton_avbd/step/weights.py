@@ -19,7 +19,7 @@ from ..effects import Effects
 from ..model.callers import LIGHT_LINK
 from ..rows.free_axes import make_free_axes
 from ..rows.joint import linear_axis, make_counts
-from .anchors import anchor_arm, anchor_rotation, is_linked
+from .anchors import anchor_arm, anchor_rotation, is_linked, make_frames_of
 from .beginning import is_tree
 from .bodies import body_at, has_rows
 from .piles import LINK_WEIGHT
@@ -63,6 +63,7 @@ def make_weigh(effects: Effects) -> wp.Function:
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
     angular_axis = make_free_axes(effects.kinds).angular_axis
+    frames_of = make_frames_of(effects.flipped)
 
     @wp.func(inline=effects.inline)
     def beyond_joint(
@@ -90,11 +91,8 @@ def make_weigh(effects: Effects) -> wp.Function:
         above = wp.where(s.joints.parent[joint] < 0, static_slot, s.joints.parent[joint])
         q_p = anchor_rotation(s.tree, above, s.joints.parent_frame[joint])
         q_c = anchor_rotation(s.tree, s.joints.child[joint], s.joints.child_frame[joint])
-        frame = s.joints.child_frame[joint]
-        if wp.static(effects.flipped):
-            if s.joints.child[joint] != body:
-                frame = s.joints.parent_frame[joint]
-        arm = anchor_arm(body, frame, static_slot, s)
+        _sign, _frame_p, frame_c = frames_of(body, joint, s.joints)
+        arm = anchor_arm(body, frame_c, static_slot, s)
         span = (s.work.com[body] - s.work.com[parent]) * wp.where(is_inward, -1.0, 1.0)
         if is_inward:
             if s.work.inv_mass[parent] > 0.0:
