@@ -58,7 +58,7 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
                 if wp.static(effects.loops):
                     for k in range(s[0].loops.body_start[body], s[0].loops.body_start[body + 1]):
                         if ties(s[0].loops.items[k] / 2, s[0]):
-                            other = other_end(body, s[0].loops.items[k], s[0])
+                            other = other_end(s[0].loops.items[k], s[0])
                             slot = wp.where(other < 0, scale.static_slot, other)
                             join_at_once(body, slot, HELD, s[0])
                 if wp.static(effects.tendons):

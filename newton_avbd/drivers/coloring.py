@@ -125,7 +125,7 @@ def sort_lists(step: Step, s: wp.array[Solver]):
 
 
 @wp.func
-def other_end(body: int, item: int, s: wp.ref[Solver]) -> int:
+def other_end(item: int, s: wp.ref[Solver]) -> int:
     """The other body of a joint outside of trees, -1 for the world; ``item`` says which joint."""
     joint = s.loops.joints[item / 2]
     return wp.where(item % 2 == 0, s.joints.parent[joint], s.joints.child[joint])
@@ -172,7 +172,7 @@ def color_blocks(side: int, is_last: int, s: wp.array[Solver]):
                     )
         if s[0].loops.joints.shape[0] > 0:
             for i in range(s[0].loops.body_start[body], s[0].loops.body_start[body + 1]):
-                partner = other_end(body, s[0].loops.items[i], s[0])
+                partner = other_end(s[0].loops.items[i], s[0])
                 if partner >= 0 and s[0].work.inv_mass[wp.max(partner, 0)] > 0.0:
                     used, is_clashing = look_at(
                         block, partner, side, used, is_clashing, s[0].colors

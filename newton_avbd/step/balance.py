@@ -59,8 +59,9 @@ def with_work(sum: Balance, work: float) -> Balance:
 
 
 @wp.func
-def counts_here(body: int, item: int, joint: int, s: wp.ref[Solver]) -> bool:
-    """Whether a joint outside of trees counts with this body: with its child, if that moves."""
+def counts_here(item: int, joint: int, s: wp.ref[Solver]) -> bool:
+    """Whether a joint outside of trees counts with a body of which ``item`` says which end it is:
+    with its child, if that moves."""
     is_child = item % 2 == 0
     return s.joints.enabled[joint] and (is_child or s.work.inv_mass[s.joints.child[joint]] == 0.0)
 

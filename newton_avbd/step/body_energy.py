@@ -120,7 +120,7 @@ def make_add_body(effects: Effects) -> wp.Function:
         if wp.static(effects.loops):
             for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
                 joint = s.loops.joints[s.loops.items[k] / 2]
-                if counts_here(body, s.loops.items[k], joint, s):
+                if counts_here(s.loops.items[k], joint, s):
                     out = add_joint(
                         joint,
                         s.joints.dof_start[joint],

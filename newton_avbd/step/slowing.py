@@ -118,7 +118,7 @@ def make_slowing(effects: Effects) -> SlowingFunctions:
                     for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
                         item = s.loops.items[k]
                         joint = s.loops.joints[item / 2]
-                        if counts_here(body, item, joint, s):
+                        if counts_here(item, joint, s):
                             first = s.joints.dof_start[joint]
                             take_back(joint, first, s.loops.start_coordinate, s)
         elif sum.is_bounded:
@@ -143,7 +143,7 @@ def make_slowing(effects: Effects) -> SlowingFunctions:
                 for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
                     item = s.loops.items[k]
                     joint = s.loops.joints[item / 2]
-                    if counts_here(body, item, joint, s):
+                    if counts_here(item, joint, s):
                         scale_rotors(joint, share, step, s)
 
     return SlowingFunctions(settle_island, slow_body, slow_rotors)

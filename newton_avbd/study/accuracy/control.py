@@ -52,12 +52,10 @@ class ControlScene:
     Attributes:
         name: What the table calls it.
         find: Finds the scene; its error is a length [m].
-        is_quiet: Whether nothing much happens most of the time.
     """
 
     name: str
     find: Callable[[], AccuracyScene]
-    is_quiet: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,13 +96,12 @@ class Outcome:
         return max(self.error - self.resolution, 0.0) / self.allowed
 
 
-def _in_metres(name: str, scale: float = 1.0, seconds: float | None = None) -> AccuracyScene:
+def _in_metres(name: str, scale: float = 1.0) -> AccuracyScene:
     """A scene of the accuracy study with its error as a length.
 
     Args:
         name: Its name there.
         scale: What its error is relative to [m], where it is not how far a body goes.
-        seconds: Time to simulate; None for the study's.
     """
     scene = ACCURACY_SCENES[name]
     off = scene.error
@@ -114,7 +111,7 @@ def _in_metres(name: str, scale: float = 1.0, seconds: float | None = None) -> A
             return farthest(path.centers - off.belongs(path))
         return scale * off(path)
 
-    return replace(scene, error=error, resolution=0.0, seconds=seconds or scene.seconds)
+    return replace(scene, error=error, resolution=0.0)
 
 
 def _rolling() -> AccuracyScene:
@@ -164,14 +161,14 @@ CONTROL_SCENES: dict[str, ControlScene] = {
         ControlScene("pendulum_8", partial(_in_metres, "pendulum_8", 8.0 * pendulums.LENGTH)),
         ControlScene("cartpole", partial(_asked, "cartpole", robots.add_cartpole, 1.0)),
         ControlScene("legs", partial(_asked, "legs", add_swinging_quadruped, 0.5)),
-        ControlScene("incline", partial(_in_metres, "incline"), True),
-        ControlScene("sliding", partial(_in_metres, "sliding"), True),
-        ControlScene("skidding", partial(_in_metres, "skidding"), True),
+        ControlScene("incline", partial(_in_metres, "incline")),
+        ControlScene("sliding", partial(_in_metres, "sliding")),
+        ControlScene("skidding", partial(_in_metres, "skidding")),
         ControlScene("tipping", partial(_in_metres, "tipping")),
         ControlScene("landing", partial(_in_metres, "landing")),
-        ControlScene("bounce", partial(_in_metres, "bounce"), True),
+        ControlScene("bounce", partial(_in_metres, "bounce")),
         ControlScene("rolling", _rolling),
-        ControlScene("stack", partial(_in_metres, "stack", 0.5), True),
+        ControlScene("stack", partial(_in_metres, "stack", 0.5)),
         ControlScene("ant", partial(_asked, "ant", robots.add_ant, 1.0)),
         ControlScene("quadruped", partial(_asked, "quadruped", robots.add_quadruped, 1.0)),
     )

@@ -92,7 +92,7 @@ def write_page(outcomes: Sequence[Outcome], folder: Path) -> Path:
             parts.append(f"<h2>{html.escape(group)}</h2>")
         for name in tried:
             found = [outcome for outcome in outcomes if outcome.case == name]
-            draw(CASES[name], found, folder / f"{name}.png")
+            draw(found, folder / f"{name}.png")
             parts.append(_section(CASES[name], found))
     page = folder / "index.html"
     page.write_text("\n".join(parts) + "</html>\n", encoding="utf-8")
@@ -120,7 +120,7 @@ def as_json(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def draw(case: Case, outcomes: Sequence[Outcome], path: Path) -> None:
+def draw(outcomes: Sequence[Outcome], path: Path) -> None:
     """Draw penetration or joint error, and energy, over time."""
     from matplotlib.figure import Figure
 
