@@ -13,10 +13,10 @@ import warp as wp
 
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .effects import CAUSES
-from .measure.state import transform
 from .model.actuators import Actuators
 from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities, lonely_rows, unheard_rows
+from .model.rotations import transform
 from .model.tendons import left_joints, tendon_count, tendon_equalities, tendon_name, tendons
 from .rows.joint import KINDS
 

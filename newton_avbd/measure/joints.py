@@ -14,8 +14,9 @@ import newton
 import numpy as np
 from numpy.typing import NDArray
 
-from newton_avbd.measure.state import Array, rotate, transform
+from newton_avbd.measure.state import Array
 from newton_avbd.model.equalities import may_hold
+from newton_avbd.model.rotations import rotate, transform
 
 _UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.ROD)
 _LEAST = 1e-9

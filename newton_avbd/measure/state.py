@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from newton_avbd.measure.overlaps import Overlap, find_overlaps
+from newton_avbd.model.rotations import rotate, transform
 
 Array = NDArray[np.float64]
 
@@ -52,17 +53,6 @@ class Bodies:
             gravity=gravity[model.body_world.numpy()],
             moving=(mass > 0.0) & ~kinematic,
         )
-
-
-def rotate(q: Array, v: Array) -> Array:
-    """Rotate vectors ``v``, shape [..., 3], by unit quaternions ``q`` (x, y, z, w), [..., 4]."""
-    t = 2.0 * np.cross(q[..., :3], v)
-    return v + q[..., 3:] * t + np.cross(q[..., :3], t)
-
-
-def transform(pose: Array, point: Array) -> Array:
-    """Apply poses [m, quaternion], shape [..., 7], to points [m], shape [..., 3]."""
-    return pose[..., :3] + rotate(pose[..., 3:], point)
 
 
 def kinetic_energy(bodies: Bodies, body_q: Array, body_qd: Array) -> Array:

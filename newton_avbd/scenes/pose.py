@@ -10,7 +10,8 @@ import newton
 import numpy as np
 
 from newton_avbd.measure.overlaps import DEPTH
-from newton_avbd.measure.state import Array, Probe, rotate, transform
+from newton_avbd.measure.state import Array, Probe
+from newton_avbd.model.rotations import rotate, transform
 from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.robots import place
 

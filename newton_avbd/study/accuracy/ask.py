@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from newton_avbd.io.errors import UserError
-from newton_avbd.measure.state import Array, Bodies, rotate, transform
+from newton_avbd.measure.state import Array, Bodies
+from newton_avbd.model.rotations import rotate, transform
 from newton_avbd.scenes.scene import Scene
 from newton_avbd.study.accuracy.front import OURS, cheapest, usable
 from newton_avbd.study.accuracy.run import OutOfTime, Point, Runner, runner

@@ -13,7 +13,8 @@ from collections.abc import Callable, Iterable
 import newton
 import numpy as np
 
-from newton_avbd.measure.state import Array, Bodies, transform
+from newton_avbd.measure.state import Array, Bodies
+from newton_avbd.model.rotations import transform
 from newton_avbd.scenes.chains import add_chain
 
 LENGTH = 1.0

@@ -23,7 +23,8 @@ import warp as wp
 from newton_avbd import SolverAVBD
 from newton_avbd.io.assets import read_driven
 from newton_avbd.io.errors import UserError
-from newton_avbd.measure.state import Array, rotate
+from newton_avbd.measure.state import Array
+from newton_avbd.model.rotations import rotate
 
 GYMNASIUM = (
     "InvertedPendulum-v5",

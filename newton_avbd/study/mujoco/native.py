@@ -9,7 +9,8 @@ from typing import Any
 import newton
 import numpy as np
 
-from newton_avbd.measure.state import Array, rotate
+from newton_avbd.measure.state import Array
+from newton_avbd.model.rotations import rotate
 from newton_avbd.scenes.named import Scene
 from newton_avbd.study.contestants import FRAMES_IN_ONE_GO, GRAPH_STEPS, Contestant
 from newton_avbd.study.mujoco.joints import Articulated

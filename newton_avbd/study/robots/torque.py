@@ -15,7 +15,8 @@ import newton
 import numpy as np
 from numpy.typing import NDArray
 
-from newton_avbd.measure.state import Array, Bodies, rotate, transform
+from newton_avbd.measure.state import Array, Bodies
+from newton_avbd.model.rotations import rotate, transform
 
 AT_LIMIT = 1.0e-3
 """Distance from a limit within which the limit may push [rad or m]."""

@@ -11,7 +11,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from newton_avbd.measure.state import rotate
+from newton_avbd.model.rotations import rotate
 from newton_avbd.scenes.named import add_ground, set_velocity
 from newton_avbd.study.stability.case import Bounds, Catalog, Trial
 from newton_avbd.study.stability.joints import at
