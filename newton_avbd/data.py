@@ -997,6 +997,8 @@ class ClosureWork:
     """By row: what a joint locks, a unit vector in world frame."""
     whole: wp.array[float]
     """By row: how far it is moved by its own multiplier alone [m/N or rad/(N m)]."""
+    stopped: wp.array[float]
+    """By row: how much farther without stops and friction that hold axes on its way."""
     least: wp.array[float]
     """By row: how far the multiplier would move bodies that nothing else holds; 0 for a mimic."""
     held: wp.array[float]

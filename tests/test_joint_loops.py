@@ -510,3 +510,35 @@ def test_two_stops_of_a_loop_that_do_not_go_together_let_it_close() -> None:
         assert np.abs(sim.velocity).max() < 10.0
     assert measured.separation(sim.pose).max() < 1.0e-6
     assert measured.limit_violation(sim.pose).max() < 1.0e-5
+
+
+def test_of_stops_that_one_sweep_reaches_a_loop_leaves_the_nearest() -> None:
+    """A parallelogram whose hinges have velocity limits of 0.3, 0.4 and 0.5 rad/s.
+
+    All turn alike, so it turns by 0.3 rad/s. Torques that alone would turn it by 10 rad/s in a step
+    take all to their limits at once.
+    """
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    crank, coupler, rocker = (add_link(builder) for _ in range(3))
+    low, high = transform((0.0, 0.0, -0.1)), transform((0.0, 0.0, 0.1))
+    left, right = transform((-0.2, 0.0, 0.0)), transform((0.2, 0.0, 0.0))
+    far = transform((0.4, 0.0, 0.0))
+    joints = [
+        builder.add_joint_revolute(
+            parent, child, parent_xform=at, child_xform=own, axis=HINGE, velocity_limit=limit
+        )
+        for parent, child, at, own, limit in (
+            (WORLD, crank, transform(), low, 0.3),
+            (crank, coupler, high, left, 0.4),
+            (WORLD, rocker, far, low, 0.5),
+        )
+    ]
+    builder.add_joint_revolute(rocker, coupler, parent_xform=high, child_xform=right, axis=HINGE)
+    builder.add_articulation(joints)
+    sim = simulate(builder, scheme="euler")
+    sim.control.joint_f.assign(np.array([50.0, 50.0, 50.0, 0.0], dtype=np.float32))
+    for _ in range(10):
+        sim.step()
+        assert anchor_gaps(sim).max() < 1.0e-6
+        # in a step links of 0.2 m may stay apart by 1e-6 m
+        np.testing.assert_allclose(sim.velocity[:, 4], [0.3, 0.0, 0.3], atol=1.2e-3)

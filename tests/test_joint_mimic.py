@@ -182,6 +182,41 @@ def test_a_limit_of_the_follower_stops_the_leader() -> None:
     np.testing.assert_allclose(qd, 0.0, atol=1e-4)
 
 
+@pytest.mark.parametrize("factors", [(1.0, 1.6), (1.0, 1.6, 2.4), (1.0, 2.4, 1.6)])
+def test_of_two_stops_that_one_sweep_reaches_the_mimic_leaves_the_nearer_one(
+    factors: tuple[float, ...],
+) -> None:
+    """Geared wheels, each with a velocity limit of 0.5 rad/s, as the thumbs of Unitree's H1.
+
+    A torque that alone would turn them by 4 rad/s in a step takes all to their limits at once. The
+    fastest wheel is the only one that may be there; the others turn by their factors of it.
+    """
+    limit, torque = 0.5, 20.0
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    joints = []
+    for i in range(len(factors)):
+        link = add_link(builder, inertia=np.full(3, 0.02))
+        at = transform((0.0, 0.0, float(i)))
+        joints.append(
+            builder.add_joint_revolute(
+                WORLD, link, parent_xform=at, axis=HINGE, velocity_limit=limit
+            )
+        )
+    builder.add_articulation(joints)
+    for i, factor in enumerate(factors[1:], 1):
+        builder.set_joint_mimic(joints[i], joints[0], coeffs=(0.0, factor))
+    sim = simulate(builder)
+    for way in (1.0, -1.0):
+        set_control(sim, joint_f=[way * torque] * len(factors))
+        for _ in range(30):
+            sim.step()
+            for i, factor in enumerate(factors[1:], 1):
+                assert misfit(sim, joints[0], joints[i], 0.0, factor) < 1e-6
+        qd = coordinates(sim)[1]
+        expected = way * limit / max(factors) * np.array(factors)
+        np.testing.assert_allclose(qd, expected, rtol=1e-4)
+
+
 def test_a_gripper_in_the_middle_of_a_moving_tree_stays_symmetric() -> None:
     """Fingers on a falling, spinning palm; one is pushed by its joint force."""
     builder = newton.ModelBuilder()

@@ -176,6 +176,36 @@ def test_a_force_that_is_not_the_law_s_is_told():
     assert torques.wrong[0] == pytest.approx(10.0, rel=1.0e-4)
 
 
+def test_a_brake_of_what_follows_is_its_leader_s_too():
+    """A leader's drive pushes a follower that is at its velocity limit, and turns no faster."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    links = [builder.add_link(mass=1.0, inertia=wp.mat33(np.eye(3) * 0.01)) for _ in "ab"]
+    axis = wp.vec3(0.0, 1.0, 0.0)
+    drive = {"target_ke": 100.0, "target_kd": 1.0}
+    joints = [
+        builder.add_joint_revolute(-1, links[0], axis=axis, **drive),
+        builder.add_joint_revolute(-1, links[1], axis=axis, velocity_limit=0.5),
+    ]
+    builder.add_articulation(joints)
+    builder.set_joint_mimic(joints[1], joints[0], coeffs=(0.0, 2.0))
+    model = builder.finalize(device="cpu")
+    state, following, control = model.state(), model.state(), model.control()
+    targets = np.array([1.0, 2.0])
+    control.joint_target_q.assign(targets.astype(np.float32))
+    contacts, solver = newton.Contacts(1, 0, device="cpu"), SolverAVBD(model)
+    kind = newton.solvers.SolverBase.ObservableKind.CONTACT_F
+    observables = solver.observables([kind], contacts=contacts)
+    torques = Torques(model, 0.01)
+    for step in range(5):
+        if step == 4:
+            before = torques.momenta(state)
+        solver.step(state, following, control, contacts, 0.01, observables=observables)
+        state, following = following, state
+    torques.add(before, state, targets, contacts, observables)
+    assert state.body_qd.numpy()[:, 4] == pytest.approx([0.25, 0.5], rel=1.0e-4)
+    assert torques.wrong[0] == 0.0
+
+
 def test_a_leader_s_drive_carries_what_follows_it():
     builder = newton.ModelBuilder()
     tiny = wp.mat33(np.eye(3) * 1.0e-6)

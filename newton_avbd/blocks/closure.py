@@ -23,7 +23,8 @@ close them on the way). Substitution goes back: multipliers of the rows that end
 its update, and push the axes of the bodies that they came by.
 
 A row that the others imply already, as most are in a planar mechanism, or that nothing can move,
-has no pivot and is left out.
+has no pivot and is left out. Where that is so only since stops or friction hold axes on its way,
+and they hold them where the row cannot be closed, it is soft instead (:data:`CONTRADICTED`).
 
 G and what is done with it is float64. As a sum of squares of what rows meet it is positive
 semidefinite to 1e-16 then, and pivots may be as small as :data:`SOFTNESS` has them.
@@ -37,6 +38,12 @@ from .tree import Block, handed_down
 
 IMPLIED = wp.constant(1.0e-4)
 """Pivot from which a mimic says nothing new, as a share of what it had before elimination."""
+CONTRADICTED = wp.constant(1.0e-6)
+"""How far a row that stops leave nothing to say may be from closed [m or rad]: more than rounding
+of limits makes it. Beyond that the stops do not go together: a sweep has reached two of which the
+row lets its axes reach one. With a softness of :data:`IMPLIED` it then pushes so hard that the
+other would have to pull, and lets go. Left out, it would stay open, at a minimum of all but itself.
+"""
 SOFTNESS = wp.constant(1.0e-7)
 """By how much more a multiplier moves its row, as a share of what the most mobile row of its joint
 does: more than rounding leaves of a pivot after hundreds of others. A row along a taut chain has a
@@ -109,6 +116,7 @@ def meet_axes(body: int, axes: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWor
         w = closures.way[at]
         met = closures.met[p]
         whole = closures.whole[row]
+        stopped = closures.stopped[row]
         moved = closures.multiplier[row] + wp.float64(wp.dot(w, tree.closing[body]))
         for k in range(axes):
             axis = tree.axes[first + k]
@@ -118,9 +126,12 @@ def meet_axes(body: int, axes: int, work: wp.ref[BodyWork], tree: wp.ref[TreeWor
             w -= share * wp.spatial_vector(axis.force, axis.torque)
             moved += wp.float64(force * (axis.inv_pivot * axis.push + axis.step))
             whole += share * force
+            if axis.pivot > 0.0:
+                stopped += force * force / axis.pivot
             met[k] = force
         closures.met[p] = met
         closures.whole[row] = whole
+        closures.stopped[row] = stopped
         closures.multiplier[row] = moved
         closures.way[at] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
         handed = wp.where(is_carried, 1.0, 0.0) * handed_down(tree.span[body], w)
@@ -167,10 +178,14 @@ def end_rows(top: int, block: Block, softness: float, closures: wp.ref[ClosureWo
                 mobility = wp.max(mobility, closures.whole[row] / closures.least[row])
         for row in range(closure.row, closure.row + closure.rows):
             least = IMPLIED * closures.whole[row]
+            if closure.tendon >= 0:
+                closures.stopped[row] = 0.0
             if closure.loop >= 0:
                 free = closures.least[row]
                 says = closures.whole[row] > wp.max(HARDLY_MOVED * mobility, IMMOVABLE) * free
                 least = wp.where(says, 0.0, wp.inf)
+                if closures.stopped[row] <= IMPLIED * free:
+                    closures.stopped[row] = 0.0  # it is not the stops
                 slack = closure.softness * softness * mobility * free
                 closures.gram[closures.gram_row[row] + row] += wp.float64(slack)
                 kept = (1.0 - FORGOTTEN) * slack * closures.held[row]
@@ -182,8 +197,11 @@ def end_rows(top: int, block: Block, softness: float, closures: wp.ref[ClosureWo
         pivot = closures.gram[g_row + row]
         w = closures.way[2 * row]
         if pivot <= wp.float64(closures.least[row]):
-            closures.gram[g_row + row] = wp.float64(0.0)
-            continue
+            is_soft = closures.stopped[row] > 0.0
+            if not is_soft or wp.abs(closures.multiplier[row]) <= wp.float64(CONTRADICTED):
+                closures.gram[g_row + row] = wp.float64(0.0)
+                continue
+            pivot = wp.float64(IMPLIED * (closures.whole[row] + closures.stopped[row]))
         inverse = wp.float64(1.0) / pivot
         closures.gram[g_row + row] = inverse
         moved = closures.multiplier[row]

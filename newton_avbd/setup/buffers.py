@@ -456,6 +456,7 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     work.misfit = wp.zeros(len(top), dtype=float)
     work.direction = wp.zeros(len(top), dtype=wp.vec3)
     work.whole = wp.zeros(len(top), dtype=float)
+    work.stopped = wp.zeros(len(top), dtype=float)
     work.least = wp.zeros(len(top), dtype=float)
     work.held = wp.zeros(len(top), dtype=float)
     work.multiplier = wp.zeros(len(top), dtype=wp.float64)

@@ -92,6 +92,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.way[2 * row] = none
                 closures.way[2 * row + 1] = none
                 closures.whole[row] = 0.0
+                closures.stopped[row] = 0.0
                 closures.least[row] = 0.0
                 closures.held[row] = 0.0
                 closures.multiplier[row] = wp.float64(0.0)

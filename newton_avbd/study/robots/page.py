@@ -43,7 +43,10 @@ hangs in mid-air; after the hold nothing moves faster than 0.1 m/s, or than twic
 SolverMuJoCo; and the drives move right. A drive moves right if it follows its target as closely
 as with SolverMuJoCo, or, where MuJoCo refuses the robot, as its law has it, to 20 mrad. It also
 does if it pushes as its law says, to 2 %: what the links beyond it gain in momentum, less gravity
-and contact forces, is the force of the law. (Two simulators need not make the same motion of a
+and contact forces, is the force of the law, but for what friction, limits of position and limits of
+velocity push, its own and those of joints that mimic it. (Of a thumb whose tip mimics it 2.4 times
+as far, the limit of the tip of 0.5 rad/s lets the drive turn it by 0.21 rad/s. MuJoCo has no limits
+of velocity.) (Two simulators need not make the same motion of a
 robot: a foot sticks in one and creeps in the other, and what falls over falls at another time.)
 """
 

@@ -108,15 +108,17 @@ class Torques:
         self._last, self._speed = at, speed
         error = np.where(start * end < 0.0, 0.0, np.where(np.abs(start) < np.abs(end), start, end))
         error = np.sign(error) * np.maximum(np.abs(error) - law["friction"], 0.0)
-        # A limit pushes away from itself only, that of an axis that mimics through its leader.
+        # A limit pushes away from itself only; limits and brakes of an axis that mimics push its
+        # leader, too.
+        braked = np.abs(speed) >= BRAKED * law["velocity_limit"]
         low, high = at < law["limit_lower"] + AT_LIMIT, at > law["limit_upper"] - AT_LIMIT
         for leading, following, share in self._mimics:
             up, down = (low, high) if share > 0.0 else (high, low)
             low[leading] |= up[following]
             high[leading] |= down[following]
+            braked[leading] |= braked[following]
         error = np.where(low, np.minimum(error, 0.0), error)
         error = np.where(high, np.maximum(error, 0.0), error)
-        braked = np.abs(speed) >= BRAKED * law["velocity_limit"]
         self.wrong += np.where(braked, 0.0, np.abs(error))
         self.pushed += np.abs(self._through_mimics(told))
 
