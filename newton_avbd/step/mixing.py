@@ -123,6 +123,8 @@ def least_mixture(
     if sweep > 3 and determinant > 0.0:
         t_1 = (b_1 * a_22 - b_2 * a_12) / determinant
         t_2 = (b_2 * a_11 - b_1 * a_12) / determinant
+    if not wp.isfinite(t_1 + t_2):
+        return wp.vec2(0.0), after
     t_1 = wp.clamp(t_1, -MOST_MIXED, 0.0)
     return wp.vec2(t_1, wp.clamp(t_2, -MOST_MIXED, MOST_MIXED)), after
 
