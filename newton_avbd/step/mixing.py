@@ -20,7 +20,7 @@ what mixing cannot know, closed joints and cones of friction, holds.
 
 import warp as wp
 
-from ..data import Solver
+from ..data import MixedBody, MixedRow, Solver
 from ..effects import Effects
 from .beginning import is_in_tree
 from .bodies import body_at
@@ -54,9 +54,14 @@ def begin_mixing(world: int, s: wp.ref[Solver]) -> bool:
         return False
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
         body = body_at(i, s.worlds)
-        s.work.mixed[body].start = s.work.increment[body]
+        # nothing of the last step, not even times zero: a slot may be that of a world that failed
+        last = MixedBody()
+        last.start = s.work.increment[body]
+        s.work.mixed[body] = last
         for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
-            s.rows.mixed[k].start = s.rows.rows[k].force
+            held = MixedRow()
+            held.start = s.rows.rows[k].force
+            s.rows.mixed[k] = held
     return True
 
 
