@@ -198,6 +198,24 @@ def test_links_that_press_on_each_other_move_as_one(rate: int) -> None:
     assert sim.pose[2, 0] - sim.pose[1, 0] == pytest.approx(0.04, abs=1e-4)
 
 
+def test_what_sweeps_left_of_a_step_is_nothing_to_the_next_one() -> None:
+    """To the bit: a slot may be that of a world that failed, whose NaN went from world to world."""
+    builder = newton.ModelBuilder()
+    add_gripper(builder, 0.07, mu=0.6)
+    add_box(builder, (0.0, 0.0, -0.2), 0.1, mu=0.6)
+    clean, spoilt = (driven(builder, 240, [3.4 * (G + 2.0), 34.0, -34.0]) for _ in range(2))
+    for array in (spoilt.solver._rows.mixed, spoilt.solver._work.mixed):
+        left = array.numpy()
+        for name in left.dtype.names:
+            left[name] = np.nan
+        array.assign(left)
+    for sim in (clean, spoilt):
+        sim.control.joint_f.assign(np.array([20.0, 34.0, -20.0, *[0.0] * 6], dtype=np.float32))
+        sim.step()
+    assert spoilt.solver.status.sweeps.max() > 2
+    np.testing.assert_array_equal(spoilt.pose, clean.pose)
+
+
 @pytest.mark.parametrize("mu", [0.0, 0.2])
 @pytest.mark.parametrize("rate", [60, 240])
 def test_a_robot_speeds_up_with_what_it_pushes(rate: int, mu: float) -> None:
