@@ -15,15 +15,15 @@ from newton_avbd.io.output import STANDARD_OUTPUT
 
 
 def add_scene_arguments(parser: argparse.ArgumentParser, solvers: Sequence[str] = SOLVERS) -> None:
-    """Add the scene, the solver and its settings."""
+    """Add the scene, the solver where there is a choice, and its settings."""
     parser.add_argument(
         "scene",
         metavar="SCENE",
         help=f"a scene, a robot (robot:NAME), a Newton example, or a file ({', '.join(SUFFIXES)})",
     )
-    parser.add_argument(
-        "--solver", choices=solvers, default="avbd", help="solver (default: %(default)s)"
-    )
+    parser.set_defaults(solver="avbd")
+    if len(solvers) > 1:
+        parser.add_argument("--solver", choices=solvers, help="solver (default: avbd)")
     parser.add_argument(
         "--frames", type=positive(int), help="frames to simulate (default: the scene's own)"
     )
