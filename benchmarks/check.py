@@ -83,6 +83,7 @@ def main(argv: list[str] | None = None) -> int:
         BASELINE.write_text(json.dumps(content, indent=1) + "\n")
     elif failed:
         print(f"slower by more than {ALLOWED - 1:.0%} than the baseline: {', '.join(failed)}")
+        print("Where the version before is as slow here, it is the machine.")
     return interruption.status(int(bool(failed)))
 
 

@@ -10,6 +10,7 @@ SolverMuJoCo makes of the model; all on one core. Errors are the largest of a bo
 end, beside ``mj_step`` with RK4 at 20,000 steps a second.
 """
 
+import argparse
 import sys
 import time
 import warnings
@@ -155,4 +156,6 @@ def main(names: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    parser = argparse.ArgumentParser(prog="python -m newton_avbd.study.accuracy.swing")
+    parser.add_argument("names", nargs="*", metavar="NAME", help="part of a file's name, or a path")
+    sys.exit(main(parser.parse_args().names))

@@ -230,6 +230,7 @@ def _deepest(model: newton.Model, state: newton.State, contacts: newton.Contacts
 def main() -> int:
     """Measure batches and print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.prog = "python -m newton_avbd.study.bench.batches"
     parser.add_argument("scenes", nargs="*", metavar="SCENE", help=f"of {', '.join(BATCHES)}")
     parser.add_argument("--worlds", type=positive(int), nargs="+", default=[1024])
     add_solvers(parser, SOLVERS)

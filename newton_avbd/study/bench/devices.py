@@ -166,6 +166,7 @@ def _row(name: str) -> list[str]:
 def main() -> int:
     """Compare devices and print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.prog = "python -m newton_avbd.study.bench.devices"
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}")
     parser.add_argument("--processes", type=int, default=1, help="cases at once (default: 1)")
     args = parser.parse_args()

@@ -7,6 +7,7 @@ Towers of five cubes with four contacts each stand on the ground, at rest all th
 until half a second is over, and asleep from then on.
 """
 
+import argparse
 import sys
 import time
 from collections.abc import Callable
@@ -113,5 +114,6 @@ def table() -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m newton_avbd.study.bench.sleeping").parse_args()
     wp.config.log_level = wp.LOG_WARNING
     sys.exit(table())

@@ -8,6 +8,7 @@ In 32 worlds a box rests on the ground; in 32 a ball hits a pyramid of 10 boxes.
 sweeps, which the hard worlds need for a while, all worlds pay for all the time.
 """
 
+import argparse
 import math
 import sys
 import time
@@ -131,5 +132,6 @@ def table() -> int:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(prog="python -m newton_avbd.study.bench.tolerance").parse_args()
     wp.config.log_level = wp.LOG_WARNING
     sys.exit(table())

@@ -28,6 +28,7 @@ from .stripped import real_and_stripped
 def main() -> int:
     """Print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description="whether absent effects cost anything")
+    parser.prog = "python -m newton_avbd.study.effects.proof"
     parser.add_argument("effects", nargs="*", metavar="EFFECT")
     parser.add_argument("--registers", action="store_true")
     args = parser.parse_args()

@@ -155,6 +155,7 @@ SCENES: dict[str, tuple[Callable[[newton.ModelBuilder], None], dict[str, Any]]] 
 def main() -> int:
     """Print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description="what the kernels take on a GPU")
+    parser.prog = "python -m newton_avbd.study.effects.registers"
     parser.add_argument("scenes", nargs="*", choices=[[], *SCENES], metavar="SCENE")
     rows = [("scene", "kernel", "registers", "stack [B]", "spilled [B]", "compiled [s]")]
     names = parser.parse_args().scenes or list(SCENES)

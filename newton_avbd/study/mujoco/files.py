@@ -164,6 +164,7 @@ def _owners(solver: SolverMuJoCo) -> tuple[Any, Any]:
 def main() -> int:
     """Print a line for each file and way of driving it; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description="MJCF files beside MuJoCo")
+    parser.prog = "python -m newton_avbd.study.mujoco.files"
     parser.add_argument("names", nargs="*", metavar="NAME", help="part of a file's name, or a path")
     parser.add_argument("--scheme", help="of SolverAVBD (default: its own)")
     parser.add_argument("--page", metavar="FILE", help="write the orders of convergence into it")

@@ -99,6 +99,7 @@ def _coordinates(builder: newton.ModelBuilder) -> dict[int, int]:
 def main() -> int:
     """Run the robots and print a table; 0, or 130 after Ctrl-C."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.prog = "python -m newton_avbd.study.robots.random_targets"
     parser.add_argument("robots", nargs="*", default=list(ROBOTS), metavar="ROBOT")
     add_solvers(parser, SOLVERS, ("avbd",))
     args = parser.parse_args()
