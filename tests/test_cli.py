@@ -240,6 +240,12 @@ def test_compare_drives_a_file_by_the_same_controls(tmp_path, capsys):
     assert main(["compare", str(path), "--ctrl", "keyframe", *arguments]) == 2
     assert "no keyframe with 1 controls" in capsys.readouterr().err
     assert main(["compare", "fall", "--ctrl", "sine"]) == 2
+    keys = '<mujoco><keyframe><key qpos="0"/><key ctrl="0.5"/></keyframe></mujoco>'
+    (tmp_path / "keys.xml").write_text(keys)
+    whole = path.read_text().replace("<mujoco>", '<mujoco><include file="keys.xml"/>')
+    path.write_text(whole)
+    assert main(["compare", str(path), "--ctrl", "keyframe", *arguments, "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["moved"][1] > 0.01
 
 
 def test_compare_leaves_out_contacts_that_a_file_turns_off(tmp_path, capsys):

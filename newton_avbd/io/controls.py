@@ -4,13 +4,13 @@
 """Controls of MuJoCo's actuators over time, the same for every solver."""
 
 from pathlib import Path
-from xml.etree import ElementTree
 
 import newton
 import numpy as np
 from numpy.typing import NDArray
 
 from .errors import UserError
+from .mjcf import read_mjcf
 
 HOLD = 0.05
 """How long a random control lasts [s]."""
@@ -55,12 +55,12 @@ class Controls:
 
 
 def _keyframe(path: Path, count: int) -> NDArray[np.float32]:
-    """Controls of the first keyframe that has some.
+    """Controls of the first keyframe of a file, or of one that it includes, that has some.
 
     Raises:
         UserError: There is none.
     """
-    for key in ElementTree.parse(path).getroot().iter("key"):
+    for key in read_mjcf(path)[0].iter("key"):
         values = np.array(key.get("ctrl", "").split(), dtype=np.float32)
         if values.size == count:
             return values
