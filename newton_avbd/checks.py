@@ -13,7 +13,7 @@ import warp as wp
 
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .effects import CAUSES
-from .model.actuators import Actuators
+from .model.actuators import Actuators, authored
 from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities, lonely_rows, unheard_rows
 from .model.rotations import transform
@@ -34,9 +34,14 @@ moment; rounding of a thin plate's is far below."""
 _OF_MUJOCO = (
     "gravcomp",
     "ctrl",
-    *(f"actuator_{name}" for name in ("gear", "gainprm", "biasprm", "dynprm", "armature")),
+    *(f"actuator_{name}" for name in ("gear", "gainprm", "biasprm", "dynprm")),
+    *(f"actuator_{name}" for name in ("lengthrange", "cranklength", "dampingpoly")),
 )
 """Attributes of the ``mujoco`` namespace that act, finite."""
+_NOT_NEGATIVE = ("actuator_armature", "actuator_damping")
+"""The same, and none below zero."""
+_OF_AXES = ("dof_ref", "limit_margin")
+"""The same by degree of freedom, finite."""
 _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 """The same of tendons, none below zero."""
 _FLAGS = {
@@ -99,16 +104,19 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
         _check_numbers(model, "shape_transform", model.shape_label)
         _check_lengths(model, "shape_transform", model.shape_label)
         _check_condims(model)
-    for name in _OF_MUJOCO:
-        if getattr(getattr(model, "mujoco", None), name, None) is not None:
+    for name in (*_OF_MUJOCO, *_NOT_NEGATIVE):
+        if authored(model, name) is not None:
             labels = getattr(model.mujoco, "actuator_label", ())
             labels = model.body_label if name == "gravcomp" else labels
-            _check_numbers(model, f"mujoco.{name}", labels)
+            least = 0.0 if name in _NOT_NEGATIVE else -np.inf
+            _check_numbers(model, f"mujoco.{name}", labels, minimum=least)
     _check_ranges(model)
     for name in _OF_TENDONS if tendon_count(model) else ():
         _check_numbers(model, f"mujoco.tendon_{name}", model.mujoco.tendon_label, minimum=0.0)
     for name in ("springlength", "range", "margin") if tendon_count(model) else ():
         _check_numbers(model, f"mujoco.tendon_{name}", model.mujoco.tendon_label)
+    if authored(model, "tendon_coef") is not None:
+        _check_numbers(model, "mujoco.tendon_coef", ())
     tendons(model)
     if not np.all(np.isfinite(model.gravity.numpy())):
         raise ValueError("model.gravity is not finite; set it with model.set_gravity().")
@@ -496,6 +504,9 @@ def _check_joints(model: newton.Model, ramp: bool) -> None:
     labels = [_label(model.joint_label, joint) for joint in owner]
     for name in ("joint_axis", "joint_limit_lower", "joint_limit_upper"):
         _check_numbers(model, name, labels)
+    for name in _OF_AXES:
+        if authored(model, name) is not None:
+            _check_numbers(model, f"mujoco.{name}", labels)
     _check_lengths(model, "joint_axis", labels)
     for name in _COEFFICIENTS:
         _check_numbers(model, name, labels, minimum=0.0)

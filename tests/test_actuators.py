@@ -588,8 +588,21 @@ CRANK = """
     biastype="affine" biasprm="0 -4 0"/></actuator>
 </mujoco>
 """
+SITES = '<site name="guide" pos="1 0 0"/>', '<site name="pin"/>'
+"""A slider on the world and a pin on the wheel."""
 PIN, GUIDE = (0.2, 0.0, 0.1), (0.6, 0.0, 0.05)
 """Of the crank's pin and the slider's place [m]; the slider goes along x."""
+
+
+def wheel(fixed: str, site: str, actuator: str = "") -> newton.Model:
+    """A wheel that a crank turns, or another actuator."""
+    text = CRANK.format(fixed=fixed, site=site)
+    if actuator:
+        text = f"{text[: text.index('<general')]}{actuator}</actuator></mujoco>"
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(text, ctrl_direct=True)
+    return builder.finalize(device="cpu")
 
 
 def crank_length(angle: float, on_wheel: str) -> float:
@@ -612,10 +625,7 @@ def test_a_slider_crank_turns_its_wheel(on_wheel: str) -> None:
     crank = f'<site name="pin" pos="{PIN[0]} {PIN[1]} {PIN[2]}"/>'
     slider = f'<site name="guide" pos="{GUIDE[0]} {GUIDE[1]} {GUIDE[2]}" zaxis="1 0 0"/>'
     fixed, site = (slider, crank) if on_wheel == "crank" else (crank, slider)
-    builder = newton.ModelBuilder()
-    SolverMuJoCo.register_custom_attributes(builder)
-    builder.add_mjcf(CRANK.format(fixed=fixed, site=site), ctrl_direct=True)
-    model = builder.finalize(device="cpu")
+    model = wheel(fixed, site)
     state, control = model.state(), model.control()
     control.mujoco.ctrl.fill_(0.8)
     SolverAVBD(model).step(state, state, control, None, 1.0e-4)
@@ -755,6 +765,50 @@ def test_an_unknown_transmission_is_named() -> None:
     model = scene('<motor joint="hinge" name="elbow"/>')
     model.mujoco.actuator_trntype.fill_(9)
     with pytest.raises(ValueError, match=r"trntype\[0\] .*elbow.* 9.*0 \(JOINT\)"):
+        SolverAVBD(model)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("actuator_armature", -1.0, r"\[0\] \('elbow'\) is negative"),
+        ("actuator_damping", np.nan, r"\[0\] \('elbow'\) is not finite"),
+        ("actuator_dampingpoly", np.nan, r"\[0\] \('elbow'\) is not finite"),
+        ("actuator_lengthrange", np.nan, r"\[0\] \('elbow'\) is not finite"),
+        ("dof_ref", np.nan, r"\[0\] \('worldbody/arm/hinge'\) is not finite"),
+        ("limit_margin", np.nan, r"\[0\] \('worldbody/arm/hinge'\) is not finite"),
+        ("tendon_coef", np.nan, r"\[0\] .*is not finite"),
+    ],
+)
+def test_a_number_that_makes_no_sense_is_named(name: str, value: float, says: str) -> None:
+    model = scene('<motor joint="hinge" name="elbow"/>', tendon=TENDON.format(has=""))
+    getattr(model.mujoco, name).fill_(value)
+    with pytest.raises(ValueError, match=rf"model\.mujoco\.{name}{says}"):
+        SolverAVBD(model)
+
+
+@pytest.mark.parametrize(
+    ("transmission", "second", "says"),
+    [
+        ('site="pin" refsite="guide"', 99, "'pull'.*reference site does not exist"),
+        ('cranksite="pin" slidersite="guide" cranklength="1"', -1, "'pull'.*slider does not"),
+    ],
+)
+def test_a_second_site_that_does_not_exist_is_named(
+    transmission: str, second: int, says: str
+) -> None:
+    model = wheel(*SITES, f'<motor name="pull" {transmission}/>')
+    ends = model.mujoco.actuator_trnid.numpy()
+    ends[0, 1] = second
+    model.mujoco.actuator_trnid.assign(ends)
+    with pytest.warns(UserWarning, match=says):
+        SolverAVBD(model)
+
+
+def test_a_crank_without_length_is_named() -> None:
+    model = wheel(*SITES)
+    model.mujoco.actuator_cranklength.zero_()
+    with pytest.raises(ValueError, match=r"actuator_cranklength\[0\] .*above zero"):
         SolverAVBD(model)
 
 

@@ -103,7 +103,7 @@ class Actuators:
         """Finds what each actuator acts on; copies model arrays to the host.
 
         Raises:
-            ValueError: If an actuator has a transmission that there is not.
+            ValueError: If an actuator has a transmission that there is not, or a crank no length.
         """
         found = cls()
         if not model.custom_frequency_counts.get("mujoco:actuator", 0):
@@ -240,6 +240,15 @@ class Actuators:
     def _add_crank(self, model: newton.Model, row: int, site: int) -> None:
         frames, links = model.shape_transform.numpy(), model.shape_body.numpy()
         other = int(model.mujoco.actuator_trnid.numpy()[row, 1])
+        if not 0 <= other < model.shape_count:
+            self.left[row] = "the site of its slider does not exist"
+            return
+        length = float(model.mujoco.actuator_cranklength.numpy()[row])
+        if not length > 0.0:
+            raise ValueError(
+                f"model.mujoco.actuator_cranklength[{row}] ('{self.labels[row]}') must be above "
+                f"zero, the length of the crank: {length}."
+            )
         if links[site] >= 0:
             ends, axes = (site, other), rules.SLIDER_CRANK
         elif links[other] >= 0:
@@ -255,7 +264,9 @@ class Actuators:
     def _add_site(self, model: newton.Model, row: int, site: int) -> None:
         frames, links = model.shape_transform.numpy(), model.shape_body.numpy()
         other = int(model.mujoco.actuator_trnid.numpy()[row, 1])
-        if links[site] < 0:
+        if other >= model.shape_count:
+            self.left[row] = "its reference site does not exist"
+        elif links[site] < 0:
             self.left[row] = "its site does not move"
         elif other < 0:
             axes = int(rules.AT_SITE)
