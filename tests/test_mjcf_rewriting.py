@@ -166,6 +166,41 @@ def test_actuators_that_mujoco_writes_otherwise_are_the_same(tmp_path: Path) -> 
         np.testing.assert_allclose(given, expected, rtol=1.0e-6, err_msg=name)
 
 
+def test_actuators_inherit_the_range_of_what_they_push(tmp_path: Path) -> None:
+    path = written(
+        tmp_path,
+        f"""<mujoco><default><position inheritrange=".5"/></default><worldbody>
+        {BODY.format("a", "a", 'range="-40 60"')}</worldbody><actuator>
+        <position name="p" joint="a" kp="3"/>
+        <intvelocity name="i" joint="a" kp="3" inheritrange="1"/></actuator></mujoco>""",
+    )
+    builder, notes = read_driven(path)
+    assert "inheritrange of actuators" in notes[0]
+    model = builder.finalize()
+    native = mujoco.MjModel.from_xml_path(str(path))
+    for name, row in (("ctrlrange", 0), ("actrange", 1)):
+        given = getattr(model.mujoco, f"actuator_{name}").numpy()[row]
+        expected = getattr(native, f"actuator_{name}")[row]
+        assert expected[0] < expected[1]
+        np.testing.assert_allclose(given, expected, rtol=1.0e-5)
+
+
+def test_bodies_weigh_together_what_the_compiler_says(tmp_path: Path) -> None:
+    """As the half cheetahs of gymnasium and dm_control, which are 1.5 times too heavy otherwise."""
+    path = written(
+        tmp_path,
+        f"""<mujoco><compiler settotalmass="14"/><worldbody>
+        {BODY.format("a", "a", "")}{BODY.format("b", "b", "")}</worldbody></mujoco>""",
+    )
+    builder, notes = read_driven(path)
+    assert "settotalmass of <compiler>" in notes[0]
+    native = mujoco.MjModel.from_xml_path(str(path))
+    np.testing.assert_allclose(builder.body_mass, native.body_mass[1:], rtol=1.0e-5)
+    given = [np.diag(np.array(matrix).reshape(3, 3)) for matrix in builder.body_inertia]
+    expected = native.body_inertia[1:]
+    np.testing.assert_allclose(given, expected, rtol=1.0e-5)
+
+
 def test_actuators_of_all_kinds_share_their_defaults(tmp_path: Path) -> None:
     """As in MuJoCo: a gear of ``<general>`` is that of motors, too."""
     path = written(

@@ -49,21 +49,26 @@ FOUND = (
     r"the frame of site2 of 1 equality constraint \('rope'\)",
     r"its gravity \(0, 0, -1\.6\).*\(0, 0, -9\.81\)",
 )
-LOST = """<mujoco><default><joint damping="3"/></default>
+LOST = """<mujoco><compiler settotalmass="3"/><default><joint damping="3"/></default>
 <asset><model name="other" file="other.xml"/></asset><worldbody>
 <body name="a"><frame><joint name="framed"/></frame><geom size="0.1"/></body>
-<body name="b"><joint/><geom size="0.1"/><attach model="other" body="c" prefix="p"/></body>
+<body name="b"><joint name="kept"/><geom size="0.1"/>
+<attach model="other" body="c" prefix="p"/></body>
 <replicate count="2"><body><joint/><geom size="0.1"/></body></replicate>
-<frame><flexcomp name="cloth"/><composite prefix="rope"/></frame></worldbody></mujoco>"""
+<frame><flexcomp name="cloth"/><composite prefix="rope"/></frame></worldbody>
+<actuator><position name="eager" joint="kept" inheritrange="1"/></actuator></mujoco>"""
 """A file of which the most is lost, since MuJoCo's compiler refuses it, too."""
 LOST_FOUND = (
-    r"has <replicate>, <attach>, <composite>, joints in a <frame>, which Newton's importer does "
-    r"not read, and MuJoCo's compiler refuses it: ",
+    r"has <replicate>, <attach>, <composite>, inheritrange of actuators, settotalmass of "
+    r"<compiler>, joints in a <frame>, which Newton's importer does not read, and MuJoCo's "
+    r"compiler refuses it: ",
     r"1 <replicate> element \(that of the world\).* mujoco.mj_saveLastXML",
     r"1 <attach> element \('other'\)",
     r"1 <composite> element \('rope'\)",
     r"1 <flexcomp> element \('cloth'\)",
     r"1 joint \('framed' \(in a <frame>\)\).*: a body without another joint is fixed",
+    r"the inheritrange of 1 actuator \('eager'\)",
+    r"the settotalmass of 1 <compiler> \(3 kg\)",
 )
 PLAIN = """<mujoco><option gravity="0 0 -9.81"/>
 <default><default class="off"><equality active="false"/></default></default>

@@ -39,6 +39,8 @@ _SHARING = (
     *("adhesion", "dcmotor"),
 )
 """Kinds of actuators, which share their defaults in MuJoCo and not in the importer."""
+_INHERITING = ("general", "position", "intvelocity")
+"""Actuators that may take the range of what they push for their own."""
 _SPANNED = ("box", "ellipsoid")
 """Geoms of which the importer does not read ``fromto``."""
 _OF_PLACE = ("pos", "quat", "axisangle", "xyaxes", "zaxis", "euler", "childclass")
@@ -79,6 +81,10 @@ def hidden(root: Element) -> list[str]:
     found += [f"<{tag}>" for tag in _ACTUATORS if any(of_group(root, "actuator", tag))]
     if any(numbers(said, "timeconst").any() for _, said in of_group(root, "actuator", "position")):
         found.append("timeconst of <position>")
+    if any(inheriting(root)):
+        found.append("inheritrange of actuators")
+    if total_mass(root):
+        found.append("settotalmass of <compiler>")
     geoms = world_geoms(root) + [geom for body in bodies(root) for geom in body.geoms]
     if any("fromto" in geom and geom.get("type") in _SPANNED for geom in geoms):
         found.append("fromto of a box or an ellipsoid")
@@ -87,6 +93,22 @@ def hidden(root: Element) -> list[str]:
     if _has_shared_defaults(root):
         found.append("a <default> of actuators of another kind")
     return [*found, *_late_defaults(root)]
+
+
+def inheriting(root: Element) -> Iterator[str]:
+    """Actuators with ``inheritrange``: the range of what they push is that of their control."""
+    for tag in _INHERITING:
+        for name, said in of_group(root, "actuator", tag):
+            if numbers(said, "inheritrange").any():
+                yield name
+
+
+def total_mass(root: Element) -> float:
+    """What the bodies of a file are to weigh together [kg]; 0 where the file does not say it."""
+    said: Attributes = {}
+    for item in root.iter("compiler"):
+        said |= item.attrib
+    return max(0.0, float(said.get("settotalmass", "0")))
 
 
 def _has_shared_defaults(root: Element) -> bool:

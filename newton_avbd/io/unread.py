@@ -14,7 +14,7 @@ import warp as wp
 from newton_avbd.model.welds import inverse, multiply
 
 from .elements import Attributes, Body, bodies, has_fluid, in_tree, numbers, of_group
-from .rewriting import has_springdamper, is_moved
+from .rewriting import has_springdamper, inheriting, is_moved, total_mass
 
 UNREAD = ("adhesion", "cylinder", "orientation", "pid", "plugin")
 """Kinds of MuJoCo's actuators that it leaves out."""
@@ -133,6 +133,9 @@ def _of_actuators(root: ElementTree.Element) -> Iterator[_Kind]:
         'biasprm="0 -kp -kv"/>'
     )
     yield _Kind("timeconst", "position actuator", found, "ctrl acts at once", remedy)
+    found = [*inheriting(root)]
+    remedy = "Write ctrlrange, and actrange of <intvelocity>"
+    yield _Kind("inheritrange", "actuator", found, "ctrl has no range", remedy)
 
 
 def _of_joints(bodies: list[Body]) -> Iterator[_Kind]:
@@ -198,6 +201,10 @@ def _of_bodies(
         "finalize(), and writes body_q in each step"
     )
     yield _Kind("mocap", "body", found, "such a body stays where it is", remedy)
+    mass = total_mass(root)
+    found = [f"{mass:g} kg"] if mass else []
+    instead = "bodies weigh what their geoms and <inertial> say"
+    yield _Kind("settotalmass", "<compiler>", found, instead, f"{_SAVE}, or scale the masses")
     found = _open_ties(root, builder)
     instead = "site1 is held to where it is on the second body in the file"
     remedy = "Let the two sites meet there"
