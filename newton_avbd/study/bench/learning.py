@@ -188,7 +188,6 @@ class Engine:
         self._mujoco, self._task = mujoco, task
         with TemporaryDirectory() as folder:
             builder, _ = read_driven(task.file(Path(folder)), light_links=False)
-        _take_masses(builder, task.model)
         self.model = builder.finalize(device="cpu")
         self.model.set_gravity(tuple(map(float, task.model.opt.gravity)))
         self._match(task)
@@ -260,7 +259,7 @@ class Engine:
         self._state.joint_qd.assign(qd.astype(np.float32))
 
     def _take(self, data: Any) -> None:
-        """Write the state's coordinates and velocities to the task."""
+        """Write the state's coordinates, velocities and activations to the task."""
         q, qd = (
             self._state.joint_q.numpy().astype(float),
             self._state.joint_qd.numpy().astype(float),
@@ -272,6 +271,10 @@ class Engine:
             data.qpos[at + 3 : at + 7] = turn[[3, 0, 1, 2]]
             data.qvel[dof : dof + 3] = qd[dof : dof + 3] - np.cross(spin, rotate(turn, com))
             data.qvel[dof + 3 : dof + 6] = rotate(turn * (-1.0, -1.0, -1.0, 1.0), spin)
+        has = np.flatnonzero(self._task.model.actuator_actadr >= 0)
+        if has.size:
+            activations = self._solver.activations.numpy()
+            data.act[self._task.model.actuator_actadr[has]] = activations[has]
 
     def advance(self, data: Any, steps: int = 1) -> None:
         """Move the task's data on by its controls; its sensors are MuJoCo's of where that ends."""
@@ -286,17 +289,6 @@ class Engine:
         data.time += steps * self._task.model.opt.timestep
         self._mujoco.mj_forward(self._task.model, data)
         self._mujoco.mj_rnePostConstraint(self._task.model, data)
-
-
-def _take_masses(builder: newton.ModelBuilder, mj_model: Any) -> None:
-    """Scale bodies to MuJoCo's masses: Newton's importer does not know ``settotalmass``."""
-    if builder.body_count != mj_model.nbody - 1:
-        return
-    for body, mass in enumerate(mj_model.body_mass[1:]):
-        if builder.body_mass[body] > 0.0:
-            scale = float(mass) / builder.body_mass[body]
-            builder.body_mass[body] = float(mass)
-            builder.body_inertia[body] = builder.body_inertia[body] * scale
 
 
 class Clock:
