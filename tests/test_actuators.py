@@ -3,6 +3,7 @@
 """MuJoCo's actuators, gravity compensation and fixed tendons push as their formulas say."""
 
 import warnings
+from pathlib import Path
 
 import mujoco
 import newton
@@ -766,6 +767,61 @@ def test_an_unknown_transmission_is_named() -> None:
     model.mujoco.actuator_trntype.fill_(9)
     with pytest.raises(ValueError, match=r"trntype\[0\] .*elbow.* 9.*0 \(JOINT\)"):
         SolverAVBD(model)
+
+
+USD = """#usda 1.0
+(
+    upAxis = "Z"
+    metersPerUnit = 1
+)
+def Xform "base" (
+    prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI", "PhysicsArticulationRootAPI"]
+)
+{
+    float physics:mass = 1
+    float3 physics:diagonalInertia = (1, 1, 1)
+}
+def Xform "arm" (prepend apiSchemas = ["PhysicsRigidBodyAPI", "PhysicsMassAPI"])
+{
+    float physics:mass = 2
+    float3 physics:diagonalInertia = (0.3, 0.5, 0.4)
+}
+def PhysicsFixedJoint "fixed"
+{
+    rel physics:body1 = </base>
+}
+def PhysicsRevoluteJoint "hinge"
+{
+    rel physics:body0 = </base>
+    rel physics:body1 = </arm>
+    uniform token physics:axis = "Y"
+}
+def MjcActuator "motor"
+{
+    rel mjc:target = </hinge>
+    uniform double[] mjc:gear = [3, 0, 0, 0, 0, 0]
+    uniform double[] mjc:gainPrm = [2, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    uniform double mjc:forceRange:min = -1
+    uniform double mjc:forceRange:max = 1
+    uniform token mjc:forceLimited = "true"
+}
+"""
+"""A motor of gain 2 and gear 3, which gives 1 N m before the gear at most."""
+
+
+@pytest.mark.parametrize(("ctrl", "torque"), [(0.1, 0.6), (0.8, 3.0)])
+def test_an_actuator_of_a_usd_file_pushes_its_hinge(
+    tmp_path: Path, ctrl: float, torque: float
+) -> None:
+    """By its target's path alone, as SolverMuJoCo takes it. Bound: rounding of 200 steps."""
+    pytest.importorskip("pxr.Usd", reason="needs usd-core: pip install newton-avbd[scenes]")
+    path = tmp_path / "arm.usda"
+    path.write_text(USD)
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_usd(str(path))
+    q = coordinates(builder.finalize(device="cpu"), [ctrl], 200)[-1]
+    assert q == pytest.approx([torque / INERTIA * 0.2**2 / 2.0], rel=1.0e-4)
 
 
 @pytest.mark.parametrize(
