@@ -921,6 +921,12 @@ AUTHORED = {
     "margin": ("", MOTOR(""), "", MOTOR("")),
 }
 """By name: a joint and an actuator that author something, and the same without."""
+LIMITED = {
+    "joint": ('actuatorfrcrange="-.5 .5"', '<position joint="joint" kp="3" kv=".1"/>'),
+    "actuator": ("", '<position joint="actuator" gear="-2" kp="30" kv=".5" forcerange="-.3 .9"/>'),
+    **{name: ("", "") for name in ("third", "fourth", "fifth", "sixth")},
+}
+"""Servos that a limit holds back, by whose limit it is, and bodies without any beside."""
 CORD = """<tendon><fixed name="cord" range="-1 .1" margin="{}" solreflimit=".002 1"><joint
   joint="margin" coef="1"/></fixed></tendon>"""
 
@@ -974,3 +980,27 @@ def test_what_files_author_acts_as_in_mujoco() -> None:
     names = [*[*AUTHORED][:7], "end", "margin"]
     for i, name in enumerate(names):
         assert off[i] < 0.01 * difference[i], f"{name}: {off[i]} of {difference[i]}"
+
+
+def test_a_load_moves_what_a_limited_servo_holds_body_by_body() -> None:
+    """Steps that do not settle lose no more energy than servos take at their limits.
+
+    They lost so much that the bodies fell by a fiftieth of the way.
+    """
+    bodies = "".join(
+        BODY.format(name, i, said[0], "") for i, (name, said) in enumerate(LIMITED.items())
+    )
+    servos = "".join(servo for _, servo in LIMITED.values())
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -G))
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(
+        f"<mujoco><worldbody>{bodies}</worldbody><actuator>{servos}</actuator></mujoco>",
+        ctrl_direct=True,
+    )
+    model = builder.finalize(device="cpu")
+    one, other = (
+        coordinates(model, [0.7, -0.6], 150, **settings)[-1, :2]
+        for settings in ({}, {"blocks": "body", "iterations": 1})
+    )
+    assert np.all(np.abs(one) > 0.005)
+    np.testing.assert_allclose(other, one, rtol=0.03)

@@ -56,14 +56,15 @@ def make_axis_work(effects: Effects) -> wp.Function:
             push = step.control.pushes[index]
             middle = wp.float32(q) - 0.5 * moved
             total += (push.force - push.stiffness * middle) * moved
-            given = (push.drive - push.drive_stiffness * middle) * moved
+            given = push.drive - push.drive_stiffness * middle
             if wp.static(effects.force_ranges):
                 pull, _k = axis_rows.ranged(step.control, index, wp.float64(middle), 0.0, h)
-                given += pull * moved
-            most = wp.max(wp.abs(push.least), wp.abs(push.most))
-            if wp.isfinite(most):
-                given = wp.clamp(given, -most * wp.abs(moved), most * wp.abs(moved))
-            total += given
+                given += pull
+            effort = axis_rows.most_effort(s.joints, index)
+            least = wp.max(push.least, -effort)
+            most = wp.min(push.most, effort)
+            # dampers only take, also within limits
+            total += wp.clamp(given, least, most) * moved
         if wp.static(effects.springs):
             away = axis_rows.away_from(s.joints.rest_q, s.joints, joint, dof, q, rest_away)
             total += s.joints.stiffness[index] * moved * (away + 0.5 * moved)
