@@ -918,6 +918,8 @@ class Closure:
     rows: int
     softness: float
     """How soft its rows are, of what those are that may imply each other."""
+    gives: float
+    """By how much its rows give way, as a share of how they would move; zero for what is rigid."""
     equality: int
     """MuJoCo's equality constraints: its row there; -1 for all others."""
     dof: int
@@ -1473,6 +1475,8 @@ class LoopWork:
     """Whether what the joint locks is solved with the tree, and has no penalty."""
     is_soft: wp.array[wp.bool]
     """Whether the joint has rows that converge by a factor, sweep by sweep."""
+    return_rate: wp.array[float]
+    """Rate at which a joint that gives way returns [1/s]; zero for those that do not."""
     body_start: wp.array[wp.int32]
     items: wp.array[wp.int32]
     """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""

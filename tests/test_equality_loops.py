@@ -2,6 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """MuJoCo's equality constraints CONNECT and WELD, with or without joints that an importer made."""
 
+from pathlib import Path
+from typing import Any
+
 import newton
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from newton.solvers import SolverMuJoCo, mujoco
 from scipy.spatial.transform import Rotation
 
 from newton_avbd import SolverAVBD
+from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.model.row_joints import RowJoints
 
 pytestmark = pytest.mark.usefixtures("shared_kernels")
@@ -352,3 +356,98 @@ def test_a_joint_that_follows_twice_is_named() -> None:
         ValueError, match=r"\('again'\) ties joint '.*first', which follows another"
     ):
         SolverAVBD(builder.finalize(device="cpu"))
+
+
+ARM = """
+<mujoco>
+  <option gravity="0 0 0"/>
+  <default><joint axis="0 1 0" damping="0.2"/><geom type="capsule" size="0.03"/></default>
+  <worldbody>
+    <body name="mark" mocap="true" pos="0.6 0 0"/>
+    <body name="upper">
+      <joint/><geom fromto="0 0 0 0.3 0 0.3"/>
+      <body name="lower" pos="0.3 0 0.3">
+        <joint/><geom fromto="0 0 0 0.3 0 -0.3"/>
+        <body name="hand" pos="0.3 0 -0.3"><joint/><geom type="sphere"/></body>
+      </body>
+    </body>
+  </worldbody>
+  <equality><weld body1="mark" body2="hand"/></equality>
+</mujoco>
+"""
+"""An arm in the x-z plane, of two links and a hand, welded to what a program moves."""
+HOME, SPAN = np.array([0.6, 0.0, 0.0]), 2.0 * np.hypot(0.3, 0.3)
+"""Where the hand starts, and how far it can be from the shoulder [m]."""
+WEIGHT = """
+<mujoco>
+  <worldbody>
+    <body name="mark" mocap="true"/>
+    <body name="weight"><joint type="slide" axis="0 0 1"/><geom size="0.1"/></body>
+  </worldbody>
+  <equality><connect body1="mark" body2="weight" anchor="0 0 0" solimp="{d} {d} 0.001"/></equality>
+</mujoco>
+"""
+
+
+def led(text: str, tmp_path: Path, **settings: Any) -> Simulation:
+    """A scene of an MJCF file whose mocap bodies are kinematic."""
+    path = tmp_path / "led.xml"
+    path.write_text(text)
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    add_mjcf(builder, path)
+    assert builder.body_flags[0] == int(newton.BodyFlags.KINEMATIC)
+    return simulate(builder, **settings)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"dt": 1 / 60},
+        {"scheme": "euler"},
+        {"parallel": "bodies"},
+        {"compliant_contacts": True},
+    ],
+)
+def test_a_weld_to_what_a_program_moves_goes_as_far_as_the_arm(
+    tmp_path: Path, settings: dict
+) -> None:
+    """The mark goes 1 m away, twice as far as the arm is long, waits, and comes back.
+
+    The arm follows at the mark's speed, is stretched towards it by 1 mm, and is as calm as it is
+    slow: a rigid weld would turn links by hundreds of rad/s where the arm is straight.
+    """
+    sim = led(ARM, tmp_path, **settings)
+    speed, fastest = 0.5, 0.0
+    for way, seconds in ((1.0, 2.0), (0.0, 1.0), (-1.0, 2.0), (0.0, 1.0)):
+        for _ in range(round(seconds / sim.dt)):
+            velocity = sim.velocity
+            velocity[0] = (way * speed, 0.0, 0.0, 0.0, 0.0, 0.0)
+            sim.state.body_qd.assign(velocity)
+            sim.step()
+            fastest = max(fastest, np.abs(sim.velocity[1:]).max())
+            mark, hand = sim.pose[[0, -1], :3]
+            if mark[0] < 0.9 * SPAN:
+                assert np.linalg.norm(hand - mark) < 0.05
+        if way == 0.0 and mark[0] > 1.5:
+            np.testing.assert_allclose(hand, (SPAN, 0.0, 0.0), atol=1e-3)
+    assert fastest < 8.0
+    np.testing.assert_allclose(hand, HOME, atol=1e-3)
+    assert np.abs(sim.velocity).max() < 1e-2
+
+
+@pytest.mark.parametrize("impedance", [0.5, 0.95])
+def test_what_a_program_moves_holds_as_softly_as_the_file_says(
+    tmp_path: Path, impedance: float
+) -> None:
+    """A weight hangs from a mark by a CONNECT: by how much that opens, in closed form.
+
+    A row that gives way by R = (1 - d)/d of the motion h^2 F/m, and closes by b = 1 - exp(-h k/b)
+    of what it is open, is open by R h^2 g/b at rest: k/b = 1/(2 d T) of the time constant T.
+    """
+    sim = led(WEIGHT.format(d=impedance), tmp_path, scheme="euler")
+    sim.run(2.0)
+    closes = -np.expm1(-sim.dt / (2.0 * impedance * 0.02))
+    opened = (1.0 - impedance) / impedance * sim.dt**2 * G / closes
+    assert sim.pose[1, 2] == pytest.approx(-opened, rel=1e-3)

@@ -43,7 +43,7 @@ def add_mjcf(
     MuJoCo's compiler, where it is installed, writes out what is replicated, attached or composed.
     Geoms whose meshes are not there are left out. Muscles get the length ranges that MuJoCo's
     compiler finds, where the file says none, and joints the springs that it makes of
-    ``springdamper``. Actuators of groups that the file disables exert no force.
+    ``springdamper``. Mocap bodies become kinematic. Actuators of groups that the file disables exert no force.
 
     Args:
         builder: What to add to.
@@ -86,7 +86,9 @@ def add_mjcf(
     merge_defaults(root)
     _drop_pgs(root)
     text = ElementTree.tostring(root, encoding="unicode")
+    first = builder.body_count
     builder.add_mjcf(text, path_resolver=partial(_beside, path.parent), **options)
+    _mark_mocap(root, builder, first)
     return (
         *notes,
         *(_left_out(path, root, absent, builder) if absent else ()),
@@ -112,6 +114,14 @@ def _written_out(path: Path, root: ElementTree.Element) -> tuple[ElementTree.Ele
         return root, [f"{path.name} has {what}, and MuJoCo's compiler refuses it: {reason}"]
     leave_frames(root)
     return root, [f"{path.name} is read as MuJoCo's compiler writes it: it has {what}"]
+
+
+def _mark_mocap(root: ElementTree.Element, builder: newton.ModelBuilder, first: int) -> None:
+    """Makes mocap bodies kinematic, which Newton's importer fixes to the world, from a body on."""
+    names = {body.name for body in bodies(root) if body.is_mocap and body.name}
+    for body in range(first, builder.body_count):
+        if builder.body_label[body].rpartition("/")[2] in names:
+            builder.body_flags[body] = int(newton.BodyFlags.KINEMATIC)
 
 
 def _left_out(

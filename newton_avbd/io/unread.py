@@ -198,7 +198,7 @@ def _of_bodies(
     found = [body.among for body in bodies if body.is_mocap]
     remedy = (
         "A program sets builder.body_flags[body] to int(newton.BodyFlags.KINEMATIC) before "
-        "finalize(), and writes body_q in each step"
+        "finalize(), and writes body_q and body_qd in each step"
     )
     yield _Kind("mocap", "body", found, "such a body stays where it is", remedy)
     mass = total_mass(root)

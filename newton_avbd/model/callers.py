@@ -14,6 +14,7 @@ from .condim import Condims
 from .limits import has_authored_limit
 from .tendons import Tendon
 from .topology import Topology, joint_of_dof, moving
+from .welds import is_kinematic
 
 _FREE = int(newton.JointType.FREE)
 _LIGHT = 1.0e-5
@@ -346,7 +347,7 @@ def _put_bodies(model: newton.Model) -> np.ndarray:
     """Bodies that the solver does not move and whose shapes collide."""
     if _colliding(model).size == 0:
         return np.zeros(0, dtype=int)
-    is_put = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+    is_put = is_kinematic(model)
     is_put |= model.body_inv_mass.numpy() == 0.0
     return np.intersect1d(np.flatnonzero(is_put), model.shape_body.numpy()[_colliding(model)])
 

@@ -17,6 +17,7 @@ import numpy as np
 from .equalities import may_hold
 from .topology import joint_of_dof
 from .unresisted import armature_of, tied_links, unresisted_dofs
+from .welds import is_kinematic
 
 SHARE = 1.0e-6
 """Token mass of a massless link, of the mass that hangs on it: float32 tells 6e-8."""
@@ -47,8 +48,7 @@ def token_masses(
     """
     count = mass.size
     token_mass, token_moment = np.zeros(count), np.zeros(count)
-    is_kinematic = solved.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
-    massless = (mass == 0.0) & ~is_kinematic & ~solved.welds.is_static[solved.body_leader]
+    massless = (mass == 0.0) & ~is_kinematic(solved) & ~solved.welds.is_static[solved.body_leader]
     if not np.any(massless) or solved.joint_count == 0:
         return token_mass, token_moment, mass > 0.0
     is_free = solved.joint_type.numpy() == int(newton.JointType.FREE)

@@ -14,6 +14,7 @@ from .equalities import equalities, may_hold
 from .inertia import inertia_root
 from .rotations import rotation_matrix
 from .topology import joint_of_dof, mimics
+from .welds import is_kinematic
 
 _FLAT = 1.0e-5
 """Joint speeds that move masses by less than this share of what each joint alone does with its
@@ -131,7 +132,7 @@ class _Search:
         self.dims, self.dofs = model.joint_dof_dim.numpy(), model.joint_qd_start.numpy()
         self.mass, self.inertia = model.body_mass.numpy(), model.body_inertia.numpy()
         self.armature = armature_of(model)
-        self.is_led = model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
+        self.is_led = is_kinematic(model)
         owner, start = model.joint_articulation.numpy(), model.articulation_start.numpy()
         self.articulation = np.full(model.body_count, -1)
         self.row = np.full(model.body_count, -1)

@@ -100,7 +100,7 @@ class Welds:
         entry = np.full(count + 1, -1)
         linking = kept[model.joint_type.numpy()[kept] != int(newton.JointType.FREE)]
         entry[root[child[linking][::-1]]] = child[linking][::-1]
-        led = np.flatnonzero(_is_kinematic(model))
+        led = np.flatnonzero(is_kinematic(model))
         entry[root[led]] = led
         frame, weld, towards, depth = _walk(model, used, root, entry, is_static)
 
@@ -121,7 +121,7 @@ class Welds:
         return cls(body, bodies, frame, is_static, kept, welds, weld, towards, depth)
 
 
-def _is_kinematic(model: newton.Model) -> np.ndarray:
+def is_kinematic(model: newton.Model) -> np.ndarray:
     """Which links the user moves."""
     return model.body_flags.numpy() & int(newton.BodyFlags.KINEMATIC) != 0
 
@@ -161,7 +161,7 @@ def _leads_a_tree(model: newton.Model, is_weld: np.ndarray) -> np.ndarray:
         return candidates
     root = _spanning_forest(model, np.flatnonzero(is_weld & ~is_outside))[1]
     is_led, is_held = np.zeros((2, root.size), dtype=bool)
-    is_led[root[np.append(np.flatnonzero(_is_kinematic(model)), root.size - 1)]] = True
+    is_led[root[np.append(np.flatnonzero(is_kinematic(model)), root.size - 1)]] = True
     moving = ~is_weld & ~is_outside & (model.joint_type.numpy() != int(newton.JointType.FREE))
     is_held[root[child[moving]]] = True
     ends = root[child], root[parent]
@@ -192,7 +192,7 @@ def _spanning_forest(model: newton.Model, welds: np.ndarray) -> tuple[list[int],
     """
     count = model.body_count
     root = list(range(count + 1))
-    led = [*_is_kinematic(model).tolist(), True]
+    led = [*is_kinematic(model).tolist(), True]
 
     def find(link: int) -> int:
         while root[link] != link:
@@ -256,7 +256,7 @@ def _walk(
 def _leaders(model: newton.Model, root: np.ndarray, led_before: np.ndarray) -> np.ndarray:
     """The leader of each link's set: the kinematic body, otherwise one that led before, otherwise
     the heaviest link."""
-    is_led = _is_kinematic(model)
+    is_led = is_kinematic(model)
     mass = model.body_mass.numpy()
     order = np.lexsort((np.arange(root.size), -mass, ~led_before, ~is_led, root))
     sets, first = np.unique(root[order], return_index=True)

@@ -332,6 +332,8 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     exact = np.isin(joints, [closure.joint for closure in topology.closures])
     loops.is_exact = wp.array(exact, dtype=wp.bool)
     loops.is_soft = wp.zeros(joints.size, dtype=wp.bool)
+    rates = {closure.joint: closure.gives[1] for closure in topology.closures if closure.gives}
+    loops.return_rate = wp.array([rates.get(joint, 0.0) for joint in joints.tolist()], dtype=float)
     loops.body_start = wp.array(np.cumsum([0, *map(len, sides)]), dtype=wp.int32)
     loops.items = wp.array(
         np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
@@ -388,6 +390,7 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
         closure.tendon = closure.other = -1
         closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
         closure.softness = item.softness
+        closure.gives = item.gives[0] if item.gives else 0.0
         closure.equality = -1
         if item.equality is not None:
             closure.equality = item.equality.row

@@ -104,7 +104,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         string_rows(closure, recovery, s)
                 if wp.static(effects.loops):
                     if not is_bound:
-                        loop_rows(closure, recovery, s)
+                        loop_rows(closure, recovery, h, s)
             else:
                 is_cord = bool(False)
                 if wp.static(effects.tendons):

@@ -52,12 +52,17 @@ def make_loop_rows(effects: Effects) -> wp.Function:
     linear_lock, angular_lock = locks.linear_lock, locks.angular_lock
 
     @wp.func(inline=effects.inline)
-    def loop_rows(closure: Closure, recovery: float, s: wp.ref[Solver]):
+    def loop_rows(closure: Closure, recovery: float, h: float, s: wp.ref[Solver]):
         """The rows of a joint that closes a loop: what it locks, linear rows first."""
         closures = s.tree.closures
         i = closure.loop
         if s.loops.k_l[i] == 0.0:
             return
+        returned = float(0.0)
+        if s.loops.return_rate[i] > 0.0:
+            if recovery > 0.0:
+                return
+            returned = 1.0 - wp.exp(-s.loops.return_rate[i] * h)
         joint = s.loops.joints[i]
         static_slot = s.work.inv_mass.shape[0] - 1
         child = s.joints.child[joint]
@@ -71,7 +76,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         if wp.static(effects.kinds.distances):
             if is_point(s.joints, joint):
                 linear = int(3)
-        kept = wp.where(recovery > 0.0, 0.0, 1.0) * s.loops.misfit[i]
+        kept = wp.where(recovery > 0.0, 0.0, 1.0 - returned) * s.loops.misfit[i]
         left = shift - wp.spatial_top(kept)
         turn -= wp.spatial_bottom(kept)
         if not is_put(child, s.work) and not is_put(parent, s.work):
@@ -80,9 +85,11 @@ def make_loop_rows(effects: Effects) -> wp.Function:
                 left = moved + wp.spatial_top(s.loops.misfit[i] - kept)
             elif recovery == 0.0:
                 left = locked_shift(s.joints, joint, q_p, s.tree.swing[parent], moved, offset)
+                left += returned * wp.spatial_top(s.loops.misfit[i])
             if recovery == 0.0:
                 turned = relative_turn(child, parent, s.tree)
                 turn = locked_turn(s.joints, joint, q_p, q_c, turned)
+                turn += returned * wp.spatial_bottom(s.loops.misfit[i])
         arm_p += offset - shift
         s.loops.arms[2 * i] = arm_c
         s.loops.arms[2 * i + 1] = arm_p

@@ -159,6 +159,8 @@ def make_begin_loop(effects: Effects) -> wp.Function:
                 if wp.static(effects.second_order):
                     q = begin_axis(index, q, scale, s.history.coordinate)
                 s.loops.start_coordinate[index] = q
+        if s.loops.return_rate[i] > 0.0:
+            return False
         s.loops.recovered[i] = 1.0
         if not s.loops.is_exact[i]:
             s.loops.recovered[i] = share_recovered(
