@@ -918,8 +918,6 @@ class Closure:
     rows: int
     softness: float
     """How soft its rows are, of what those are that may imply each other."""
-    gives: float
-    """By how much its rows give way, as a share of how they would move; zero for what is rigid."""
     equality: int
     """MuJoCo's equality constraints: its row there; -1 for all others."""
     dof: int
@@ -1003,6 +1001,8 @@ class ClosureWork:
     """By row: how much farther without stops and friction that hold axes on its way."""
     least: wp.array[float]
     """By row: how far the multiplier would move bodies that nothing else holds; 0 for a mimic."""
+    gives: wp.array[float]
+    """By row: how far it gives way to its multiplier [m/N or rad/(N m)]; 0 for what is rigid."""
     held: wp.array[float]
     """By row: what it has pushed with, which its softness keeps to [N or N m]; 0 for a mimic."""
     multiplier: wp.array[wp.float64]
@@ -1475,8 +1475,17 @@ class LoopWork:
     """Whether what the joint locks is solved with the tree, and has no penalty."""
     is_soft: wp.array[wp.bool]
     """Whether the joint has rows that converge by a factor, sweep by sweep."""
-    return_rate: wp.array[float]
-    """Rate at which a joint that gives way returns [1/s]; zero for those that do not."""
+    yielding: wp.array[vec5]
+    """Joints that give way by MuJoCo's law: k [1/s^2], b [1/s] of ``eq_solref``, how many radians
+    count as much as a meter, mobility of shifts [1/kg] and turns [1/(kg m^2)]; zeros for others."""
+    impedance: wp.array[vec5]
+    """The same: ``eq_solimp``."""
+    gives: wp.array[wp.vec2]
+    """The same: by how much a push shifts [m/N] and turns [rad/(N m)] them in the step."""
+    wanted: wp.array[wp.spatial_vector]
+    """The same: how far the child moves against the parent in the step without a push [m, rad]."""
+    span: wp.array[float]
+    """The same: length of the step [s]."""
     body_start: wp.array[wp.int32]
     items: wp.array[wp.int32]
     """By body slot: 2 i where the body is the child of ``joints[i]``, 2 i + 1 where its parent."""
@@ -1727,6 +1736,8 @@ class History:
     loop_force: wp.array[wp.vec3]
     """Multipliers of the joints outside of trees: force on the child [N], world frame."""
     loop_torque: wp.array[wp.vec3]
+    loop_rate: wp.array[wp.spatial_vector]
+    """How fast a joint that gives way changed in the last step [m/s, rad/s], world frame."""
     joint_angle: wp.array[wp.float64]
     """Angle of each degree of freedom with its turns counted [rad], shape (joint_dof_count,)."""
     broken: wp.array[wp.bool]

@@ -188,9 +188,7 @@ def end_rows(top: int, block: Block, softness: float, closures: wp.ref[ClosureWo
                     closures.stopped[row] = 0.0  # it is not the stops
                 slack = closure.softness * softness * mobility * free
                 kept = (1.0 - FORGOTTEN) * slack * closures.held[row]
-                if closure.gives > 0.0:
-                    slack = closure.gives * mobility * free
-                    kept = 0.0
+                slack += closures.gives[row]
                 closures.gram[closures.gram_row[row] + row] += wp.float64(slack)
                 closures.multiplier[row] -= wp.float64(kept)
             closures.least[row] = least

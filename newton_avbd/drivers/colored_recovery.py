@@ -46,7 +46,7 @@ def make_colored_recovery(
     count_passes, is_flat = make_count_passes(effects), stages.energy.is_flat
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
-    count_loop_turns = stages.loops.count_turns
+    keep_loop, count_loop_turns = stages.loops.keep_motion, stages.loops.count_turns
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
 
     @kernel()
@@ -81,9 +81,7 @@ def make_colored_recovery(
     @kernel(effects.loops)
     def keep_loops(s: wp.array[Solver]):
         """What closes loops in the recovery is no force of the motion; one thread a joint."""
-        i = wp.tid()
-        s[0].loops.kept_force[i] = s[0].history.loop_force[i]
-        s[0].loops.kept_torque[i] = s[0].history.loop_torque[i]
+        keep_loop(wp.tid(), s[0])
 
     @kernel(effects.joints)
     def close_joints(step: Step, s: wp.array[Solver]):

@@ -31,7 +31,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
     count_passes = make_count_passes(effects)
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
-    count_loop_turns = stages.loops.count_turns
+    keep_loop, count_loop_turns = stages.loops.keep_motion, stages.loops.count_turns
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
     bound_world = stages.energy.bound_world
     remember_states = stages.second_order.remember_states
@@ -49,8 +49,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
         """How many sweeps take out what was wrong before; what closes loops in them is no force."""
         if wp.static(effects.loops):
             for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
-                s.loops.kept_force[i] = s.history.loop_force[i]
-                s.loops.kept_torque[i] = s.history.loop_torque[i]
+                keep_loop(i, s)
         return count_passes(sweeps, update, deepest, is_open, scale)
 
     @wp.func

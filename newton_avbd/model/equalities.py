@@ -21,7 +21,6 @@ import newton
 import numpy as np
 
 from ..rows.joint import KINDS
-from .limits import MOST_IMPEDANCE, impedance_rates
 
 _CONNECT, WELD, _JOINT = range(3)
 """Types of constraints, as in ``EqType``."""
@@ -49,6 +48,18 @@ class Equality:
 def row_count(model: newton.Model) -> int:
     """How many equality constraints of MuJoCo's a model has."""
     return int(model.custom_frequency_counts.get("mujoco:equality_constraint", 0))
+
+
+def joints_of_rows(model: newton.Model) -> np.ndarray:
+    """The joint that stands for each row of a CONNECT or WELD constraint, -1 without.
+
+    Args:
+        model: The user's, or a :class:`.setup.joined.JoinedModel`, whose own joints stand last.
+    """
+    found = np.where(_converted(model, _TO_JOINT), model.mujoco.equality_constraint_target.numpy(), -1)
+    own = getattr(model, "own_rows", np.zeros(0, dtype=int))
+    found[own] = model.joint_count - own.size + np.arange(own.size)
+    return found
 
 
 def _converted(model: newton.Model, kind: int) -> np.ndarray:
@@ -123,32 +134,6 @@ def lonely_rows(model: newton.Model) -> np.ndarray:
     targets = mujoco.equality_constraint_target.numpy()[rows[is_joint]]
     is_joint[is_joint] = model.joint_enabled.numpy()[targets]
     return rows[~is_joint]
-
-
-def giving_joints(model: newton.Model) -> dict[int, tuple[float, float]]:
-    """How joints of CONNECT and WELD constraints would give way: by ``eq_solimp`` and ``eq_solref``.
-
-    By MuJoCo's formulas ("Solver parameters") a row gives way by (1 - d) / d of how its bodies
-    would move without it, and returns at the rate k / b where damping holds it.
-
-    Returns:
-        That share and that rate [1/s], by joint of a :class:`.setup.joined.JoinedModel`.
-    """
-    model = getattr(model, "user_model", model)
-    if not row_count(model) or not hasattr(model.mujoco, "eq_solimp"):
-        return {}
-    mujoco: Any = model.mujoco
-    impedance = mujoco.eq_solimp.numpy().astype(float)
-    k, b = impedance_rates(mujoco.eq_solref.numpy().astype(float), impedance).T
-    width = np.clip(impedance[:, 1], 1.0 - MOST_IMPEDANCE, MOST_IMPEDANCE)
-    rate = np.where(b > 0.0, k / np.where(b > 0.0, b, 1.0), np.sqrt(np.maximum(k, 0.0)))
-    own = getattr(model, "own_rows", np.zeros(0, dtype=int))
-    joint = np.where(_converted(model, _TO_JOINT), mujoco.equality_constraint_target.numpy(), -1)
-    joint[own] = model.joint_count - own.size + np.arange(own.size)
-    return {
-        int(joint[row]): ((1.0 - width[row]) / width[row], float(rate[row]))
-        for row in np.flatnonzero(joint >= 0)
-    }
 
 
 def unheard_rows(model: newton.Model, own: np.ndarray) -> np.ndarray:

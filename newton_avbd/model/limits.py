@@ -15,7 +15,7 @@ _DEFAULT_REFERENCE = (0.02, 1.0)
 """MuJoCo's ``solreflimit`` where a file does not say one: time constant [s] and damping ratio."""
 _RAW, _DEFAULT = 1, 2
 """Modes of ``mujoco:solreflimit_mode``: authored, and left to MuJoCo's default."""
-MOST_IMPEDANCE = 0.9999
+_MOST = 0.9999
 """MuJoCo's ``mjMAXIMP``: impedance at most."""
 
 
@@ -52,7 +52,7 @@ def impedance_rates(reference: np.ndarray, impedance: np.ndarray) -> np.ndarray:
     Returns:
         k and b, shape (limits, 2).
     """
-    width = np.clip(impedance[:, 1].astype(float), 1.0 - MOST_IMPEDANCE, MOST_IMPEDANCE)
+    width = np.clip(impedance[:, 1].astype(float), 1.0 - _MOST, _MOST)
     first, second = reference.T
     is_direct = (first <= 0.0) | (second <= 0.0)
     time, ratio = (np.where(is_direct, 1.0, values) for values in (first, second))

@@ -11,9 +11,10 @@ import newton
 import numpy as np
 
 from ..rows.joint import CONNECT, KINDS
-from .equalities import Equality, equalities, giving_joints, may_hold, mimic_laws
+from .equalities import Equality, equalities, may_hold, mimic_laws
 from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 from .welds import is_kinematic
+from .yielding import Yielding, yielding_joints
 
 _DISTANCE = int(newton.JointType.DISTANCE)
 
@@ -62,8 +63,8 @@ class ClosureOf:
     """The polynomial by which it mimics, where that is MuJoCo's."""
     tendon: Tendon | TendonEquality | None = None
     """The tendon, or what ties it to another one."""
-    gives: tuple[float, float] | None = None
-    """How it gives way, as :func:`.equalities.giving_joints` has it; None for what is rigid."""
+    yielding: Yielding | None = None
+    """How it gives way; None for what is rigid."""
     ends: tuple[int, ...] = ()
     """The body that each element of its path pulls, then those of the other one, -1 where none."""
 
@@ -489,9 +490,8 @@ def _closures(
                 "let another joint close the loop, and use blocks='articulation'."
             )
         links.append(_Link(index, leader, [body_of[index], body_of[leader]], rows, equality))
-    is_led = is_kinematic(model)
     number = dict(enumerate(solved_joints(model)))
-    giving = {number.get(joint, -1): gives for joint, gives in giving_joints(model).items()}
+    yieldings = {number.get(joint, -1): each for joint, each in yielding_joints(model).items()}
     ends_of = {cord.row: _held(cord, model, body_of) for cord in cords}
     rows_of: list[Tendon | TendonEquality] = [*cords, *tendon_equalities(model, cords)]
     for one in rows_of:
@@ -529,14 +529,12 @@ def _closures(
     ]
     closures = []
     for joint, leader, bodies, rows, equality, cord in kept:
-        first, softness, gives = tied(bodies)[0], 1.0, None
+        first, softness = tied(bodies)[0], 1.0
+        yielding = yieldings.get(joint) if leader < 0 else None
         tied_to: tuple[int, ...] = ()
         if cord is None:
             top, ways = _ways((bodies[0], bodies[1]), tree_parent, moves, above=leader >= 0)
             softness = STRING_SOFTNESS if kinds[joint] == _DISTANCE else 1.0
-            if leader < 0 and any(is_led[body] for body in bodies if body >= 0):
-                # what the user moves may go where the others cannot
-                gives = giving.get(joint)
         else:
             held = [end for one in pulled(cord) for end in ends_of[one.row]]
             top, below = _branches([end for end in held if end], tree_parent, moves)
@@ -544,7 +542,7 @@ def _closures(
             tied_to = tuple(end[0] if end and tied([end[0]]) else -1 for end in held)
         closures.append(
             ClosureOf(
-                joint, leader, rows, first, top, ways, softness, equality, cord, gives, tied_to
+                joint, leader, rows, first, top, ways, softness, equality, cord, yielding, tied_to
             )
         )
     return closures, merged(kept)

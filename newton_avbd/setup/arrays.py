@@ -431,6 +431,7 @@ class SolverArrays:
             self._retired.append((self._history.filling, self._history.step, self._history.age))
             self._retired.append((self._tree, self._loops, self._history.smooth))
             self._retired.append((self._history.loop_force, self._history.loop_torque))
+            self._retired.append((self._history.loop_rate,))
         self._forget_launches()
         self._topology = topology
         self._world_count = int(groups.max(initial=0)) + 1
@@ -515,6 +516,7 @@ class SolverArrays:
                 self._loops = buffers.loop_work(self._solved, topology, groups)
                 self._history.loop_force = wp.zeros(topology.loops.size, dtype=wp.vec3)
                 self._history.loop_torque = wp.zeros(topology.loops.size, dtype=wp.vec3)
+                self._history.loop_rate = wp.zeros(topology.loops.size, dtype=wp.spatial_vector)
 
     def _allocate_closures(self, topology: Topology) -> None:
         """Buffers for the equations that are solved with trees."""

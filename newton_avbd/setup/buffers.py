@@ -332,8 +332,17 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     exact = np.isin(joints, [closure.joint for closure in topology.closures])
     loops.is_exact = wp.array(exact, dtype=wp.bool)
     loops.is_soft = wp.zeros(joints.size, dtype=wp.bool)
-    rates = {closure.joint: closure.gives[1] for closure in topology.closures if closure.gives}
-    loops.return_rate = wp.array([rates.get(joint, 0.0) for joint in joints.tolist()], dtype=float)
+    yields = {each.joint: each.yielding for each in topology.closures if each.yielding}
+    rates, impedance = np.zeros((joints.size, 5)), np.zeros((joints.size, 5))
+    for loop, joint in enumerate(joints.tolist()):
+        if joint in yields:
+            rates[loop] = (*yields[joint].rates, yields[joint].turn, *yields[joint].mobility)
+            impedance[loop] = yields[joint].impedance
+    loops.yielding = wp.array(rates, dtype=data.vec5)
+    loops.impedance = wp.array(impedance, dtype=data.vec5)
+    loops.gives = wp.zeros(joints.size, dtype=wp.vec2)
+    loops.wanted = wp.zeros(joints.size, dtype=wp.spatial_vector)
+    loops.span = wp.zeros(joints.size, dtype=float)
     loops.body_start = wp.array(np.cumsum([0, *map(len, sides)]), dtype=wp.int32)
     loops.items = wp.array(
         np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
@@ -390,7 +399,6 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
         closure.tendon = closure.other = -1
         closure.joint, closure.row, closure.rows = item.joint, len(top), item.rows
         closure.softness = item.softness
-        closure.gives = item.gives[0] if item.gives else 0.0
         closure.equality = -1
         if item.equality is not None:
             closure.equality = item.equality.row
@@ -461,6 +469,7 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     work.whole = wp.zeros(len(top), dtype=float)
     work.stopped = wp.zeros(len(top), dtype=float)
     work.least = wp.zeros(len(top), dtype=float)
+    work.gives = wp.zeros(len(top), dtype=float)
     work.held = wp.zeros(len(top), dtype=float)
     work.multiplier = wp.zeros(len(top), dtype=wp.float64)
     work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)

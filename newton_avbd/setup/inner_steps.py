@@ -39,7 +39,7 @@ _BY: dict[str, str] = {
         ("history.joined_qd", "history.broken", "history.dahl_sigma", "history.dahl_kappa"),
         "joint",
     ),
-    **dict.fromkeys(("history.loop_force", "history.loop_torque"), "loop"),
+    **dict.fromkeys(("history.loop_force", "history.loop_torque", "history.loop_rate"), "loop"),
     **dict.fromkeys(
         (
             *("history.step", "history.age", "history.smooth", "history.slope_age"),

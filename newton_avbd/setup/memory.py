@@ -87,6 +87,7 @@ _OWNERS: dict[str, str] = {
     "history.friction_force": "joints",
     "history.loop_force": "loops",
     "history.loop_torque": "loops",
+    "history.loop_rate": "loops",
     "history.dahl_sigma": "dahl",
     "history.dahl_kappa": "dahl",
     "history.broken": "breaking",

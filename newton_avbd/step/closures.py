@@ -94,6 +94,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.whole[row] = 0.0
                 closures.stopped[row] = 0.0
                 closures.least[row] = 0.0
+                closures.gives[row] = 0.0
                 closures.held[row] = 0.0
                 closures.multiplier[row] = wp.float64(0.0)
             if closure.loop >= 0:
@@ -104,7 +105,7 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                         string_rows(closure, recovery, s)
                 if wp.static(effects.loops):
                     if not is_bound:
-                        loop_rows(closure, recovery, h, s)
+                        loop_rows(closure, recovery, s)
             else:
                 is_cord = bool(False)
                 if wp.static(effects.tendons):

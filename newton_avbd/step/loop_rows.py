@@ -52,17 +52,15 @@ def make_loop_rows(effects: Effects) -> wp.Function:
     linear_lock, angular_lock = locks.linear_lock, locks.angular_lock
 
     @wp.func(inline=effects.inline)
-    def loop_rows(closure: Closure, recovery: float, h: float, s: wp.ref[Solver]):
+    def loop_rows(closure: Closure, recovery: float, s: wp.ref[Solver]):
         """The rows of a joint that closes a loop: what it locks, linear rows first."""
         closures = s.tree.closures
         i = closure.loop
         if s.loops.k_l[i] == 0.0:
             return
-        returned = float(0.0)
-        if s.loops.return_rate[i] > 0.0:
-            if recovery > 0.0:
-                return
-            returned = 1.0 - wp.exp(-s.loops.return_rate[i] * h)
+        gives = s.loops.gives[i]
+        if gives[0] > 0.0 and recovery > 0.0:
+            return
         joint = s.loops.joints[i]
         static_slot = s.work.inv_mass.shape[0] - 1
         child = s.joints.child[joint]
@@ -76,7 +74,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         if wp.static(effects.kinds.distances):
             if is_point(s.joints, joint):
                 linear = int(3)
-        kept = wp.where(recovery > 0.0, 0.0, 1.0 - returned) * s.loops.misfit[i]
+        kept = wp.where(recovery > 0.0, 0.0, 1.0) * s.loops.misfit[i]
         left = shift - wp.spatial_top(kept)
         turn -= wp.spatial_bottom(kept)
         if not is_put(child, s.work) and not is_put(parent, s.work):
@@ -85,11 +83,12 @@ def make_loop_rows(effects: Effects) -> wp.Function:
                 left = moved + wp.spatial_top(s.loops.misfit[i] - kept)
             elif recovery == 0.0:
                 left = locked_shift(s.joints, joint, q_p, s.tree.swing[parent], moved, offset)
-                left += returned * wp.spatial_top(s.loops.misfit[i])
             if recovery == 0.0:
                 turned = relative_turn(child, parent, s.tree)
                 turn = locked_turn(s.joints, joint, q_p, q_c, turned)
-                turn += returned * wp.spatial_bottom(s.loops.misfit[i])
+        if gives[0] > 0.0:
+            left -= wp.spatial_top(s.loops.wanted[i])
+            turn -= wp.spatial_bottom(s.loops.wanted[i])
         arm_p += offset - shift
         s.loops.arms[2 * i] = arm_c
         s.loops.arms[2 * i + 1] = arm_p
@@ -113,6 +112,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
                 closures.held[row] = wp.dot(n, s.loops.kept_force[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, left))
                 closures.least[row] = PENALTY / s.loops.k_l[i]
+                closures.gives[row] = gives[0]
             else:
                 n = direction_about(axis_a, wp.where(angular == 1, 2, k - linear))
                 closures.direction[row] = n
@@ -121,5 +121,6 @@ def make_loop_rows(effects: Effects) -> wp.Function:
                 closures.held[row] = wp.dot(n, s.loops.kept_torque[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, turn))
                 closures.least[row] = PENALTY / s.loops.k_a[i]
+                closures.gives[row] = gives[1]
 
     return loop_rows

@@ -6,6 +6,7 @@ import warp as wp
 
 from ..data import Solver, WorldScale
 from ..effects import Effects
+from ..rows.axis import impedance_at
 from ..rows.contact import PENALTY
 from ..rows.coordinate import make_joint_coordinates
 from ..rows.euler import make_euler
@@ -63,6 +64,29 @@ def share_recovered(
         # others pull the string aside
         rate = float(joints) * wp.max(rate, 1.0 / wp.max(length, 1.0e-12))
     return wp.min(1.0, MOST_TURNED / wp.max(rate * shift + turn, 1.0e-30))
+
+
+@wp.func
+def begin_yielding(i: int, h: float, s: wp.ref[Solver]):
+    """How far a joint that gives way moves in the step without a push, and by how much a push does.
+
+    MuJoCo's law ("Constraint model"), with all of it at the end of the step: of the misfit e
+
+        F = -d/((1 - d) A) (a + b v + k e),  v = moved/h,  a = (v - v_0)/h,  e = e_0 + moved,
+
+    and k = d K. So moved + (1 - d) A h^2/(d (1 + h b + h^2 k)) F = (h v_0 - h^2 k e_0)/(1 + ...).
+    """
+    law = s.loops.yielding[i]
+    opened = s.loops.misfit[i]
+    turned = wp.spatial_bottom(opened) / law[2]
+    far = wp.length_sq(wp.spatial_top(opened)) + wp.length_sq(turned)
+    share = impedance_at(s.loops.impedance[i], wp.sqrt(far))
+    pull = h * h * share * law[0]
+    held = 1.0 + h * law[1] + pull
+    slack = (1.0 - share) * h * h / (share * held)
+    s.loops.span[i] = h
+    s.loops.gives[i] = slack * wp.vec2(law[3], law[2] * law[2] * law[4])
+    s.loops.wanted[i] = (h * s.history.loop_rate[i] - pull * opened) / held
 
 
 def make_begin_loop(effects: Effects) -> wp.Function:
@@ -159,7 +183,8 @@ def make_begin_loop(effects: Effects) -> wp.Function:
                 if wp.static(effects.second_order):
                     q = begin_axis(index, q, scale, s.history.coordinate)
                 s.loops.start_coordinate[index] = q
-        if s.loops.return_rate[i] > 0.0:
+        if s.loops.yielding[i][2] > 0.0 and s.loops.is_exact[i]:
+            begin_yielding(i, scale.h, s)
             return False
         s.loops.recovered[i] = 1.0
         if not s.loops.is_exact[i]:

@@ -67,6 +67,7 @@ class LoopFunctions:
     begin_loop: wp.Function
     loop_wrench: wp.Function
     loop_curvature: wp.Function
+    keep_motion: wp.Function
     count_turns: wp.Function
 
 
@@ -244,4 +245,19 @@ def make_loops(effects: Effects) -> LoopFunctions:
             aa += geometric_stiffness(sign * s.history.loop_force[i], arm) + pulled
         return linear_k, al, aa
 
-    return LoopFunctions(begin_loop, loop_wrench, loop_curvature, loop_axes.count_turns)
+    @wp.func
+    def keep_motion(i: int, s: wp.ref[Solver]):
+        """Before the recovery: what joints have pushed with, and how those that give way moved."""
+        s.loops.kept_force[i] = s.history.loop_force[i]
+        s.loops.kept_torque[i] = s.history.loop_torque[i]
+        if s.loops.gives[i][0] > 0.0:
+            joint = s.loops.joints[i]
+            q_p, q_c, _arm_p, _arm_c, offset = loop_geometry(i, s)
+            shift = linear_misfit(s.joints, joint, q_p, offset)
+            turn = angular_misfit(s.joints, joint, q_p, q_c)
+            moved = wp.spatial_vector(shift, turn) - s.loops.misfit[i]
+            s.history.loop_rate[i] = moved / s.loops.span[i]
+
+    return LoopFunctions(
+        begin_loop, loop_wrench, loop_curvature, keep_motion, loop_axes.count_turns
+    )

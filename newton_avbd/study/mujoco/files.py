@@ -15,8 +15,8 @@ there are two comparisons, each of like with like:
   allows, overdamped, so that nothing rebounds. Both start within the limits of
   joints and tendons, and where equality constraints hold.
 
-Equality constraints and joint friction are rigid in SolverAVBD either way, so MuJoCo has them as
-stiff as its step allows in both.
+Equality constraints, but for those of mocap bodies, and joint friction are rigid in SolverAVBD
+either way, so MuJoCo has them as stiff as its step allows in both.
 
 A case holds if no body is off by more than 2 % of how far it moved, or 1 mm. The errors are those
 of the body that comes next to its bound or misses it by most, of SolverAVBD and of MuJoCo, as
@@ -41,6 +41,7 @@ from newton_avbd.io.mjcf import add_mjcf
 from newton_avbd.io.robots import robots
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.measure.state import Array
+from newton_avbd.model.welds import is_kinematic
 from newton_avbd.scenes.finalize import finalized
 
 DT = 1.0 / 2000.0
@@ -119,6 +120,7 @@ def _enter_limits(model: newton.Model, state: newton.State) -> None:
     native.opt.jacobian = int(mujoco.mjtJacobian.mjJAC_DENSE)
     equality = int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
     ranges = [int(getattr(mujoco.mjtConstraint, f"mjCNSTR_LIMIT_{end}")) for end in LIMITED]
+    gives = np.append(_is_led(model, solver), False)
     is_within = True
     for _ in range(NEWTON_STEPS):
         mujoco.mj_forward(native, now)
@@ -127,6 +129,7 @@ def _enter_limits(model: newton.Model, state: newton.State) -> None:
         beyond = now.efc_pos - now.efc_margin
         beyond = np.where(kinds == equality, now.efc_pos, np.minimum(beyond, 0.0))
         beyond[~np.isin(kinds, [equality, *ranges])] = 0.0
+        beyond[(kinds == equality) & gives[np.minimum(now.efc_id, gives.size - 1)]] = 0.0
         rows = np.flatnonzero(beyond)
         if np.abs(beyond).max(initial=0.0) < 1.0e-9:
             break
@@ -153,6 +156,16 @@ def _native(model: newton.Model, start: newton.State) -> SolverMuJoCo:
     # a step of next to no time writes the start state down
     solver.step(start, model.state(), model.control(), None, 1.0e-12)
     return solver
+
+
+def _is_led(model: newton.Model, solver: SolverMuJoCo) -> Any:
+    """Which equality constraints tie a body to one that the user moves."""
+    import mujoco
+
+    native = solver.mj_model
+    is_led = np.append(is_kinematic(model), False)[_owners(solver)[0]]
+    is_tie = native.eq_objtype == int(mujoco.mjtObj.mjOBJ_BODY)
+    return np.any(is_led[np.where(is_tie, [native.eq_obj1id, native.eq_obj2id], 0)], axis=0)
 
 
 def _owners(solver: SolverMuJoCo) -> tuple[Any, Any]:
@@ -306,10 +319,12 @@ def native_path(
     if integrator is not None:
         native.opt.integrator = integrator
     rigid = ["eq_{}", "dof_{}", "tendon_{}_fri"] + ["jnt_{}", "tendon_{}_lim"] * is_stiff
-    for kind in rigid:
-        getattr(native, kind.format("solref"))[:] = (4.0 * dt, 10.0 if is_stiff else 1.0)
-        getattr(native, kind.format("solimp"))[:] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
     owners, known = _owners(solver)
+    for kind in rigid:
+        # what is tied to a mocap body gives way as authored in both
+        rows = ~_is_led(case.model, solver) if kind.startswith("eq") else slice(None)
+        getattr(native, kind.format("solref"))[rows] = (4.0 * dt, 10.0 if is_stiff else 1.0)
+        getattr(native, kind.format("solimp"))[rows] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
     rows = np.zeros(0, dtype=int)
     if native.nu:
         rows = solver.mjc_actuator_to_newton_idx.numpy().ravel()
