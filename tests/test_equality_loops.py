@@ -442,6 +442,25 @@ def test_a_weld_to_what_a_program_moves_goes_as_far_as_the_arm(
     assert np.abs(sim.velocity).max() < 1e-2
 
 
+@pytest.mark.parametrize("dt", [1 / 60, 1 / 240])
+def test_a_weld_to_a_link_that_nothing_moves_pulls_an_arm_as_far_as_it_goes(dt: float) -> None:
+    """Newton's importer fixes mocap bodies to the world: the arm stretches to one out of reach."""
+    text = ARM.format("mark", "hand").replace("<weld", '<weld relpose="1 0 0 1 0 0 0"')
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(text)
+    assert builder.body_flags[0] == int(newton.BodyFlags.DYNAMIC)
+    sim = simulate(builder, dt=dt)
+    fastest = 0.0
+    for _ in range(round(2.0 / dt)):
+        sim.step()
+        fastest = max(fastest, np.abs(sim.velocity[1:, :3]).max())
+    # the way that is left in three time constants of the constraint
+    assert fastest < 1.0 / 0.06
+    np.testing.assert_allclose(sim.pose[-1, :3], (SPAN, 0.0, 0.0), atol=1e-3)
+    assert np.abs(sim.velocity).max() < 1e-2
+
+
 @pytest.mark.parametrize("impedance", [0.5, 0.95])
 def test_what_a_program_moves_holds_as_softly_as_the_file_says(
     tmp_path: Path, impedance: float

@@ -1,11 +1,12 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""CONNECT and WELD constraints of MuJoCo's that give way: those of bodies that the user moves.
+"""CONNECT and WELD constraints of MuJoCo's that give way: those of links that nothing moves.
 
-What the user moves (a mocap body) can be where the others cannot follow. A rigid row would then ask
-for more and more, and throw links about where an arm is nearly straight: with ``solimp`` above
-0.999 it does so in MuJoCo, too. So these rows are as soft as their file says. The law is in
-:mod:`.step.loop_start`.
+What the user puts somewhere (a mocap body, kinematic, or fixed to the world by Newton's importer)
+can be where the others cannot follow. A rigid row would then ask for more and more, and throw links
+about where an arm is nearly straight: with ``solimp`` above 0.999 it does so in MuJoCo, too. So
+these rows are as soft as their file says. The law is in :mod:`.step.loop_start`. A row that ties a
+link to the world itself is rigid.
 """
 
 from dataclasses import dataclass
@@ -51,15 +52,17 @@ def yielding_joints(model: newton.Model) -> dict[int, Yielding]:
     mujoco: Any = user.mujoco
     ends = np.stack([getattr(mujoco, f"equality_constraint_body{end}").numpy() for end in (1, 2)])
     joints = joints_of_rows(whole)
-    is_led = np.any(np.append(is_kinematic(user), False)[ends], axis=0)
-    rows = np.flatnonzero(is_led & (joints >= 0))
+    is_put = is_kinematic(user)
+    if whole is not model:
+        is_put |= model.welds.is_static[: is_put.size]
+    rows = np.flatnonzero(np.any(np.append(is_put, False)[ends], axis=0) & (joints >= 0))
     if rows.size == 0:
         return {}
     impedance = mujoco.eq_solimp.numpy()[rows].astype(float)
     rates = impedance_rates(mujoco.eq_solref.numpy()[rows].astype(float), impedance)
     scale = np.abs(mujoco.equality_constraint_torquescale.numpy()[rows].astype(float))
     turn = 2.0 / np.where(scale > 0.0, scale, 1.0)
-    mobility = np.vstack([_link_mobility(user), np.zeros(2)])[ends[:, rows]].sum(axis=0)
+    mobility = np.vstack([_link_mobility(user, is_put), np.zeros(2)])[ends[:, rows]].sum(axis=0)
     return {
         int(joints[row]): Yielding(
             tuple(impedance[k].tolist()),
@@ -71,9 +74,9 @@ def yielding_joints(model: newton.Model) -> dict[int, Yielding]:
     }
 
 
-def _link_mobility(model: newton.Model) -> np.ndarray:
-    """Mobility of each link as :class:`Yielding` has it; none of what the user moves."""
+def _link_mobility(model: newton.Model, is_put: np.ndarray) -> np.ndarray:
+    """Mobility of each link as :class:`Yielding` has it; none of what is put somewhere."""
     moments = reference_moments(model, lambda state: state.body_qd.numpy().ravel())
     along = mobility_along(model, moments)[0].reshape(-1, 2, 3).mean(axis=2)
-    along[is_kinematic(model)] = 0.0
+    along[is_put] = 0.0
     return along
