@@ -233,14 +233,19 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "equality_constraint_joint[12]*": ("act", "`mujoco:equality_constraint: held`, tests"),
     "equality_constraint_tendon[12]": ("act", "tests"),
     "equality_constraint_torquescale": (
-        "0 leaves the rotation free; else ignored: welds are rigid",
+        "0 leaves the rotation free; scales what gives way (`eq_solref`); else ignored: welds are "
+        "rigid",
         "tests",
     ),
     "equality_constraint_*": (
         "acts, by the joint or mimic that Newton's importer makes of it, or without one",
         "`loop: MuJoCo CONNECT`, `loop: MuJoCo WELD`",
     ),
-    "eq_sol*": ("ignored: joints are rigid", ""),
+    "eq_sol*": (
+        "act on CONNECT and WELD of links that nothing moves, as mocap bodies are; else ignored: "
+        "joints are rigid",
+        "tests",
+    ),
     "ctrl*": ("act", "tests"),
     "autolimits": ("acts", "tests"),
     "actuator_world": ("names things", ""),
