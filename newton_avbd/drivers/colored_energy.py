@@ -81,7 +81,7 @@ def make_colored_energy(
         energy: What they call; islands are joined by many threads at once.
         kernel: The decorator.
     """
-    is_body_led, is_flat = energy.is_body_led, energy.is_flat
+    is_body_led, is_astray = energy.is_body_led, energy.is_astray
     begin_balance = energy.begin_balance
     join_joints, join_tendons = energy.join_joints, energy.join_tendons
     join_cluster = energy.join_cluster
@@ -108,8 +108,8 @@ def make_colored_energy(
         world = wp.tid()
         farthest = float(0.0)
         gains = bool(False)
-        if wp.static(effects.folding):
-            gains = is_flat(world, s[0].worlds)
+        if wp.static(effects.joints):
+            gains = is_astray(world, s[0].worlds)
         for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
             farthest = wp.max(farthest, s[0].colors.lane_move[lane])
             if s[0].colors.lane_move[lane] < 0.0:

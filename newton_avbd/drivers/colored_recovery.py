@@ -43,7 +43,7 @@ def make_colored_recovery(
     effects: Effects, stages: Stages, kernel: KernelDecorator
 ) -> RecoveryKernels:
     """The kernels, made by the decorator ``kernel``."""
-    count_passes, is_flat = make_count_passes(effects), stages.energy.is_flat
+    count_passes, is_astray = make_count_passes(effects), stages.energy.is_astray
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
     keep_loop, count_loop_turns = stages.loops.keep_motion, stages.loops.count_turns
@@ -65,8 +65,8 @@ def make_colored_recovery(
             passes = 0
         elif is_unsettled(update, scale):
             s[0].colors.is_excessive[0] = 1
-        elif wp.static(effects.folding):
-            if is_flat(world, s[0].worlds):
+        elif wp.static(effects.joints):
+            if is_astray(world, s[0].worlds):
                 s[0].colors.is_excessive[0] = 1
         s[0].colors.passes[world] = passes
         if passes > 1:
