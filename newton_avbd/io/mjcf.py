@@ -43,7 +43,8 @@ def add_mjcf(
     MuJoCo's compiler, where it is installed, writes out what is replicated, attached or composed.
     Geoms whose meshes are not there are left out. Muscles get the length ranges that MuJoCo's
     compiler finds, where the file says none, and joints the springs that it makes of
-    ``springdamper``. Mocap bodies become kinematic. Actuators of groups that the file disables exert no force.
+    ``springdamper``. Mocap bodies become kinematic. Actuators of groups that the file disables
+    exert no force.
 
     Args:
         builder: What to add to.

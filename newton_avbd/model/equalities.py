@@ -56,7 +56,8 @@ def joints_of_rows(model: newton.Model) -> np.ndarray:
     Args:
         model: The user's, or a :class:`.setup.joined.JoinedModel`, whose own joints stand last.
     """
-    found = np.where(_converted(model, _TO_JOINT), model.mujoco.equality_constraint_target.numpy(), -1)
+    target = model.mujoco.equality_constraint_target.numpy()
+    found = np.where(_converted(model, _TO_JOINT), target, -1)
     own = getattr(model, "own_rows", np.zeros(0, dtype=int))
     found[own] = model.joint_count - own.size + np.arange(own.size)
     return found

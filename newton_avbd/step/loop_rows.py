@@ -59,7 +59,8 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         if s.loops.k_l[i] == 0.0:
             return
         gives = s.loops.gives[i]
-        if gives[0] > 0.0 and recovery > 0.0:
+        yields = gives[0] + gives[1] > 0.0
+        if yields and recovery > 0.0:
             return
         joint = s.loops.joints[i]
         static_slot = s.work.inv_mass.shape[0] - 1
@@ -86,7 +87,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
             if recovery == 0.0:
                 turned = relative_turn(child, parent, s.tree)
                 turn = locked_turn(s.joints, joint, q_p, q_c, turned)
-        if gives[0] > 0.0:
+        if yields:
             left -= wp.spatial_top(s.loops.wanted[i])
             turn -= wp.spatial_bottom(s.loops.wanted[i])
         arm_p += offset - shift

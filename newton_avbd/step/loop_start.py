@@ -134,9 +134,11 @@ def make_begin_loop(effects: Effects) -> wp.Function:
         inv_inertia = mean_inverse(s.work.inv_inertia[child] + s.work.inv_inertia[parent])
         s.loops.k_l[i] = 0.0
         s.loops.k_a[i] = 0.0
+        s.loops.gives[i] = wp.vec2(0.0)
         if not s.joints.enabled[joint] or inv_mass == 0.0:
             s.history.loop_force[i] = wp.vec3(0.0)
             s.history.loop_torque[i] = wp.vec3(0.0)
+            s.history.loop_rate[i] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             return False
         turn_c = wp.length_sq(wp.spatial_bottom(s.work.target[child]))
         turn_p = wp.length_sq(wp.spatial_bottom(s.work.target[parent]))
