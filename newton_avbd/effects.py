@@ -168,6 +168,11 @@ CAUSES: dict[str, Cause] = {
         "step/mimics.py",
         "Set mujoco:equality_constraint_enabled to False before the solver is made.",
     ),
+    "yielding": Cause(
+        "joint",
+        "of a CONNECT or WELD constraint of MuJoCo's of a link that nothing moves, as a mocap body",
+        "step/loop_start.py",
+    ),
     "drives": Cause(
         "joint",
         "with a drive that has a gain (target_ke, target_kd) and is none of the actuators",
@@ -241,6 +246,7 @@ _IMPLIED: dict[str, tuple[str, ...]] = {
     "friction": ("put_bodies",),
     "condim": ("contact_pairs",),
     "joint_force": ("reaction",),
+    "loops": ("yielding",),
     "drives": ("effort_limits",),
     "limits": ("limit_impedance",),
     "actuators": ("force_ranges",),
@@ -287,6 +293,7 @@ class Effects:
     mimics: bool = False
     """A joint that mimics another."""
     equalities: bool = False
+    yielding: bool = False
     """One that does so by a polynomial, or is held."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""

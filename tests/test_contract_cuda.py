@@ -83,6 +83,7 @@ VARIANTS = {
         "floating flipped light_roots light_links reaction mimics springs armature joint_friction "
         "effort_limits velocity_limits breaking restitution actuators tendons dahl fluid "
         "gravity_compensation body_actuators servos adhesion spatial_tendons cables equalities "
+        "yielding "
         "force_ranges mixing",
     ),
     "compliant articulations": with_all(JOINTED, "compliance limit_impedance"),

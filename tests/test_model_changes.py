@@ -477,7 +477,7 @@ def test_every_effect_of_values_can_come_inside_of_a_graph() -> None:
             "cylinders",
             "ellipsoids",
         ),  # what there is
-        *("closures", "mimics", "equalities"),
+        *("closures", "mimics", "equalities", "yielding"),
         "breaking",  # that some joint can break is said before
         *(
             "piles",

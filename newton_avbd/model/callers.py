@@ -134,6 +134,7 @@ def _of_links(model: newton.Model, topology: Topology) -> dict[str, np.ndarray]:
     pulled, threaded = (_tied_bodies(topology, only) for only in (False, True))
     mimics = [closure.joint for closure in topology.closures if closure.leader >= 0]
     equalities = [closure.joint for closure in topology.closures if closure.equality is not None]
+    yielding = [closure.joint for closure in topology.closures if closure.yielding is not None]
     return {
         "welds": getattr(model, "weld_indices", np.zeros(0, dtype=int)),
         "joint_force": _pushing(model),
@@ -144,6 +145,7 @@ def _of_links(model: newton.Model, topology: Topology) -> dict[str, np.ndarray]:
         "closures": _closing_joints(model, topology, pulled),
         "mimics": np.array(mimics, dtype=int),
         "equalities": np.array(equalities, dtype=int),
+        "yielding": np.array(yielding, dtype=int),
         "floating": _floating(model, topology, pulled),
         "tendons": pulled,
         "spatial_tendons": threaded,

@@ -516,7 +516,10 @@ class SolverArrays:
                 self._loops = buffers.loop_work(self._solved, topology, groups)
                 self._history.loop_force = wp.zeros(topology.loops.size, dtype=wp.vec3)
                 self._history.loop_torque = wp.zeros(topology.loops.size, dtype=wp.vec3)
-                self._history.loop_rate = wp.zeros(topology.loops.size, dtype=wp.spatial_vector)
+                if self._flags.yielding:
+                    buffers.add_yielding(self._loops, topology)
+                    size = topology.loops.size
+                    self._history.loop_rate = wp.zeros(size, dtype=wp.spatial_vector)
 
     def _allocate_closures(self, topology: Topology) -> None:
         """Buffers for the equations that are solved with trees."""

@@ -332,17 +332,6 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     exact = np.isin(joints, [closure.joint for closure in topology.closures])
     loops.is_exact = wp.array(exact, dtype=wp.bool)
     loops.is_soft = wp.zeros(joints.size, dtype=wp.bool)
-    yields = {each.joint: each.yielding for each in topology.closures if each.yielding}
-    rates, impedance = np.zeros((joints.size, 5)), np.zeros((joints.size, 5))
-    for loop, joint in enumerate(joints.tolist()):
-        if joint in yields:
-            rates[loop] = (*yields[joint].rates, yields[joint].turn, *yields[joint].mobility)
-            impedance[loop] = yields[joint].impedance
-    loops.yielding = wp.array(rates, dtype=data.vec5)
-    loops.impedance = wp.array(impedance, dtype=data.vec5)
-    loops.gives = wp.zeros(joints.size, dtype=wp.vec2)
-    loops.wanted = wp.zeros(joints.size, dtype=wp.spatial_vector)
-    loops.span = wp.zeros(joints.size, dtype=float)
     loops.body_start = wp.array(np.cumsum([0, *map(len, sides)]), dtype=wp.int32)
     loops.items = wp.array(
         np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
@@ -362,6 +351,28 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     loops.coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
     loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
     return loops
+
+
+def add_yielding(loops: Any, topology: Topology) -> None:
+    """What joints that give way need beside.
+
+    Args:
+        loops: The :class:`.data.LoopWork` to fill.
+        topology: How joints link the bodies.
+    """
+    count = topology.loops.size
+    rates, impedance = np.zeros((count, 5)), np.zeros((count, 5))
+    number = {joint: loop for loop, joint in enumerate(loops.joints.numpy().tolist())}
+    for closure in topology.closures:
+        if closure.yielding is not None:
+            law = closure.yielding
+            rates[number[closure.joint]] = (*law.rates, law.turn, *law.mobility)
+            impedance[number[closure.joint]] = law.impedance
+    loops.yielding = wp.array(rates, dtype=data.vec5)
+    loops.impedance = wp.array(impedance, dtype=data.vec5)
+    loops.gives = wp.zeros(count, dtype=wp.vec2)
+    loops.wanted = wp.zeros(count, dtype=wp.spatial_vector)
+    loops.span = wp.zeros(count, dtype=float)
 
 
 def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:

@@ -58,10 +58,11 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         i = closure.loop
         if s.loops.k_l[i] == 0.0:
             return
-        gives = s.loops.gives[i]
-        yields = gives[0] + gives[1] > 0.0
-        if yields and recovery > 0.0:
-            return
+        gives = wp.vec2(0.0)
+        if wp.static(effects.yielding):
+            gives = s.loops.gives[i]
+            if gives[0] + gives[1] > 0.0 and recovery > 0.0:
+                return
         joint = s.loops.joints[i]
         static_slot = s.work.inv_mass.shape[0] - 1
         child = s.joints.child[joint]
@@ -87,9 +88,10 @@ def make_loop_rows(effects: Effects) -> wp.Function:
             if recovery == 0.0:
                 turned = relative_turn(child, parent, s.tree)
                 turn = locked_turn(s.joints, joint, q_p, q_c, turned)
-        if yields:
-            left -= wp.spatial_top(s.loops.wanted[i])
-            turn -= wp.spatial_bottom(s.loops.wanted[i])
+        if wp.static(effects.yielding):
+            if gives[0] + gives[1] > 0.0:
+                left -= wp.spatial_top(s.loops.wanted[i])
+                turn -= wp.spatial_bottom(s.loops.wanted[i])
         arm_p += offset - shift
         s.loops.arms[2 * i] = arm_c
         s.loops.arms[2 * i + 1] = arm_p

@@ -134,11 +134,13 @@ def make_begin_loop(effects: Effects) -> wp.Function:
         inv_inertia = mean_inverse(s.work.inv_inertia[child] + s.work.inv_inertia[parent])
         s.loops.k_l[i] = 0.0
         s.loops.k_a[i] = 0.0
-        s.loops.gives[i] = wp.vec2(0.0)
+        if wp.static(effects.yielding):
+            s.loops.gives[i] = wp.vec2(0.0)
         if not s.joints.enabled[joint] or inv_mass == 0.0:
             s.history.loop_force[i] = wp.vec3(0.0)
             s.history.loop_torque[i] = wp.vec3(0.0)
-            s.history.loop_rate[i] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            if wp.static(effects.yielding):
+                s.history.loop_rate[i] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             return False
         turn_c = wp.length_sq(wp.spatial_bottom(s.work.target[child]))
         turn_p = wp.length_sq(wp.spatial_bottom(s.work.target[parent]))
@@ -185,9 +187,10 @@ def make_begin_loop(effects: Effects) -> wp.Function:
                 if wp.static(effects.second_order):
                     q = begin_axis(index, q, scale, s.history.coordinate)
                 s.loops.start_coordinate[index] = q
-        if s.loops.yielding[i][2] > 0.0 and s.loops.is_exact[i]:
-            begin_yielding(i, scale.h, s)
-            return False
+        if wp.static(effects.yielding):
+            if s.loops.yielding[i][2] > 0.0 and s.loops.is_exact[i]:
+                begin_yielding(i, scale.h, s)
+                return False
         s.loops.recovered[i] = 1.0
         if not s.loops.is_exact[i]:
             s.loops.recovered[i] = share_recovered(

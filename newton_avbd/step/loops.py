@@ -250,13 +250,14 @@ def make_loops(effects: Effects) -> LoopFunctions:
         """Before the recovery: what joints have pushed with, and how those that give way moved."""
         s.loops.kept_force[i] = s.history.loop_force[i]
         s.loops.kept_torque[i] = s.history.loop_torque[i]
-        if s.loops.gives[i][0] + s.loops.gives[i][1] > 0.0:
-            joint = s.loops.joints[i]
-            q_p, q_c, _arm_p, _arm_c, offset = loop_geometry(i, s)
-            shift = linear_misfit(s.joints, joint, q_p, offset)
-            turn = angular_misfit(s.joints, joint, q_p, q_c)
-            moved = wp.spatial_vector(shift, turn) - s.loops.misfit[i]
-            s.history.loop_rate[i] = moved / s.loops.span[i]
+        if wp.static(effects.yielding):
+            if s.loops.gives[i][0] + s.loops.gives[i][1] > 0.0:
+                joint = s.loops.joints[i]
+                q_p, q_c, _arm_p, _arm_c, offset = loop_geometry(i, s)
+                shift = linear_misfit(s.joints, joint, q_p, offset)
+                turn = angular_misfit(s.joints, joint, q_p, q_c)
+                moved = wp.spatial_vector(shift, turn) - s.loops.misfit[i]
+                s.history.loop_rate[i] = moved / s.loops.span[i]
 
     return LoopFunctions(
         begin_loop, loop_wrench, loop_curvature, keep_motion, loop_axes.count_turns

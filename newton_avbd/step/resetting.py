@@ -46,7 +46,8 @@ def forget_joints(body: int, s: wp.ref[Solver]):
             loop = s.loops.items[i] / 2
             s.history.loop_force[loop] = wp.vec3(0.0)
             s.history.loop_torque[loop] = wp.vec3(0.0)
-            s.history.loop_rate[loop] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+            if s.history.loop_rate.shape[0] > 0:
+                s.history.loop_rate[loop] = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
             let_go(s.loops.joints[loop], s)
 
 

@@ -94,6 +94,7 @@ def add_everything(builder: newton.ModelBuilder) -> None:
     builder.add_articulation([rod])
     floats = builder.add_joint_free(links[10])
     builder.add_articulation([floats, builder.add_joint_ball(**ends(links[10], links[11]))])
+    mujoco.add_equality_connect(builder, put, links[8])
     target = mujoco.ActuatorTarget
     mujoco.add_actuator_motor(builder, target.joint(first))
     for _ in range(2):
