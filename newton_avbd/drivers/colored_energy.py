@@ -109,7 +109,7 @@ def make_colored_energy(
         farthest = float(0.0)
         gains = bool(False)
         if wp.static(effects.joints):
-            gains = is_astray(world, s[0].worlds)
+            gains = is_astray(world, s[0])
         for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
             farthest = wp.max(farthest, s[0].colors.lane_move[lane])
             if s[0].colors.lane_move[lane] < 0.0:

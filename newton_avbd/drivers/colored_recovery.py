@@ -66,7 +66,7 @@ def make_colored_recovery(
         elif is_unsettled(update, scale):
             s[0].colors.is_excessive[0] = 1
         elif wp.static(effects.joints):
-            if is_astray(world, s[0].worlds):
+            if is_astray(world, s[0]):
                 s[0].colors.is_excessive[0] = 1
         s[0].colors.passes[world] = passes
         if passes > 1:

@@ -20,13 +20,13 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..data import Balance, IslandWork, Solver, Step, WorldScale, WorldWork
+from ..data import Balance, IslandWork, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows.euler import make_euler
 from ..rows.joint import make_counts
 from .anchors import is_linked, parent_slot
 from .balance import add_cables, add_momentum, add_tendons
-from .bodies import moved_by
+from .bodies import has_rows, moved_by
 from .body_energy import make_add_body
 from .cables import make_join
 from .islands import HELD, begin_island, island_of, join_islands
@@ -42,8 +42,9 @@ FLAT = wp.constant(6)
 one to four. It may fold either way, and settles at more energy: a parallelogram 3 % in a step.
 Contacts take as many; with them the sweeps must have been cut off besides."""
 ASTRAY = wp.constant(10)
-"""Sweeps from which on what joints link counts as having gone astray: far turns against limits and
-contacts may settle at more energy. A humanoid at 30 rad/s and 60 Hz gained a tenth in a step."""
+"""Sweeps from which on what joints link, and nothing touches, counts as having gone astray: far
+turns against limits may settle at more energy. A humanoid at 30 rad/s and 60 Hz gained a tenth in a
+step. Contacts take as many, and what rolls on another body would be bounded for nothing."""
 
 
 @wp.func
@@ -87,21 +88,33 @@ def make_gains(effects: Effects) -> GainFunctions:
         return False
 
     @wp.func
-    def is_astray(world: int, worlds: wp.ref[WorldWork]) -> bool:
-        """Whether sweeps may have led to where there is more energy: long ones, or those of closed
-        trees, which may fold either way."""
-        if worlds.sweeps[world] >= ASTRAY:
-            return True
-        if wp.static(not effects.folding) or worlds.sweeps[world] < FLAT:
+    def is_touched(world: int, s: wp.ref[Solver]) -> bool:
+        """Whether anything touches a body of a world."""
+        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+            if has_rows(s.rows, s.worlds.bodies[i]):
+                return True
+        return False
+
+    @wp.func
+    def is_astray(world: int, s: wp.ref[Solver]) -> bool:
+        """Whether sweeps may have led to where there is more energy: many of them, or those of
+        closed trees, which may fold either way."""
+        sweeps = s.worlds.sweeps[world]
+        if sweeps >= ASTRAY:
+            if wp.static(not effects.contact):
+                return True
+            elif not is_touched(world, s):
+                return True
+        if wp.static(not effects.folding) or sweeps < FLAT:
             return False
-        return wp.static(not effects.contact) or worlds.update[world] > worlds.settled[world]
+        return wp.static(not effects.contact) or s.worlds.update[world] > s.worlds.settled[world]
 
     @wp.func
     def gains_settled(world: int, s: wp.ref[Solver]) -> bool:
         """Whether a world may gain energy in a step that has settled: where a gimbal's angles lead,
         or sweeps went astray."""
         if wp.static(effects.joints):
-            if is_astray(world, s.worlds):
+            if is_astray(world, s):
                 return True
         if wp.static(effects.kinds.gimbals):
             for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
