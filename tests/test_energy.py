@@ -313,7 +313,7 @@ LEG = """<mujoco><compiler angle="degree"/>
 </body></body></body></body></worldbody></mujoco>"""
 
 
-def test_sweeps_that_go_astray_gain_no_energy():
+def test_sweeps_that_go_astray_gain_no_energy() -> None:
     """A leg that turns at up to 50 rad/s against its limits, at 60 Hz: in one step sweeps settle
     where there was 1.8 % more energy. What falls may gain is 1 %."""
     builder = newton.ModelBuilder()

@@ -416,8 +416,8 @@ def test_a_weld_to_what_a_program_moves_goes_as_far_as_the_arm(
 ) -> None:
     """The mark goes 1 m away, twice as far as the arm is long, waits, and comes back.
 
-    The arm follows at the mark's speed, is stretched towards it by 1 mm, and is as calm as it is
-    slow: a rigid weld would turn links by hundreds of rad/s where the arm is straight.
+    The arm follows, ends within 1 mm of stretched towards it, and is as calm as the mark is slow: a
+    rigid weld would turn links by hundreds of rad/s where the arm is straight.
     """
     sim = led(ARM.format(*ends), tmp_path, **settings)
     speed, fastest = 0.5, 0.0

@@ -90,9 +90,10 @@ def make_gains(effects: Effects) -> GainFunctions:
     @wp.func
     def is_touched(world: int, s: wp.ref[Solver]) -> bool:
         """Whether anything touches a body of a world."""
-        for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-            if has_rows(s.rows, s.worlds.bodies[i]):
-                return True
+        if wp.static(effects.contact):
+            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+                if has_rows(s.rows, s.worlds.bodies[i]):
+                    return True
         return False
 
     @wp.func
@@ -101,9 +102,7 @@ def make_gains(effects: Effects) -> GainFunctions:
         closed trees, which may fold either way."""
         sweeps = s.worlds.sweeps[world]
         if sweeps >= ASTRAY:
-            if wp.static(not effects.contact):
-                return True
-            elif not is_touched(world, s):
+            if not is_touched(world, s):
                 return True
         if wp.static(not effects.folding) or sweeps < FLAT:
             return False

@@ -322,9 +322,9 @@ def native_path(
     owners, known = _owners(solver)
     for kind in rigid:
         # what is tied to a mocap body gives way as authored in both
-        rows = ~_is_led(case.model, solver) if kind.startswith("eq") else slice(None)
-        getattr(native, kind.format("solref"))[rows] = (4.0 * dt, 10.0 if is_stiff else 1.0)
-        getattr(native, kind.format("solimp"))[rows] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+        stiff = ~_is_led(case.model, solver) if kind.startswith("eq") else slice(None)
+        getattr(native, kind.format("solref"))[stiff] = (4.0 * dt, 10.0 if is_stiff else 1.0)
+        getattr(native, kind.format("solimp"))[stiff] = (0.9999, 0.9999, 0.001, 0.5, 2.0)
     rows = np.zeros(0, dtype=int)
     if native.nu:
         rows = solver.mjc_actuator_to_newton_idx.numpy().ravel()
