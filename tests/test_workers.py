@@ -7,7 +7,7 @@ import pytest
 import warp as wp
 
 from newton_avbd.drivers import workers
-from newton_avbd.drivers.workers import Workers
+from newton_avbd.drivers.workers import Workers, is_reentrant
 
 
 @pytest.fixture
@@ -28,6 +28,11 @@ def count_visits(first: int, visits: wp.array[int]):
 def recorded(visits: wp.array) -> wp.Launch:
     count = visits.shape[0]
     return wp.launch(count_visits, dim=count, inputs=[0, visits], device="cpu", record_cmd=True)
+
+
+def none() -> None:
+    """In the place of the pool of threads."""
+    raise AssertionError("a thread was asked for")
 
 
 @pytest.mark.parametrize("worlds", [1, 2, 7, 1000])
@@ -80,10 +85,6 @@ def test_an_error_in_any_thread_surfaces(eager: None, monkeypatch: pytest.Monkey
 
 def test_a_small_batch_starts_no_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     """Below the work that pays; nor does a graph while it is captured."""
-
-    def none() -> None:
-        raise AssertionError("a thread was asked for")
-
     monkeypatch.setattr(workers, "_pool", none)
     visits = wp.zeros(64, dtype=wp.int32, device="cpu")
     whole = recorded(visits)
@@ -95,6 +96,32 @@ def test_a_small_batch_starts_no_thread(monkeypatch: pytest.MonkeyPatch) -> None
         threads.launch(whole, 64)
     wp.capture_launch(capture.graph)
     np.testing.assert_array_equal(visits.numpy(), 4)
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("mode", "debug"), ("optimization_level", 0), ("optimization_level", 1)]
+)
+def test_code_that_follows_a_static_pointer_stays_in_one_thread(
+    option: str, value: str | int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of Warp on x86, where it was not optimised and tiles lie on the stack; not on ARM."""
+    monkeypatch.setattr(wp.config, "enable_tiles_in_stack_memory", True)
+    monkeypatch.setattr(workers.platform, "machine", lambda: "x86_64")
+    assert is_reentrant(count_visits)
+    monkeypatch.setitem(count_visits.module.options, option, value)
+    assert is_reentrant(count_visits) == (value == 1)
+    monkeypatch.setattr(workers, "_pool", none)
+    visits = wp.zeros(64, dtype=wp.int32, device="cpu")
+    threads, whole = Workers(4), recorded(visits)
+    threads._work = 1.0
+    if value != 1:
+        threads.launch(whole, 64)
+        np.testing.assert_array_equal(visits.numpy(), 1)
+    monkeypatch.setattr(workers.platform, "machine", lambda: "aarch64")
+    assert is_reentrant(count_visits)
+    monkeypatch.setattr(workers.platform, "machine", lambda: "x86_64")
+    monkeypatch.setattr(wp.config, "enable_tiles_in_stack_memory", None)
+    assert is_reentrant(count_visits)
 
 
 def test_threads_grow_with_the_root_of_the_work(monkeypatch: pytest.MonkeyPatch) -> None:

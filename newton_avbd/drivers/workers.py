@@ -9,6 +9,7 @@ before they meet, are independent: which thread takes one changes no bit of the 
 import functools
 import math
 import os
+import platform
 import time
 from collections import deque
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -41,6 +42,18 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
+def is_reentrant(kernel: wp.Kernel) -> bool:
+    """Whether several threads may run a kernel at once.
+
+    Warp notes in a static variable where on the stack of a launch tiles would lie. Code that is not
+    optimised looks there though it has none, and crashes where another thread has just ended. On
+    ARM the note is in a register (``warp/native/tile.h``).
+    """
+    options = kernel.module.resolve_options(wp.config)
+    is_noted = options["enable_tiles_in_stack_memory"] and platform.machine() == "x86_64"
+    return not is_noted or (options["mode"] != "debug" and options["optimization_level"] != 0)
+
+
 class Workers:
     """Launches one kernel, whose first argument is the world or body of its first thread."""
 
@@ -59,10 +72,11 @@ class Workers:
         self._work = 0.0
         self._rest = 0
         self._whole: wp.Launch | None = None
+        self._is_shared = False
         self._parts: list[wp.Launch] = []
 
     def launch(self, whole: wp.Launch, items: int) -> None:
-        """Runs a launch in slices; in one thread where a graph is captured.
+        """Runs a launch in slices; in one thread where a graph is captured, or threads may not.
 
         Args:
             whole: The launch, recorded from 0 on.
@@ -71,7 +85,10 @@ class Workers:
         if min(items, self._most) == 1 or not whole.device.is_cpu or whole.device.is_capturing:
             whole.launch()
             return
-        count = min(self._count(), items)
+        if whole is not self._whole:
+            self._whole, self._parts = whole, []
+            self._is_shared = is_reentrant(whole.kernel)
+        count = min(self._count(), items) if self._is_shared else 1
         if count == 1:
             begin = time.thread_time()
             whole.launch()
@@ -101,8 +118,6 @@ class Workers:
 
     def _parts_of(self, whole: wp.Launch, count: int) -> list[wp.Launch]:
         """A launch for each thread, with the arguments of the whole."""
-        if whole is not self._whole:
-            self._whole, self._parts = whole, []
         while len(self._parts) < count:
             part = wp.Launch(whole.kernel, whole.device, whole.hooks, [*whole.params])
             self._parts.append(part)

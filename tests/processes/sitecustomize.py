@@ -26,6 +26,8 @@ from warp._src import codegen
 from warp._src.context import ModuleBuilder, ModuleHasher
 
 _cache = functools.cache
+# with Warp's default, threads may not share what is not optimised (``drivers/workers.py``)
+wp.config.enable_tiles_in_stack_memory = None
 LEVEL = {"optimization_level": 2}
 """Option of the kernels that are made next."""
 
