@@ -1333,6 +1333,8 @@ class TendonModel:
     motion: wp.array[AxisMotion]
     """Second order: how its length and its rate changed in the last step, kept."""
     rate: wp.array[AxisMotion]
+    input: wp.array[AxisInput]
+    """Second order: what actuators pulled it with in the last step, kept."""
     curvature: wp.array[float]
     """By entry of :attr:`TreeWork.axes`: curvature of its coordinate by which paths bend."""
     root_curvature: wp.array[wp.spatial_vector]

@@ -21,6 +21,7 @@ from helpers import (
     add_mass,
     add_sphere,
 )
+from newton.solvers import SolverMuJoCo
 from scipy.integrate import solve_ivp
 from scipy.special import ellipk
 from workshop import BODIES, add_workshop
@@ -80,6 +81,28 @@ def oscillator(builder: newton.ModelBuilder) -> None:
     builder.joint_q[-1] = 0.5
 
 
+TENDON = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="x" type="slide" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    </body>
+  </worldbody>
+  <tendon><fixed stiffness="{stiffness}"><joint joint="x" coef="1"/></fixed></tendon>
+</mujoco>
+"""
+
+
+def spring_of_a_tendon(builder: newton.ModelBuilder, at: float = 0.5) -> None:
+    """The same by a tendon of MuJoCo's."""
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.gravity = NO_GRAVITY
+    builder.add_mjcf(TENDON.format(stiffness=4.0 * math.pi**2))
+    builder.joint_q[-1] = at
+    builder.body_q[-1] = wp.transform(wp.vec3(at, 0.0, 0.0), IDENTITY)
+
+
 def simulation(add: Any, **settings: Any) -> Simulation:
     """A scene in calls of a sixtieth of a second."""
     builder = newton.ModelBuilder()
@@ -116,8 +139,9 @@ def test_a_pendulum_is_as_accurate_as_asked(accuracy: float) -> None:
 
 
 @pytest.mark.parametrize("accuracy", LEVELS)
-def test_an_oscillator_is_as_accurate_as_asked(accuracy: float) -> None:
-    sim = simulation(oscillator, accuracy=accuracy)
+@pytest.mark.parametrize("add", [oscillator, spring_of_a_tendon])
+def test_an_oscillator_is_as_accurate_as_asked(add: Any, accuracy: float) -> None:
+    sim = simulation(add, accuracy=accuracy)
     off = 0.0
     for frame in range(60):
         sim.step()
@@ -410,12 +434,35 @@ def test_a_restored_run_goes_on_to_the_same_bits(expected: Array) -> None:
     np.testing.assert_array_equal(by_world(second, 3), expected)
 
 
+def test_tendons_of_worlds_go_their_own_ways() -> None:
+    """Each to the bits that it has alone."""
+
+    def add(*starts: float) -> Simulation:
+        builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+        for at in starts:
+            builder.begin_world()
+            spring_of_a_tendon(builder, at)
+            builder.end_world()
+        sim = Simulation(builder, dt=FRAME, collide=False, accuracy=1e-4)
+        sim.step(CALLS)
+        return sim
+
+    both = add(0.5, 0.05)
+    assert len(set(both.solver.report().inner.steps.tolist())) == 2
+    np.testing.assert_array_equal(both.pose, [add(0.5).pose[0], add(0.05).pose[0]])
+
+
 @pytest.mark.parametrize(
-    ("scheme", "dt"), [("generalized_alpha", FRAME), ("runge_kutta", 10.0 * FRAME)]
+    ("add", "scheme", "dt"),
+    [
+        (pendulum, "generalized_alpha", FRAME),
+        (pendulum, "runge_kutta", 10.0 * FRAME),
+        (spring_of_a_tendon, "generalized_alpha", FRAME),
+    ],
 )
-def test_a_repeated_step_leaves_no_trace(scheme: str, dt: float) -> None:
+def test_a_repeated_step_leaves_no_trace(add: Any, scheme: str, dt: float) -> None:
     """A solver that tried a long step first ends where one does that knew the short one."""
-    sims = [simulation(pendulum, accuracy=1e-4, scheme=scheme) for _ in range(2)]
+    sims = [simulation(add, accuracy=1e-4, scheme=scheme) for _ in range(2)]
     for sim in sims:
         sim.dt = dt
         sim.step(10)
@@ -515,6 +562,43 @@ def test_what_cannot_be_together_is_an_error(settings: dict, remedy: str) -> Non
         simulation(add, accuracy=1e-3, **settings)
     with pytest.raises(ValueError, match="scheme"):
         simulation(add, accuracy=1e-3, scheme="euler")
+
+
+AT_A_SITE = """
+<mujoco>
+  <worldbody>
+    <site name="wall"/>
+    <body>
+      <freejoint/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <site name="nose"/>
+    </body>
+  </worldbody>
+  <actuator>{actuator}</actuator>
+</mujoco>
+"""
+
+
+def at_a_site(actuator: str) -> Any:
+    def add(builder: newton.ModelBuilder) -> None:
+        SolverMuJoCo.register_custom_attributes(builder)
+        builder.gravity = NO_GRAVITY
+        builder.add_mjcf(AT_A_SITE.format(actuator=actuator), ctrl_direct=True)
+
+    return add
+
+
+def test_a_thruster_pushes_within_inner_steps() -> None:
+    sim = simulation(at_a_site('<motor site="nose" gear="2 0 0 0 0 0"/>'), accuracy=1e-3)
+    sim.control.mujoco.ctrl.fill_(1.0)
+    sim.step(60)
+    assert sim.pose[0, 0] == pytest.approx(0.5 * 2.0, abs=1e-3 * (1.0 + SAVED))
+
+
+def test_a_servo_at_a_site_is_not_for_inner_steps() -> None:
+    servo = '<position site="nose" refsite="wall" kp="2" gear="1 0 0 0 0 0"/>'
+    with pytest.raises(NotImplementedError, match=r"by how these move.*'body_actuators': False"):
+        simulation(at_a_site(servo), accuracy=1e-3)
 
 
 def test_the_study_says_what_was_achieved(capsys: pytest.CaptureFixture[str]) -> None:

@@ -462,6 +462,41 @@ def test_a_force_range_of_a_tendon_is_before_the_gears(
     assert q[-1, LEFT] == pytest.approx(force / 3.0 * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
+@pytest.mark.parametrize("settings", [{}, {"parallel": "bodies"}, {"accuracy": 1.0}])
+@pytest.mark.parametrize(("most", "has"), [(9.0, ""), (0.6, 'forcerange="-0.6 0.6"')])
+@pytest.mark.parametrize(
+    ("cord", "sign"),
+    [
+        ('<fixed name="cord"><joint joint="left" coef="1"/></fixed>', 1.0),
+        (
+            """<spatial name="cord"><site site="left"/><site site="pulley_left"/></spatial>""",
+            -1.0,
+        ),
+    ],
+)
+def test_a_motor_acts_as_its_control_changes(
+    cord: str, sign: float, most: float, has: str, settings: dict
+) -> None:
+    """Not half a step late, also of second order, where a control jumps in each step.
+
+    What is left is of the first steps, which follow no smooth motion.
+    """
+    dt = 1.0 / 60.0
+    model = model_of(file(cord, f'<motor tendon="cord" {has}/>'))
+    solver = SolverAVBD(model, update_joint_state=True, **settings)
+    state, control = model.state(), model.control()
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    at, speed = 0.0, 0.0
+    for k in range(40):
+        push = np.sin(0.5 * k) + 0.3
+        control.mujoco.ctrl.fill_(push)
+        solver.step(state, state, control, None, dt)
+        faster = sign * np.clip(push, -most, most) / 3.0 * dt
+        at, speed = at + (speed + 0.5 * faster) * dt, speed + faster
+    assert state.joint_q.numpy()[LEFT] == pytest.approx(at, abs=4.0e-5)
+    assert abs(at) > 1.0e-2
+
+
 def test_random_paths_have_the_lengths_and_moments_of_mujoco() -> None:
     """Spheres and cylinders, with side sites outside, inside and without, and pulleys.
 

@@ -592,6 +592,7 @@ class SolverArrays:
                 self._topology,
                 groups,
                 loops,
+                self._tree.tendons,
                 self._world_count,
             )
         self._launch.forget()

@@ -13,6 +13,7 @@ import warp as wp
 from .. import data
 from ..effects import Effects
 from ..model.topology import Topology, joint_of_dof
+from .tendons import KEPT as KEPT_OF_TENDONS
 
 SIDES = 3
 """Of what is kept of contacts: the last call's, and two that inner steps take by turns."""
@@ -49,6 +50,7 @@ _BY: dict[str, str] = {
         "world",
     ),
     **dict.fromkeys(("tree.coordinate", "tree.runge_kutta.rate"), "axis"),
+    **dict.fromkeys((f"tendons.{name}" for name in KEPT_OF_TENDONS), "tendon"),
 }
 """What is by body slot, degree of freedom, ... of all that a step leaves to the next one."""
 
@@ -76,9 +78,8 @@ _REFUSED = {
     "sleeping": ("sleeping=True", "Leave sleeping out."),
     "ramp": ("formulation='ramp'", "Leave formulation out."),
     "cables": ("Newton's tendons", "Leave accuracy out, or effects={'cables': False}."),
-    "tendons": ("MuJoCo's tendons", "Leave accuracy out, or effects={'tendons': False}."),
-    "body_actuators": (
-        "MuJoCo's actuators of sites and bodies",
+    "servos": (
+        "MuJoCo's actuators that push bodies by how these move",
         "Leave accuracy out, or effects={'body_actuators': False}.",
     ),
     "adhesion": ("adhesion", "Leave accuracy out, or effects={'adhesion': False}."),
@@ -173,6 +174,7 @@ def add_memory(
     topology: Topology,
     groups: np.ndarray,
     loops: np.ndarray,
+    tendons: data.TendonModel,
     worlds: int,
 ) -> None:
     """Lists the memory of each world that a step overwrites.
@@ -184,6 +186,7 @@ def add_memory(
         topology: How joints link its bodies.
         groups: World of each body.
         loops: Joints outside of trees, in the order of their arrays.
+        tendons: MuJoCo's tendons, if there are any.
         worlds: Number of worlds.
     """
     of_joint = np.zeros(model.joint_count, dtype=int)
@@ -195,6 +198,12 @@ def add_memory(
         held = np.where(moves[child] | (parent < 0), child, parent)
         of_joint = groups[held]
         of_dof = of_joint[joint_of_dof(model)]
+    of_tendon = np.zeros(0, dtype=int)
+    if tendons.row is not None:
+        start, body = tendons.start.numpy()[:-1], tendons.body.numpy()
+        # a tendon goes with any body that it moves
+        acts = np.append(model.body_inv_mass.numpy() > 0.0, False)[body]
+        of_tendon = groups[np.maximum.reduceat(np.where(acts, body, -1), start)]
     axis_start = topology.axis_start
     axes = np.diff(axis_start[np.append(topology.order, groups.size)])
     world_of = {
@@ -204,6 +213,7 @@ def add_memory(
         "loop": of_joint[loops],
         "world": np.arange(worlds),
         "axis": np.repeat(groups[topology.order], axes),
+        "tendon": of_tendon,
     }
     segments: list[tuple[int, int, int]] = []
     for name, array in memory:

@@ -18,7 +18,7 @@ from ..rows.path import JOINT
 from ..step import actuation as kernels
 from .views import coordinates_of, indices, lists
 
-KEPT = ("piece", "force", "held_at", "motion", "rate")
+KEPT = ("piece", "force", "held_at", "motion", "rate", "input")
 """Arrays that a step leaves to the next one."""
 _RAW = 1
 """Mode of ``mujoco:tendon_solref_limit_mode``: authored."""
@@ -77,6 +77,7 @@ class TendonArrays:
         moving = count if "second_order" in wanted else 0
         work.motion = wp.zeros(moving, dtype=data.AxisMotion)
         work.rate = wp.zeros(moving, dtype=data.AxisMotion)
+        work.input = wp.zeros(moving, dtype=data.AxisInput)
         work.curvature = wp.zeros(int(topology.axis_start[-1]), dtype=float)
         work.root_curvature = wp.zeros(solved.body_count + 1, dtype=wp.spatial_vector)
         self._measure_reference()

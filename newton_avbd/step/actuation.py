@@ -8,6 +8,7 @@ from ..data import (
     ActuatorLaw,
     ActuatorModel,
     AxisActuation,
+    AxisInput,
     AxisPush,
     BodyActuation,
     ControlInput,
@@ -176,6 +177,8 @@ def forget_tendons(
     if mask.shape[0] == 0 or is_selected(tendons.world[i], mask):
         tendons.piece[i] = wp.vec3i(0, 0, 0)
         tendons.force[i] = 0.0
+        if tendons.input.shape[0] > 0:
+            tendons.input[i] = AxisInput()
 
 
 @wp.func

@@ -16,7 +16,7 @@ from typing import Any
 
 import warp as wp
 
-from ..data import AxisMotion, History, Solver, Step, WorldScale
+from ..data import AxisInput, AxisMotion, History, Solver, Step, WorldScale
 from ..effects import Effects
 from ..rows.axis import drive_change, most_effort
 from ..rows.joint import BALL
@@ -141,6 +141,30 @@ def step_ahead(change: float, ahead: wp.vec2, share: float, scale: WorldScale) -
     return wp.vec2(now, next_slope(scale, led + scale.step * now, slope))
 
 
+@wp.func
+def change_within(last: AxisInput, change: float, least: float, most: float, resists: float):
+    """By how much a force within limits changes, and the share of the inertia in what resists it.
+
+    A force at its limit has no stiffness, and one that has left it has its own again.
+
+    Args:
+        last: Of the last step.
+        change: By how much the force would change without limits [N or N m].
+        least: Lower limit [N or N m].
+        most: Upper one.
+        resists: What its stiffness and damping resist with, by h^2 [kg or kg m^2].
+    """
+    before = wp.clamp(last.bound_force, least, most)
+    after = wp.clamp(last.bound_force + change, least, most)
+    share = last.share
+    if share > 0.0:
+        if after != last.bound_force + change:
+            share = 1.0
+        elif before != last.bound_force:
+            share = wp.min(share, 1.0 / (1.0 + last.mobility * resists))
+    return wp.vec2(after - before, share)
+
+
 def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
     """Device functions: what a controller pushes along the axes of a joint, in second order.
 
@@ -151,13 +175,10 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
     acts_within = effects.drives or (effects.pushed_axes and effects.effort_limits)
 
     @wp.func
-    def change_within(
+    def drive_jump(
         joint: int, dof: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> float:
-        """By how much targets and limited actuators change a force since the last step [N or N m].
-
-        A force at its limit has no stiffness, and one that has left it has its own again.
-        """
+        """By how much targets and limited actuators change a force in a step [N or N m]."""
         last = s.history.input[dof]
         change = float(0.0)
         resists = float(0.0)
@@ -183,15 +204,9 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
                 most = wp.min(most, push.most)
                 if push.count > 0:
                     return 0.0
-            before = wp.clamp(last.bound_force, least, most)
-            after = wp.clamp(last.bound_force + change, least, most)
-            if last.share > 0.0:
-                if after != last.bound_force + change:
-                    s.history.input[dof].share = 1.0
-                elif before != last.bound_force:
-                    free = 1.0 / (1.0 + last.mobility * resists)
-                    s.history.input[dof].share = wp.min(last.share, free)
-            change = after - before
+            bound = change_within(last, change, least, most, resists)
+            change = bound[0]
+            s.history.input[dof].share = bound[1]
         return change
 
     @wp.func
@@ -207,7 +222,7 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
                     push += step.control.pushes[dof].force
                 jump = push - last.push
                 if wp.static(acts_within):
-                    jump += change_within(joint, dof, scale, step, s)
+                    jump += drive_jump(joint, dof, scale, step, s)
                 share = s.history.input[dof].share
                 s.history.input[dof].push = push
                 ahead = step_ahead(jump, last.ahead, share, scale)

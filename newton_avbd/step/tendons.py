@@ -18,14 +18,15 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from ..data import Closure, Solver, TreeWork, WorldScale
+from ..data import Closure, Solver, TendonModel, TreeWork, WorldScale
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows.path import JOINT, meets_kink
 from ..rows.tendon import linear_pull, range_of, tendon_law
 from .anchors import ROUNDING
+from .bodies import body_at
 from .islands import HELD
-from .slopes import begin_axis, end_axis, follows_second_order
+from .slopes import begin_axis, change_within, end_axis, follows_second_order, step_ahead
 from .tendon_curvature import make_bend
 from .tendon_length import begin_points, center_of, make_length
 
@@ -60,6 +61,41 @@ def led_by(closure: Closure, length: wp.float64, other: wp.float64, s: wp.ref[So
     return wp.vec2(wp.float32(left), wp.float32(slope))
 
 
+@wp.func
+def begin_input(i: int, scale: WorldScale, tendons: wp.ref[TendonModel]) -> float:
+    """Second order: how much more than what actuators pull a tendon with the step counts, as along
+    axes (:func:`.slopes.step_ahead`). Returns twice the energy that a change gives in one [J]."""
+    push = tendons.push[i]
+    last = tendons.input[i]
+    jump = push.force - last.push
+    resists = scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
+    bound = change_within(last, push.drive - last.bound_push, push.least, push.most, resists)
+    jump += bound[0]
+    ahead = step_ahead(jump, last.ahead, bound[1], scale)
+    change = jump + ahead[0] - last.ahead[0]
+    last.push = push.force
+    last.bound_push = push.drive
+    last.share = bound[1]
+    last.ahead = ahead
+    tendons.input[i] = last
+    return scale.h * scale.h * last.mobility * change * change
+
+
+@wp.func
+def end_input(i: int, moved: float, whole: float, h: float, tendons: wp.ref[TendonModel]):
+    """For the next step: what has resisted a tendon's actuators, and what they would have pulled
+    with, had they no limit."""
+    push = tendons.push[i]
+    length = wp.float32(tendons.length[i])
+    pulled = push.drive - push.drive_stiffness * length - push.drive_damping * moved / h
+    tendons.input[i].bound_force = pulled
+    tendons.input[i].mobility = whole / (h * h)
+    share = float(0.0)
+    if not axis_rows.is_held(tendons.law[i]):
+        share = 1.0 / (1.0 + wp.max(tendons.pull[i][1], 0.0) * whole)
+    tendons.input[i].share = share
+
+
 @dataclass(frozen=True)
 class TendonFunctions:
     """Device functions of tendons in the order of the step, compiled for the effects of a scene."""
@@ -78,10 +114,11 @@ def make_tendons(effects: Effects) -> TendonFunctions:
     compliance = effects.compliance
 
     @wp.func
-    def begin_tendon(closure: Closure, scale: WorldScale, s: wp.ref[Solver]) -> bool:
+    def begin_tendon(closure: Closure, first: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Length of a tendon at the start of the step, or what its equality constraint misses then.
 
-        Expects increments of zero, and the tendons of a constraint to have begun. Returns whether
+        Expects increments of zero, and the tendons of a constraint to have begun. ``first`` is the
+        place of the first body of its block. Returns whether
         it is beyond its limits, or misses anything, by more than rounding.
         """
         tendons = s.tree.tendons
@@ -108,6 +145,10 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         if wp.static(effects.second_order):
             started = begin_axis(i, length, scale, tendons.motion)
             rate = wp.float32(begin_axis(i, wp.float64(rate), scale, tendons.rate))
+            given = begin_input(i, scale, tendons)
+            for k in range(first, s.worlds.block_end[first]):
+                body = body_at(k, s.worlds)
+                s.work.input_energy[body] = s.work.input_energy[body] + given
         tendons.start_length[i] = started
         tendons.start_velocity[i] = rate
         if wp.float32(wp.abs(length - tendons.held_at[i])) > rounding or tendons.piece[i][2] != 0:
@@ -134,7 +175,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
             for c in range(block.first, block.end):
                 closure = closures.closures[c]
                 if closure.tendon >= 0 and (closure.other >= 0) == (turn == 1):
-                    if begin_tendon(closure, scale, s):
+                    if begin_tendon(closure, first, scale, s):
                         is_open = True
         return is_open
 
@@ -171,6 +212,8 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         tendons.law[i] = law
         more, slope = axis_rows.law_force(law)
         force += more
+        if wp.static(effects.second_order):
+            force += tendons.input[i].ahead[0]
         stiffness += slope
         tendons.pull[i] = wp.vec2(force, stiffness)
         is_held = axis_rows.is_held(law)
@@ -228,6 +271,8 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                     i, wp.float32(length), moved, wp.static(compliance), h, tendons
                 )
                 more, slope = axis_rows.law_force(law)
+                if wp.static(effects.second_order):
+                    more += tendons.input[i].ahead[0]
                 whole = closures.whole[row]
                 now += more - slope * step
                 left = now - pulled
@@ -383,6 +428,7 @@ def end_tendon(closure: Closure, scale: WorldScale, tree: wp.ref[TreeWork]):
         rate = tendons.start_velocity[i]
         end_axis(i, tendons.start_length[i], length, scale, tendons.motion)
         end_axis(i, wp.float64(rate), wp.float64(moved / scale.step), scale, tendons.rate)
+        end_input(i, moved, tree.closures.whole[closure.row], scale.step, tendons)
 
 
 @wp.func
