@@ -195,6 +195,28 @@ class BodyPush:
 
 
 @wp.struct
+class AxisInput:
+    """What a controller pushed a degree of freedom with in the last step; second order."""
+
+    push: float
+    """What did not depend on the motion [N or N m]."""
+    target: float
+    """Of the drive [m or rad]."""
+    speed: float
+    """Target velocity of the drive [m/s or rad/s]."""
+    bound_push: float
+    """What limited actuators pushed with, whatever the motion [N or N m]."""
+    bound_force: float
+    """What drive and limited actuators would have pushed with, had they no limit [N or N m]."""
+    ahead: wp.vec2
+    """How much more than all that the step counted, and its slope [N or N m]."""
+    share: float
+    """Share of the inertia in what resisted along the axis."""
+    mobility: float
+    """One over that inertia [1/kg or 1/(kg m^2)]."""
+
+
+@wp.struct
 class Servos:
     """Actuators that push bodies against the world, and by how these move, by body."""
 
@@ -207,6 +229,8 @@ class Servos:
     arms: wp.array[wp.vec3]
     """By link: from the COM of the body to that of the link [m], body frame."""
     pushes: wp.array[BodyPush]
+    input: wp.array[AxisInput]
+    """Second order: what each pushed with in the last step, in the order of ``items``, kept."""
 
 
 @wp.struct
@@ -1188,28 +1212,6 @@ class AxisMotion:
     slip: int
     """Which way friction pushed at the end, as in :attr:`AxisLaw.piece` but 2 more, and 4 more
     where a stop held; 0 before."""
-
-
-@wp.struct
-class AxisInput:
-    """What a controller pushed a degree of freedom with in the last step; second order."""
-
-    push: float
-    """What did not depend on the motion [N or N m]."""
-    target: float
-    """Of the drive [m or rad]."""
-    speed: float
-    """Target velocity of the drive [m/s or rad/s]."""
-    bound_push: float
-    """What limited actuators pushed with, whatever the motion [N or N m]."""
-    bound_force: float
-    """What drive and limited actuators would have pushed with, had they no limit [N or N m]."""
-    ahead: wp.vec2
-    """How much more than all that the step counted, and its slope [N or N m]."""
-    share: float
-    """Share of the inertia in what resisted along the axis."""
-    mobility: float
-    """One over that inertia [1/kg or 1/(kg m^2)]."""
 
 
 @wp.struct

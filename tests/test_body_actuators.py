@@ -9,6 +9,7 @@ import pytest
 from helpers import G
 from newton.solvers import SolverMuJoCo
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 from newton_avbd import SolverAVBD
 
@@ -213,3 +214,45 @@ def test_servos_of_a_ball_joint_between_bodies_stay_stable() -> None:
         solver.step(state, state, control, None, 1.0 / 240.0)
         most = max(most, float(np.abs(state.body_qd.numpy()).max()))
     assert most < 6.0
+
+
+@pytest.mark.parametrize(
+    ("servo", "gains", "most"),
+    [
+        ('<position site="s" refsite="w" gear="{}" kp="40" kv="2"/>', (40.0, 40.0, 2.0), 1e-4),
+        ('<velocity site="s" refsite="w" gear="{}" kv="6"/>', (6.0, 0.0, 6.0), 2e-5),
+    ],
+)
+def test_a_servo_acts_as_its_control_changes(
+    servo: str, gains: tuple[float, float, float], most: float
+) -> None:
+    """Of second order, though the control jumps: against the exact motion of a linear system.
+
+    By backward Euler it is off by some millimeters.
+    """
+    text = SCENE(at="0 0 0", tail="", actuators=servo.format(UP))
+    model = built(text, gravity=0.0)
+    dt, steps = 1.0 / 240.0, 120
+    solver = SolverAVBD(model)
+    state, control = model.state(), model.control()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    push, stiffness, damping = (gain / MASS for gain in gains)
+    system = np.array([[0.0, 1.0, 0.0], [-stiffness, -damping, push], [0.0, 0.0, 0.0]])
+    exact = expm(dt * system)
+    x = np.array([1.0 - 1.3, 0.0, 0.0])  # from the site of reference
+    for k in range(steps):
+        x[2] = 0.2 * np.sin(0.1 * (k // 4))
+        control.mujoco.ctrl.fill_(x[2])
+        solver.step(state, state, control, None, dt)
+        x = exact @ x
+    assert state.body_q.numpy()[0, 2] == pytest.approx(1.3 + x[0], abs=most)
+    # a reset forgets what it pushed with
+    again = []
+    for _ in range(2):
+        solver.reset(state)
+        newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+        for k in range(5):
+            control.mujoco.ctrl.fill_(float(k))
+            solver.step(state, state, control, None, dt)
+        again.append(state.body_q.numpy())
+    np.testing.assert_array_equal(*again)

@@ -115,7 +115,7 @@ class Actuation:
             count = self.axes.rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
             servos = found.servos(model) if "servos" in wanted else {}
-            self._make_bodies(bodies, servos, solved)
+            self._make_bodies(bodies, servos, solved, wanted)
             self.axes.transmitted = wp.zeros(model.joint_dof_count if passed else 0, dtype=float)
             self._transmission = Transmission(model, self) if passed else None
             if self.rows:
@@ -221,17 +221,25 @@ class Actuation:
         return self._pushed
 
     def reset(self, launch: Launcher, mask: wp.array) -> None:
-        """Forgets the motors and tendons of the selected worlds."""
+        """Forgets the motors, tendons and servos of the selected worlds."""
         if self._keeps_motors:
             world = self._model.mujoco.actuator_world
             launch(kernels.reset_motors, world.size, [world, mask, self.law.motor])
         if self.tendons.row is not None:
             launch(kernels.forget_tendons, self.tendons.row.size, [mask, self.tendons])
+        if self._keeps_servos:
+            given = [mask, self._servo_world, self.servos]
+            launch(kernels.forget_servos, self.servos.input.size, given)
 
     @property
     def _keeps_motors(self) -> bool:
         """Whether there are DC motors, whose state goes on."""
         return self.law.motor is not None and self.law.motor.size > 0
+
+    @property
+    def _keeps_servos(self) -> bool:
+        """Whether a step needs to know what servos pushed with in the last one."""
+        return self.servos.input is not None and self.servos.input.size > 0
 
     def bind(self, joints: Any, bodies: Any) -> None:
         """Adds the armature of actuators to that of their axes, and servos to their bodies; drives
@@ -254,6 +262,8 @@ class Actuation:
         """Arrays that a step leaves to the next one, by name."""
         if self._keeps_motors:
             yield "actuators.motor", self.law.motor
+        if self._keeps_servos:
+            yield "actuators.servos", self.servos.input
         if self.tendons.row is not None:
             for name in KEPT:
                 if getattr(self.tendons, name).size:
@@ -356,6 +366,7 @@ class Actuation:
         bodies: dict[int, tuple[int, int, Any, int, Any]],
         held: dict[int, int],
         solved: Any,
+        wanted: frozenset[str],
     ) -> None:
         """Lists actuators that push bodies, and by link those that push it; servos by body."""
         work = self.bodies = data.BodyActuation()
@@ -378,9 +389,12 @@ class Actuation:
                 items[against[i]].append(2 * i + 1)
         self.link_start, self.items = lists(items)
         if held:
-            self._make_servos([i for i, row in enumerate(bodies) if row in held], link, solved)
+            chosen = [i for i, row in enumerate(bodies) if row in held]
+            self._make_servos(chosen, link, solved, wanted)
 
-    def _make_servos(self, chosen: list[int], link: tuple[int, ...], solved: Any) -> None:
+    def _make_servos(
+        self, chosen: list[int], link: tuple[int, ...], solved: Any, wanted: frozenset[str]
+    ) -> None:
         """Lists servos by the body that the solver makes of their link."""
         servos, body = self.servos, np.arange(self._model.body_count)
         servos.arms = wp.zeros(body.size, dtype=wp.vec3)
@@ -393,6 +407,11 @@ class Actuation:
         servos.start, servos.items = lists(of)
         servos.links = wp.array([link[i] for items in of for i in items], dtype=wp.int32)
         servos.pushes = self.bodies.pushes
+        kept = servos.items.size if "second_order" in wanted else 0
+        servos.input = wp.zeros(kept, dtype=data.AxisInput)
+        self._servo_world = wp.array(
+            self._model.mujoco.actuator_world.numpy()[self.bodies.row.numpy()], dtype=wp.int32
+        )
 
     def _needs_motion(self, items: list[tuple[int, int, int]], rows: list[list[int]]) -> bool:
         """Whether a force takes length and velocity at the start of the step."""

@@ -14,6 +14,7 @@ from ..data import (
     ControlInput,
     JointModel,
     MotorState,
+    Servos,
     TendonModel,
 )
 from ..rows.actuator import (
@@ -179,6 +180,20 @@ def forget_tendons(
         tendons.force[i] = 0.0
         if tendons.input.shape[0] > 0:
             tendons.input[i] = AxisInput()
+
+
+@wp.kernel(**KERNEL)
+def forget_servos(
+    # In:
+    mask: wp.array[wp.bool],
+    world: wp.array[wp.int32],
+    # Out:
+    servos: Servos,
+):
+    """Lets go what servos of selected worlds pushed with last; one thread a servo."""
+    k = wp.tid()
+    if mask.shape[0] == 0 or is_selected(world[servos.items[k]], mask):
+        servos.input[k] = AxisInput()
 
 
 @wp.func

@@ -15,7 +15,16 @@ two bodies apart acts as a force that is constant in the step.
 import warp as wp
 
 from ..algebra.so3 import rotation_vector
-from ..data import ActuatorLaw, ActuatorModel, BodyActuation, BodyModel, BodyPush, Drag, vec6
+from ..data import (
+    ActuatorLaw,
+    ActuatorModel,
+    BodyActuation,
+    BodyModel,
+    BodyPush,
+    Drag,
+    WorldScale,
+    vec6,
+)
 from ..rows.actuator import (
     AGAINST_SITE,
     BALL_JOINT,
@@ -27,6 +36,7 @@ from ..rows.actuator import (
     law_in_step,
 )
 from .kernels import KERNEL
+from .slopes import step_ahead
 
 
 @wp.func
@@ -266,6 +276,45 @@ def within(
 
 
 @wp.func
+def servo_way(k: int, rotation: wp.quat, model: wp.ref[BodyModel]) -> wp.spatial_vector:
+    """Wrench on a body by a unit of the force of its servo at a place of the list."""
+    push = model.servos.pushes[model.servos.items[k]]
+    arm = push.arm + wp.quat_rotate(rotation, model.servos.arms[model.servos.links[k]])
+    return wp.spatial_vector(push.along, push.about + wp.cross(arm, push.along))
+
+
+@wp.func
+def servo_input(
+    body: int, rotation: wp.quat, scale: WorldScale, model: wp.ref[BodyModel]
+) -> wp.spatial_vector:
+    """Second order: wrench by which a step counts more than the forces of a body's servos, where
+    their controls have changed (:func:`.slopes.step_ahead`)."""
+    out = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+    h = scale.step
+    for k in range(model.servos.start[body], model.servos.start[body + 1]):
+        push = model.servos.pushes[model.servos.items[k]]
+        law = push.law
+        last = model.servos.input[k]
+        way = servo_way(k, rotation, model)
+        moving = law.stiffness * push.length + law.damping * push.velocity
+        before = wp.clamp(last.push - moving, law.least, law.most)
+        after = wp.clamp(law.force - moving, law.least, law.most)
+        resists = law.own_damping
+        if after == law.force - moving:
+            resists += law.damping + h * law.stiffness
+        mobility = h * mobility_between(
+            way, way, rotation, model.inv_mass[body], model.inv_inertia[body]
+        )
+        jump = after - before + law.own_force - last.bound_push
+        last.push = law.force
+        last.bound_push = law.own_force
+        last.ahead = step_ahead(jump, last.ahead, 1.0 / (1.0 + mobility * resists), scale)
+        model.servos.input[k] = last
+        out += last.ahead[0] * way
+    return out
+
+
+@wp.func
 def servo_drag(
     drag: Drag,
     body: int,
@@ -290,10 +339,9 @@ def servo_drag(
     for k in range(model.servos.start[body], model.servos.start[body + 1]):
         i = model.servos.items[k]
         push = model.servos.pushes[i]
-        arm = push.arm + wp.quat_rotate(rotation, model.servos.arms[model.servos.links[k]])
-        along = push.along
-        about = push.about + wp.cross(arm, along)
-        way = wp.spatial_vector(along, about)
+        way = servo_way(k, rotation, model)
+        along = wp.spatial_top(way)
+        about = wp.spatial_bottom(way)
         law = push.law
         slope = law.damping + step * law.stiffness
         level = law.force - law.stiffness * (push.length + wp.dot(way, lead))

@@ -15,6 +15,7 @@ from ..data import Solver, WorldScale
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .bodies import body_at, spin_momentum, target_turn
+from .body_actuators import servo_input
 from .carrying import is_short
 from .drag import make_feel_drag
 from .flight import is_flying, make_flight
@@ -68,9 +69,13 @@ def make_leading(effects: Effects) -> LeadingFunctions:
 
     @wp.func
     def lead_body(
-        body: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
+        body: int,
+        scale: WorldScale,
+        input: wp.spatial_vector,
+        body_qd: wp.array[wp.spatial_vector],
+        s: wp.ref[Solver],
     ):
-        """Lead, target and first guess of a body."""
+        """Lead, target and first guess of a body; ``input`` is of controls that have changed."""
         step = scale.step
         velocity = body_qd[body]
         if s.work.inv_mass[body] == 0.0:
@@ -84,7 +89,7 @@ def make_leading(effects: Effects) -> LeadingFunctions:
         gained = lead(scale, last.acceleration, last.gain)
         v = velocity + gained
         # external forces are those of the whole step: all of their impulse, none of the last one's
-        wrench = (scale.h / step) * external_wrench(body, s)
+        wrench = (scale.h / step) * external_wrench(body, s) + input
         push = s.model.inv_mass[body] * wp.spatial_top(wrench)
         dx = target_translation(wp.spatial_top(v), push, step)
         rotation = wp.transform_get_rotation(s.work.pose[body])
@@ -156,10 +161,15 @@ def make_leading(effects: Effects) -> LeadingFunctions:
         body: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
         """Lead, target and first guess of a body, by the order of its world's step."""
+        input = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        if wp.static(effects.servos):
+            if s.work.inv_mass[body] > 0.0:
+                rotation = wp.transform_get_rotation(s.work.pose[body])
+                input = servo_input(body, rotation, scale, s.model)
         if is_flying(body, s.history):
             fly_body(body, scale, body_qd, s)
         elif scale.step < scale.h:
-            lead_body(body, scale, body_qd, s)
+            lead_body(body, scale, input, body_qd, s)
         elif follows_second_order(scale):
             if wp.static(effects.joints):
                 # that of the end of a step of second order says too little of the next
