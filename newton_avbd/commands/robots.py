@@ -123,8 +123,16 @@ def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:
 
 
 def _losses(notes: list[str], file: str) -> list[str]:
-    """Those of the notes that say what a robot goes on without, which the page has beside it."""
-    return [note for note in notes if note.startswith((f"{file}:", f"{file} goes on without"))]
+    """Those of the notes that say what a robot goes on without, which the page has beside it; of
+    several with the same remedy the first."""
+    kinds: dict[str, list[str]] = {}
+    for note in notes:
+        if note.startswith((f"{file}:", f"{file} goes on without")):
+            kinds.setdefault(note.rpartition(": ")[2], []).append(note)
+    return [
+        kind[0] + (f" (and {len(kind) - 1} more)" if len(kind) > 1 else "")
+        for kind in kinds.values()
+    ]
 
 
 def _make_folder(output: Path) -> None:
