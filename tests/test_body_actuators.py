@@ -246,6 +246,17 @@ def test_a_servo_acts_as_its_control_changes(
         solver.step(state, state, control, None, dt)
         x = exact @ x
     assert state.body_q.numpy()[0, 2] == pytest.approx(1.3 + x[0], abs=most)
+    # a notice of changes makes nothing of it
+    for _ in range(6):
+        states = [model.state() for _ in range(2)]
+        checkpoint = solver.checkpoint()
+        for given in states:
+            solver.restore(checkpoint)
+            if given is states[0]:
+                solver.notify_model_changed(newton.ModelFlags.ALL)
+            solver.step(state, given, control, None, dt)
+        np.testing.assert_array_equal(*(given.body_q.numpy() for given in states))
+        state.assign(states[0])
     # a reset forgets what it pushed with
     again = []
     for _ in range(2):

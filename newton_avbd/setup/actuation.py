@@ -116,6 +116,9 @@ class Actuation:
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
             servos = found.servos(model) if "servos" in wanted else {}
             self._make_bodies(bodies, servos, solved, wanted)
+            if before is not None and before._keeps_servos and self._keeps_servos:
+                if before.servos.input.size == self.servos.input.size:
+                    self.servos.input = before.servos.input
             self.axes.transmitted = wp.zeros(model.joint_dof_count if passed else 0, dtype=float)
             self._transmission = Transmission(model, self) if passed else None
             if self.rows:
