@@ -114,11 +114,10 @@ def make_tendons(effects: Effects) -> TendonFunctions:
     compliance = effects.compliance
 
     @wp.func
-    def begin_tendon(closure: Closure, first: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
+    def begin_tendon(closure: Closure, scale: WorldScale, s: wp.ref[Solver]) -> bool:
         """Length of a tendon at the start of the step, or what its equality constraint misses then.
 
-        Expects increments of zero, and the tendons of a constraint to have begun. ``first`` is the
-        place of the first body of its block. Returns whether
+        Expects increments of zero, and the tendons of a constraint to have begun. Returns whether
         it is beyond its limits, or misses anything, by more than rounding.
         """
         tendons = s.tree.tendons
@@ -145,10 +144,6 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         if wp.static(effects.second_order):
             started = begin_axis(i, length, scale, tendons.motion)
             rate = wp.float32(begin_axis(i, wp.float64(rate), scale, tendons.rate))
-            given = begin_input(i, scale, tendons)
-            for k in range(first, s.worlds.block_end[first]):
-                body = body_at(k, s.worlds)
-                s.work.input_energy[body] = s.work.input_energy[body] + given
         tendons.start_length[i] = started
         tendons.start_velocity[i] = rate
         if wp.float32(wp.abs(length - tendons.held_at[i])) > rounding or tendons.piece[i][2] != 0:
@@ -171,12 +166,21 @@ def make_tendons(effects: Effects) -> TendonFunctions:
         if number < 0:
             return is_open
         block = closures.blocks[number]
+        given = float(0.0)
         for turn in range(2):
             for c in range(block.first, block.end):
                 closure = closures.closures[c]
                 if closure.tendon >= 0 and (closure.other >= 0) == (turn == 1):
-                    if begin_tendon(closure, first, scale, s):
+                    if begin_tendon(closure, scale, s):
                         is_open = True
+                    if wp.static(effects.second_order):
+                        if turn == 0:
+                            given += begin_input(closure.tendon, scale, s.tree.tendons)
+        if wp.static(effects.second_order):
+            if given > 0.0:
+                for k in range(first, s.worlds.block_end[first]):
+                    body = body_at(k, s.worlds)
+                    s.work.input_energy[body] = s.work.input_energy[body] + given
         return is_open
 
     @wp.func
