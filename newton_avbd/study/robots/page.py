@@ -31,23 +31,24 @@ _INTRODUCTION = """# Robots
 Written by `newton-avbd robots --output docs`. Each robot is imported as its file has it: no welded
 links are merged. It floats and is lowered to the ground, or it is bolted down, clear of the ground.
 Meshes collide as their convex hulls. Links that are welded together, or are neighbors through
-welds, pass each other, as MuJoCo's and merged ones do; so do pairs of shapes that overlap in the
-first pose. Position drives hold the first pose for 2 s, or up to 4 s until the robot has come to
-rest; their gains are the file's, or, where it has none, those of a critically damped spring of 4 Hz
-that carries the inertia beyond the joint. Then all drives follow slow sines within their limits for
-1.5 s, at 240 steps a second.
+welds, do not collide, as in MuJoCo and as if they were merged. Nor do pairs of shapes that overlap
+in the first pose. Position drives hold the first pose for 2 s, or up to 4 s until the robot has
+come to rest. Their gains are the file's. If it has none, they are those of a critically damped
+spring of 4 Hz that carries the inertia beyond the joint. Then all drives follow slow sines within
+their limits for 1.5 s, at 240 steps a second.
 
 A robot passes if all numbers stay finite; every joint, welds included, stays closed to 0.1 mm and
 1 mrad; limits are kept to 1 mrad; contact forces and momentum balance the weight to 1 %; nothing
-hangs in mid-air; after the hold nothing moves faster than 0.1 m/s, or than twice what it does with
-SolverMuJoCo; and the drives move right. A drive moves right if it follows its target as closely
-as with SolverMuJoCo, or, where MuJoCo refuses the robot, as its law has it, to 20 mrad. It also
-does if it pushes as its law says, to 2 %: what the links beyond it gain in momentum, less gravity
-and contact forces, is the force of the law, but for what friction, limits of position and limits of
-velocity push, its own and those of joints that mimic it. (Of a thumb whose tip mimics it 2.4 times
-as far, the limit of the tip of 0.5 rad/s lets the drive turn it by 0.21 rad/s. MuJoCo has no limits
-of velocity.) (Two simulators need not make the same motion of a
-robot: a foot sticks in one and creeps in the other, and what falls over falls at another time.)
+hangs in mid-air; after the hold nothing moves faster than 0.1 m/s, or than twice its speed with
+SolverMuJoCo; and the drives move right. A drive moves right if it stays at most 20 mrad further
+behind its target than with SolverMuJoCo, or, if MuJoCo refuses the robot, than its law predicts.
+Two simulators need not make the same motion of a robot: a foot sticks in one and creeps in the
+other, or the robot falls over at another time. So a drive that stays further behind moves right,
+too, if the force along its axis is that of its law, to 2 %. This force follows from how fast the
+links beyond the drive gain momentum, less gravity and contact forces. A difference is no error if
+friction, position limits or velocity limits explain it, of the drive's joint or of joints that
+mimic it. For example, the tip of a thumb mimics the thumb's joint 2.4 times as far: the tip's limit
+of 0.5 rad/s lets the drive turn the joint at 0.21 rad/s. MuJoCo has no limits of velocity.
 """
 
 _PLOT = """\
