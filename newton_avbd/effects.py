@@ -50,7 +50,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "piles": Cause(
         "body",
-        "free, in a world of several bodies, and blocks='articulation', the default",
+        "that no joint holds, in a world of several bodies (not with blocks='body')",
         "step/piles.py",
         "Pass blocks='body'.",
     ),
@@ -75,7 +75,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "put_bodies": Cause(
         "body",
-        "with shapes and friction, kinematic or without mass",
+        "kinematic or without mass, with shapes and friction",
         "step/bodies.py",
     ),
     "restitution": Cause(
@@ -157,20 +157,22 @@ CAUSES: dict[str, Cause] = {
     ),
     "mimics": Cause(
         "joint",
-        "with another one to mimic",
+        "with another joint to mimic",
         "step/mimics.py",
         "Set joint_mimic_joint to -1, or mujoco:equality_constraint_enabled to False where an "
         "importer made it of such a constraint, before the solver is made.",
     ),
     "equalities": Cause(
         "joint",
-        "that an equality constraint of MuJoCo's ties beyond a mimic (equality_constraint_*)",
+        "that an equality constraint of MuJoCo's ties by more than a mimic, such as a polynomial "
+        "(equality_constraint_*)",
         "step/mimics.py",
         "Set mujoco:equality_constraint_enabled to False before the solver is made.",
     ),
     "yielding": Cause(
         "joint",
-        "of a CONNECT or WELD constraint of MuJoCo's of a link that nothing moves, as a mocap body",
+        "of a CONNECT or WELD constraint of MuJoCo's to a link that only the user moves, such as a "
+        "mocap body",
         "step/loop_start.py",
     ),
     "drives": Cause(
@@ -183,8 +185,8 @@ CAUSES: dict[str, Cause] = {
     ),
     "actuators": Cause(
         "joint",
-        "with a MuJoCo actuator (mujoco:actuator_*), a drive for which one authors more than "
-        "gains, or a limit of what others bring to it (actuatorfrcrange)",
+        "with a MuJoCo actuator (mujoco:actuator_*), with a drive for which one authors more than "
+        "gains, or with a limit of the total force of actuators (actuatorfrcrange)",
         "rows/actuator.py",
     ),
     "force_ranges": Cause(
@@ -222,7 +224,7 @@ CAUSES: dict[str, Cause] = {
     ),
     "servos": Cause(
         "body",
-        "that such an actuator pushes against the world, by how the body moves",
+        "that a MuJoCo actuator pushes against the world, depending on how the body moves",
         "step/body_actuators.py",
     ),
     "breaking": Cause(
@@ -293,8 +295,9 @@ class Effects:
     mimics: bool = False
     """A joint that mimics another."""
     equalities: bool = False
+    """A joint that follows another one by a polynomial, or that an equality constraint holds."""
     yielding: bool = False
-    """One that does so by a polynomial, or is held."""
+    """A constraint that gives way, to a link that only the user moves."""
     drives: bool = False
     """A joint axis with a drive that has a gain."""
     actuators: bool = False

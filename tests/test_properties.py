@@ -191,7 +191,7 @@ def test_command_writes_a_page_and_adds_to_the_numbers(tmp_path: Path, capsys) -
     text, today = page.read_text(), datetime.now(UTC).date()
     assert "| body_f | **yes** |" in text
     assert found[0]["date"] in (str(today), str(today - timedelta(days=1)))  # at midnight
-    assert f"Measured on {found[0]['date']} on a processor {found[0]['processor']}." in text
+    assert f"Measured on {found[0]['date']} on {found[0]['processor']}." in text
     assert "default scheme, `generalized_alpha`" in text
     assert "body_qdd" in capsys.readouterr().out
 

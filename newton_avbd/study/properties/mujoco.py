@@ -183,7 +183,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 ATTRIBUTES: dict[str, tuple[str, str]] = {
     "condim": ("acts", "`mujoco:condim 1` to `6`"),
     "geom_priority": ("acts", "`mujoco:geom_priority`"),
-    "pair_geom[12]": ("act where Newton's pipeline makes contacts; else a warning", "tests"),
+    "pair_geom[12]": ("acts where Newton's pipeline makes contacts; else a warning", "tests"),
     "pair_world": ("names the world", ""),
     "pair_friction": ("acts, the mean of two directions with a warning", "`mujoco:pair_friction`"),
     "pair_condim": ("acts", "tests"),
@@ -230,8 +230,8 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "jacobian": ("ignored: of MuJoCo's solver", ""),
     "flag_*": ("ignored; a warning where one turns physics off: leave out the effect", "tests"),
     "equality_constraint_polycoef": ("acts", "`mujoco:equality_constraint_polycoef`"),
-    "equality_constraint_joint[12]*": ("act", "`mujoco:equality_constraint: held`, tests"),
-    "equality_constraint_tendon[12]": ("act", "tests"),
+    "equality_constraint_joint[12]*": ("acts", "`mujoco:equality_constraint: held`, tests"),
+    "equality_constraint_tendon[12]": ("acts", "tests"),
     "equality_constraint_torquescale": (
         "0 leaves the rotation free; scales what gives way (`eq_solref`); else ignored: welds are "
         "rigid",
@@ -242,11 +242,11 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
         "`loop: MuJoCo CONNECT`, `loop: MuJoCo WELD`",
     ),
     "eq_sol*": (
-        "act on CONNECT and WELD of links that nothing moves, as mocap bodies are; else ignored: "
-        "joints are rigid",
+        "acts on CONNECT and WELD to links that only the user moves, such as mocap bodies; else "
+        "ignored: joints are rigid",
         "tests",
     ),
-    "ctrl*": ("act", "tests"),
+    "ctrl*": ("acts", "tests"),
     "autolimits": ("acts", "tests"),
     "actuator_world": ("names things", ""),
     "actuator_articulation": ("names things", ""),
@@ -267,9 +267,9 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "actuator_gear": ("acts; 1 where the actuator is a joint drive", "tests"),
     "actuator_*": ("acts", "tests"),
     "tendon_type": ("acts: fixed and spatial ones", "tests"),
-    "tendon_joint*": ("act", "tests"),
+    "tendon_joint*": ("acts", "tests"),
     "tendon_coef": ("acts", "tests"),
-    "tendon_wrap_*": ("act", "tests"),
+    "tendon_wrap_*": ("acts", "tests"),
     "tendon_stiffness": ("acts", "tests"),
     "tendon_springlength": ("acts", "tests"),
     "tendon_damping": ("acts", "tests"),
@@ -278,8 +278,8 @@ ATTRIBUTES: dict[str, tuple[str, str]] = {
     "tendon_margin": ("acts: moves the limits", "tests"),
     "tendon_frictionloss": ("acts", "tests"),
     "tendon_armature": ("acts", "tests"),
-    "tendon_actuator_force_*": ("act", "tests"),
-    "tendon_sol*_limit*": ("act with compliant_contacts=True; else limits are rigid", ""),
+    "tendon_actuator_force_*": ("acts", "tests"),
+    "tendon_sol*_limit*": ("acts with compliant_contacts=True; else limits are rigid", ""),
     "tendon_label": ("names things", ""),
     "tendon_world": ("names things", ""),
     "tendon_articulation": ("names things", ""),

@@ -43,7 +43,7 @@ INTRODUCTION = """\
 # What solvers honour
 
 Each property that a Newton scene can author is tried with each solver, on the smallest scene that
-shows it. The result is compared with a number that follows by hand. [Scenes](#scenes) lists the
+shows it. The result is compared with a number that a closed form gives. [Scenes](#scenes) lists the
 scenes and the numbers. All ran on a CPU at 240 steps a second.
 
 {measured}
@@ -67,11 +67,12 @@ Choose a group of properties; below are the same results as tables.
 
 
 ATTRIBUTES_INTRODUCTION = """\
-All that `SolverMuJoCo.register_custom_attributes` declares, in the namespace `mujoco`. SolverMuJoCo
-takes all of it. SolverSteel reads equality constraints and refuses those that it does not enforce;
-the other solvers read none of it. *Tried by* names rows above, or says that tests compare with a
-closed form; without an entry nothing moves by it. An attribute that is ignored has its reason. If
-that changes the motion by more than the softness of MuJoCo's constraints, the solver warns.
+All attributes that `SolverMuJoCo.register_custom_attributes` declares, in the namespace `mujoco`.
+SolverMuJoCo takes all of them. SolverSteel reads equality constraints and refuses those that it
+does not enforce; the other solvers read none. *Tried by* names rows above, or says that tests
+compare with a closed form; an attribute without an entry changes no motion, or is not tried. If an
+attribute is ignored, the table has the reason. If ignoring it changes the motion by more than the
+softness of MuJoCo's constraints, the solver warns.
 [From MuJoCo](from_mujoco.md) says more."""
 
 
@@ -133,7 +134,7 @@ def page(outcomes: Iterable[Outcome]) -> str:
         parts += [f"## {title}", "\n".join(lines)]
     parts.append("\n".join(f"{index}. {note}" for index, note in enumerate(notes, 1)))
     parts.append(attributes())
-    parts.append("## Scenes\n\nThe closed form's value and the bound stand at the end.")
+    parts.append("## Scenes\n\nIn brackets: the value that the closed form gives, and the bound.")
     for title, catalog in GROUPS.items():
         parts.append(f"### {title}\n\n" + "\n".join(_describe(p) for p in catalog.values()))
     parts.append("## Settings\n\n" + "\n".join(_settings()))
@@ -149,7 +150,7 @@ def _measured(outcomes: list[Outcome]) -> str:
     if days:
         when = f"on {days[0]}" if len(days) == 1 else f"from {days[0]} to {days[-1]}"
         scheme = SCENE_SETTINGS["scheme"].default
-        lines.append(f"Measured {when} on a processor {' and '.join(processors)}.")
+        lines.append(f"Measured {when} on {' and on '.join(processors)}.")
         lines.append(f"SolverAVBD had its default scheme, `{scheme}`.")
     if older:
         lines.append(
