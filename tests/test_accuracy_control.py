@@ -605,4 +605,4 @@ def test_the_study_says_what_was_achieved(capsys: pytest.CaptureFixture[str]) ->
     assert main(["accuracy", "oscillator", "--control"]) == 0
     out = capsys.readouterr().out
     assert "| oscillator | 1e-03 |" in out
-    assert "4 of 4 keep to what was asked" in out
+    assert "4 of 4 outcomes keep to what was asked" in out

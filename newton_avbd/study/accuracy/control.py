@@ -288,8 +288,9 @@ def verdict(found: list[Outcome]) -> str:
     ratios = sorted(one.cost / one.fixed for one in compared if one.fixed)
     alone = len(found) - len(compared)
     return (
-        f"{len(kept)} of {len(found)} keep to what was asked; the farthest off is {worst.scene} at "
-        f"{worst.accuracy:.0e} m/s, by {worst.share:.2f} times. Cost beside the best fixed step: "
-        f"median {median(ratios):.2f}, from {ratios[0]:.2f} to {ratios[-1]:.2f}; "
-        f"{alone} times no fixed step of up to {round(FIXED[-1] / FRAME)} Hz does."
+        f"{len(kept)} of {len(found)} outcomes keep to what was asked; the largest share of what "
+        f"is allowed is {worst.share:.2f}, of {worst.scene} at {worst.accuracy:.0e} m/s. Cost beside "
+        f"the best fixed step: median {median(ratios):.2f}, from {ratios[0]:.2f} to "
+        f"{ratios[-1]:.2f}; in {alone} outcomes no fixed step of up to {round(FIXED[-1] / FRAME)} "
+        "Hz is enough."
     )

@@ -148,8 +148,8 @@ def page(
     lost = [verdict for verdict in found if verdict.ratio > 1.0]
     parts = [
         "# Accuracy and cost: results",
-        "Written by `newton-avbd accuracy --output`. [What accuracy costs](../accuracy.md) says what "
-        f"is measured, and how. Effort: {effort}.",
+        "Written by `newton-avbd accuracy --output`. [What accuracy costs](../accuracy.md) says "
+        f"what is measured, and how. Effort: {effort}.",
         "```\n" + "\n".join(f"{name}: {value}" for name, value in machine.items()) + "\n```",
         "## Who is cheapest",
         f"{_standing(found)} It is not the cheapest on these:",
@@ -171,9 +171,9 @@ def page(
         ),
         "## The cheapest setting for an accuracy",
         "Milliseconds of computing for a simulated second and, in brackets, the setting: steps in "
-        "a frame of 1/60 s (`3x`), iterations (`10 it`), tolerance [m] (`tol`), scheme; for MuJoCo "
-        "its contacts (`soft`, `stiff`) or its integrator. Empty: no setting reached the error in the "
-        "time given, or the solver does not simulate what the scene is about.",
+        "a frame of 1/60 s (`3x`), iterations (`10 it`), tolerance [m] (`tol`), scheme; for "
+        "MuJoCo its contacts (`soft`, `stiff`) or its integrator. Empty: no setting "
+        "reached the error in the time given, or the solver does not simulate what the scene is about.",
         *(f"Relative error {level:.0e}:\n\n{level_table(found, level)}" for level in LEVELS),
         "## Iterations against substeps",
         "The most accurate settings of SolverAVBD that cost at most a tenth more than the one "
