@@ -289,8 +289,8 @@ def verdict(found: list[Outcome]) -> str:
     alone = len(found) - len(compared)
     return (
         f"{len(kept)} of {len(found)} outcomes keep to what was asked; the largest share of what "
-        f"is allowed is {worst.share:.2f}, of {worst.scene} at {worst.accuracy:.0e} m/s. Cost beside "
-        f"the best fixed step: median {median(ratios):.2f}, from {ratios[0]:.2f} to "
-        f"{ratios[-1]:.2f}; in {alone} outcomes no fixed step of up to {round(FIXED[-1] / FRAME)} "
-        "Hz is enough."
+        f"is allowed is {worst.share:.2f}, of {worst.scene} at {worst.accuracy:.0e} m/s. Cost "
+        f"beside the best fixed step: median {median(ratios):.2f}, from {ratios[0]:.2f} to "
+        f"{ratios[-1]:.2f}; in {alone} outcomes no fixed step of up to "
+        f"{round(FIXED[-1] / FRAME)} Hz is enough."
     )

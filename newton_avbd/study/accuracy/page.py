@@ -172,8 +172,8 @@ def page(
         "## The cheapest setting for an accuracy",
         "Milliseconds of computing for a simulated second and, in brackets, the setting: steps in "
         "a frame of 1/60 s (`3x`), iterations (`10 it`), tolerance [m] (`tol`), scheme; for "
-        "MuJoCo its contacts (`soft`, `stiff`) or its integrator. Empty: no setting "
-        "reached the error in the time given, or the solver does not simulate what the scene is about.",
+        "MuJoCo its contacts (`soft`, `stiff`) or its integrator. Empty: no setting reached the "
+        "error in the time given, or the solver does not simulate what the scene is about.",
         *(f"Relative error {level:.0e}:\n\n{level_table(found, level)}" for level in LEVELS),
         "## Iterations against substeps",
         "The most accurate settings of SolverAVBD that cost at most a tenth more than the one "
