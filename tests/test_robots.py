@@ -364,7 +364,7 @@ def test_a_robot_that_cannot_be_read_stays_in_the_page_with_its_reason(tmp_path:
     assert "| `broken` |" in page
     assert "cannot be imported: no <link> in it" in page
     assert read_reports(tmp_path) == {"broken": report}
-    assert summary([report]) == "0 of 1 robots pass."
+    assert summary([report]) == "0 of 1 robots pass. Their steps were not timed."
 
 
 def test_the_command_lists_robots(capsys):

@@ -98,7 +98,7 @@ def summary(reports: list[Report]) -> str:
         if {"avbd", MJ_STEP} <= set(report.times)
     )
     if not ratios:
-        return text
+        return f"{text} Their steps were not timed."
     values = [ratio for ratio, _ in ratios]
     above = [f"{name} ({ratio:.2g})" for ratio, name in reversed(ratios) if ratio > 1.0]
     text += (
