@@ -63,6 +63,15 @@ def test_a_root_without_mass_is_fixed_and_bears_a_pendulum(tmp_path, content):
     assert bottom == pytest.approx(quarter, rel=2e-3)
 
 
+def test_a_table_of_welded_links_without_mass_is_fixed(tmp_path):
+    top = SPHERE + '<inertial><mass value="0"/></inertial>'
+    weld = joint("weld", "world", "top", "fixed", '<origin xyz="0 0 0.6"/>')
+    path = write(tmp_path, link("world", "") + link("top", top) + weld)
+    _, notes = read_asset(path, "avbd", floating=True)
+    assert "its root 'world' has no mass, so it is fixed to the world" in notes[0]
+    assert run(path, 2).state.body_q.numpy()[1, 2] == pytest.approx(0.6, abs=1e-6)
+
+
 def test_a_robot_starts_put_together_above_its_ground(tmp_path):
     """Links one above the other, 0.4 m apart: the lower one rests, the upper one on it.
 
@@ -114,6 +123,14 @@ def test_blank_lines_before_the_declaration_and_zeros_after_the_end_are_read_ove
     path.write_text(f'\n\n<?xml version="1.0"?>\n{path.read_text()}\r\n\0')
     builder, _ = read_asset(path, "avbd", floating=True)
     assert builder.body_mass == [1.0]
+
+
+def test_a_default_namespace_is_read_over(tmp_path):
+    """Files of Drake declare one."""
+    path = write(tmp_path, link("a") + link("b") + joint("j", "a", "b"))
+    path.write_text(path.read_text().replace("<robot", '<robot xmlns="http://drake.mit.edu"'))
+    builder, _ = read_asset(path, "avbd", floating=True)
+    assert builder.body_mass == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(

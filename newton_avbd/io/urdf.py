@@ -66,10 +66,10 @@ def parse(path: Path) -> ElementTree.Element:
 
 
 def massless_root(root: ElementTree.Element) -> str | None:
-    """Name of the root link if it cannot float: if nothing of it has mass, and links move on it.
+    """Name of the root link if it cannot float: if nothing of it has mass, and links hang on it.
 
     What FIXED joints weld to the root is of it. Many files call such a root ``world``; PyBullet
-    takes a base of mass zero for fixed.
+    takes a base of mass zero for fixed. A link by itself stays where its user puts it.
     """
     joints = [(joint.get("type") == "fixed", *_ends(joint)) for joint in root.findall("joint")]
     children = {child for _, _, child in joints}
@@ -78,8 +78,7 @@ def massless_root(root: ElementTree.Element) -> str | None:
     of_root = {first}
     for _ in joints:
         of_root |= {child for fixed, parent, child in joints if fixed and parent in of_root}
-    moves = not all(fixed for fixed, _, _ in joints)
-    return first if moves and not any(_has_mass(links[name]) for name in of_root) else None
+    return first if joints and not any(_has_mass(links[name]) for name in of_root) else None
 
 
 def free_crossed(root: ElementTree.Element) -> list[str]:
@@ -109,8 +108,14 @@ def _mend(root: ElementTree.Element, path: Path) -> None:
     """Write what Newton's importer asks for and files leave out or say to no effect.
 
     A robot gets a name, and a FIXED joint, which cannot move, mimics nothing. The importer reads
-    the length of a capsule from ``height``, where URDF has ``length``.
+    the length of a capsule from ``height``, where URDF has ``length``. The elements of URDF have no
+    namespace; a default one, which some files declare, goes.
     """
+    if root.tag.startswith("{"):
+        namespace = root.tag.partition("}")[0] + "}"
+        for element in root.iter():
+            if isinstance(element.tag, str):  # comments have none
+                element.tag = element.tag.removeprefix(namespace)
     if root.tag == "robot" and not root.get("name"):
         root.set("name", path.stem)
     if root.find("link") is None:
