@@ -5,6 +5,7 @@
 import math
 from pathlib import Path
 
+import newton
 import numpy as np
 import pytest
 
@@ -95,6 +96,21 @@ def test_a_root_whose_welded_link_has_mass_floats(tmp_path):
     assert notes == ()
     # A hinge between links of which nothing holds the first: seven and one coordinates.
     assert builder.joint_coord_count == 8
+
+
+def test_a_link_that_floats_on_an_empty_root_is_the_root(tmp_path):
+    """A joint of type ``floating`` on ``world``, as in files for MuJoCo; it says where it starts.
+
+    MuJoCo refuses a free joint below a link.
+    """
+    free = joint("free", "world", "body", "floating", '<origin xyz="1 2 3" rpy="0 0 0.5"/>')
+    path = write(tmp_path, '<link name="world"/>' + link("body") + free)
+    builder, notes = read_asset(path, "avbd", floating=True)
+    assert notes == ()
+    assert builder.joint_type == [newton.JointType.FREE]
+    assert builder.joint_parent == [-1]
+    turned = [0.0, 0.0, math.sin(0.25), math.cos(0.25)]
+    assert list(builder.body_q[0]) == pytest.approx([1.0, 2.0, 3.0, *turned], abs=1e-6)
 
 
 def test_a_capsule_is_as_long_as_the_file_says(tmp_path):

@@ -46,7 +46,12 @@ def write(workspace: Path, mesh: str) -> Path:
 
 @pytest.mark.parametrize(
     "name",
-    ["package://bot/meshes/part.obj", "package:///bot/meshes/part.obj", "../../../meshes/part.obj"],
+    [
+        "package://bot/meshes/part.obj",
+        "package:///bot/meshes/part.obj",
+        "../../../meshes/part.obj",
+        "meshes/part.obj",  # which PyBullet finds by its search path
+    ],
 )
 def test_a_mesh_is_found_in_a_folder_above_the_file(workspace, name):
     found = find_asset(name, write(workspace, name))
@@ -75,14 +80,21 @@ def test_a_robot_with_its_mesh_collides_by_the_hull_of_it(workspace):
     assert builder.shape_type == [newton.GeoType.CONVEX_MESH, newton.GeoType.SPHERE]
 
 
-def test_a_missing_mesh_is_named_and_the_rest_is_read(workspace):
-    root, absent = read_urdf(write(workspace, "package://other/part.stl"))
-    assert absent == ("package://other/part.stl",)
+@pytest.mark.parametrize(
+    ("mesh", "remedy"),
+    [
+        ("package://other/part.stl", "set ROS_PACKAGE_PATH to the folder that holds the package"),
+        ("file:///other/part.stl", "there is no such file"),
+        ("../part.stl", "there is no such file"),
+    ],
+)
+def test_a_missing_mesh_is_named_and_the_rest_is_read(workspace, mesh, remedy):
+    path = write(workspace, mesh)
+    root, absent = read_urdf(path)
+    assert absent == (mesh,)
     assert "part.stl" not in ElementTree.tostring(root, encoding="unicode")
-    path = write(workspace, "package://other/part.stl")
     builder, (note,) = read_asset(path, "avbd", floating=True)
-    assert "bot.urdf goes on without package://other/part.stl" in note
-    assert "ROS_PACKAGE_PATH" in note
+    assert note == f"bot.urdf goes on without {mesh}: {remedy}"
     assert builder.shape_type == [newton.GeoType.SPHERE]
 
 

@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 
 import newton
 import numpy as np
+import warp as wp
 
 from newton_avbd.measure.overlaps import filter_neighbors
 from newton_avbd.scenes.finalize import finalized
@@ -21,12 +22,12 @@ from . import solvers
 from .controls import Controls
 from .errors import UserError, missing, require
 from .masses import check_usd_masses
-from .meshes import REMEDY, find_asset, read_urdf
+from .meshes import find_asset, read_urdf, remedy
 from .mjcf import add_mjcf
 from .names import ACTUATED, SUFFIXES
 from .orphans import find_orphans, rooted_stage
 from .simulation import ModelSimulation, Request
-from .urdf import free_crossed, massless_root
+from .urdf import free_crossed, massless_root, take_empty_root
 
 DT = 1.0 / 240.0
 """Solver step for an asset [s]; files rarely say."""
@@ -235,6 +236,7 @@ def _read_urdf(
     while True:
         builder = _prepared(solver)
         root, absent = read_urdf(path, unreadable)
+        start = take_empty_root(root)
         rooted = massless_root(root) if floating else None
         freed = free_crossed(root)
         text = ElementTree.tostring(root, encoding="unicode")
@@ -249,11 +251,13 @@ def _read_urdf(
             continue
         _collide_by_hulls(builder)
         filter_neighbors(builder)
+        if start is not None and builder.joint_type[0] == newton.JointType.FREE:
+            builder.joint_q[:7] = [*start[0], *wp.quat_rpy(*start[1])]
         # Newton's importer leaves all links at the origin.
         place(builder)
         bad = [f"{path.name} goes on without {name}: it {why}" for name, why in unreadable.items()]
         lost = [
-            f"{path.name} goes on without {name}: {REMEDY}"
+            f"{path.name} goes on without {name}: {remedy(name)}"
             for name in absent
             if str(find_asset(name, path)) not in unreadable
         ]

@@ -4,8 +4,9 @@
 """Finding the meshes and textures that a URDF file names.
 
 URDF names them by ``package://NAME/PATH`` (``model://`` likewise), by ``file://`` or by a path
-beside the file. Newton's importer looks for packages in the environment and in one folder; a robot
-that was copied out of its workspace has them in another folder above the file.
+beside the file, or, in files of PyBullet, beside a folder above it. Newton's importer looks for
+packages in the environment and in one folder; a robot that was copied out of its workspace has them
+in another folder above the file.
 """
 
 import os
@@ -18,8 +19,6 @@ from .urdf import parse
 
 SEARCHED = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "AMENT_PREFIX_PATH")
 """Environment variables that list folders of packages; those of the last have them in share."""
-
-REMEDY = "set ROS_PACKAGE_PATH to the folder that holds the package"
 
 
 def read_urdf(
@@ -56,12 +55,20 @@ def read_urdf(
     return root, tuple(absent)
 
 
+def remedy(name: str) -> str:
+    """What to do about a file that was not found, as the URDF file writes its name."""
+    if "://" in name and not name.startswith("file://"):
+        return "set ROS_PACKAGE_PATH to the folder that holds the package"
+    return "there is no such file"
+
+
 def find_asset(name: str, urdf: Path) -> Path | None:
     """Find the file that a URDF file means by ``name``.
 
     A package is looked for in the folders of :data:`SEARCHED`, then in every folder above the
     URDF file, the nearest first. Where none of these holds a folder of the package's name, the
-    folders above are tried as the package itself, whose folder may have another name.
+    folders above are tried as the package itself, whose folder may have another name. A path is
+    tried from the folder of the URDF file, then from every folder above it.
 
     Args:
         name: A URI or a path, as the file writes it.
@@ -72,7 +79,7 @@ def find_asset(name: str, urdf: Path) -> Path | None:
     """
     scheme, _, rest = name.partition("://")
     if not rest:
-        places: Iterator[Path] = iter([urdf.parent / name])
+        places: Iterator[Path] = (folder / name for folder in urdf.absolute().parents)
     elif scheme == "file":
         places = iter([Path(unquote(urlsplit(name).path))])
     else:

@@ -81,6 +81,31 @@ def massless_root(root: ElementTree.Element) -> str | None:
     return first if joints and not any(_has_mass(links[name]) for name in of_root) else None
 
 
+def take_empty_root(root: ElementTree.Element) -> tuple[list[float], list[float]] | None:
+    """Take away a root that holds nothing and on which one link floats: this link becomes the root.
+
+    Files for MuJoCo, in which a root is the world, say so that a robot floats. A joint that floats
+    on a link is none that MuJoCo has.
+
+    Returns:
+        Position [m] and roll, pitch and yaw [rad] of that link; None where nothing was taken away.
+    """
+    hanging: dict[str, list[ElementTree.Element]] = {}
+    for joint in root.findall("joint"):
+        hanging.setdefault(_ends(joint)[0], []).append(joint)
+    children = {_ends(joint)[1] for joint in root.findall("joint")}
+    first = next(link for link in root.findall("link") if link.get("name") not in children)
+    joints = hanging.get(str(first.get("name")), [])
+    holds = any(first.find(what) is not None for what in ("inertial", "collision", "visual"))
+    if holds or [joint.get("type") for joint in joints] != ["floating"]:
+        return None
+    root.remove(first)
+    root.remove(joints[0])
+    place = {} if (origin := joints[0].find("origin")) is None else origin.attrib
+    xyz, rpy = ([float(n) for n in place.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
+    return xyz, rpy
+
+
 def free_crossed(root: ElementTree.Element) -> list[str]:
     """Take the limits from joints whose lower one is above the upper one; returns their names.
 
