@@ -169,11 +169,38 @@ def test_a_force_that_is_not_the_law_s_is_told():
     kind = newton.solvers.SolverBase.ObservableKind.CONTACT_F
     observables = SolverAVBD(model).observables([kind], contacts=contacts)
     torques = Torques(model, 0.01)
-    torques.add(torques.momenta(state), state, np.array([-0.0981]), contacts, observables)
+    torques.add(torques.start(state), state, np.array([-0.0981]), contacts, observables)
     assert torques.pushed[0] == pytest.approx(9.81, rel=ROUNDING)
     assert torques.wrong[0] == pytest.approx(0.0, abs=1.0e-4)
-    torques.add(torques.momenta(state), state, np.array([-0.1981]), contacts, observables)
+    torques.add(torques.start(state), state, np.array([-0.1981]), contacts, observables)
     assert torques.wrong[0] == pytest.approx(10.0, rel=1.0e-4)
+
+
+def test_a_contact_pushes_where_it_was_at_the_start_of_the_step():
+    # The pendulum holds still. A body flies by, 10 m/s along x, and in this step pushes with 10 N
+    # downwards on the pendulum's center, 0.5 m from its own: the drive bears another -5 N m.
+    builder = newton.ModelBuilder()
+    pendulum(builder, target_ke=100.0, target_kd=10.0)
+    passing = builder.add_body(mass=1.0, inertia=wp.mat33(np.eye(3)))
+    shapes = [builder.add_shape_sphere(body, radius=0.1) for body in (passing, 0)]
+    model = builder.finalize(device="cpu")
+    before, after, contacts = model.state(), model.state(), newton.Contacts(1, 0, device="cpu")
+    for state, x in ((before, 1.0), (after, 1.1)):
+        poses = state.body_q.numpy()
+        poses[passing, 0] = x
+        state.body_q.assign(poses)
+    contacts.rigid_contact_count.assign(np.array([1], np.int32))
+    contacts.rigid_contact_shape0.assign(np.array(shapes[:1], np.int32))
+    contacts.rigid_contact_shape1.assign(np.array(shapes[1:], np.int32))
+    kind = newton.solvers.SolverBase.ObservableKind.CONTACT_F
+    observables = SolverAVBD(model).observables([kind], contacts=contacts)
+    observables.contact_f.assign(np.array([[0.0, 0.0, 10.0, 0.0, 5.0, 0.0]], np.float32))
+    torques = Torques(model, 0.01)
+    targets = np.zeros(model.joint_coord_count)
+    targets[0] = -0.1481
+    torques.add(torques.start(before), after, targets, contacts, observables)
+    assert torques.pushed[0] == pytest.approx(14.81, rel=ROUNDING)
+    assert torques.wrong[0] == pytest.approx(0.0, abs=1.0e-4)
 
 
 def test_a_brake_of_what_follows_is_its_leader_s_too():
@@ -198,7 +225,7 @@ def test_a_brake_of_what_follows_is_its_leader_s_too():
     torques = Torques(model, 0.01)
     for step in range(5):
         if step == 4:
-            before = torques.momenta(state)
+            before = torques.start(state)
         solver.step(state, following, control, contacts, 0.01, observables=observables)
         state, following = following, state
     torques.add(before, state, targets, contacts, observables)

@@ -136,7 +136,7 @@ def run_robot(
             control.joint_target_q.assign(targets[step - hold].astype(np.float32))
         if step == hold - WEIGHED:
             momentum, pushed, restless = vertical_momentum(bodies, falling, state), 0.0, 0.0
-        before = None if torques is None or step < hold else torques.momenta(state)
+        start = None if torques is None or step < hold else torques.start(state)
         if pipeline is not None:
             pipeline.collide(state, contacts)
         if observables is None:
@@ -144,8 +144,8 @@ def run_robot(
         else:
             solver.step(state, following, control, contacts, DT, observables=observables)
         state, following = following, state
-        if torques is not None and before is not None:
-            torques.add(before, state, targets[step - hold], contacts, observables)
+        if torques is not None and start is not None:
+            torques.add(start, state, targets[step - hold], contacts, observables)
         if hold - WEIGHED <= step < hold:
             restless = max(restless, largest_speed(state))
             if observables is not None:

@@ -11,6 +11,8 @@ by backward Euler, or between that and the force at its start, whose mean a sche
 gives.
 """
 
+from typing import NamedTuple
+
 import newton
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +44,18 @@ BRAKED = 0.99
 """Share of an axis's velocity limit from which on its brake may push."""
 
 
+class Start(NamedTuple):
+    """What a robot is like before a step.
+
+    Attributes:
+        momenta: Linear and angular momentum of each body, shape [bodies, 6].
+        centers: Centers of mass [m], shape [bodies, 3].
+    """
+
+    momenta: Array
+    centers: Array
+
+
 class Torques:
     """Sums, over the steps of a run, what the axes of a robot push and by how much that is wrong.
 
@@ -65,7 +79,12 @@ class Torques:
         self._law = {name: getattr(model, f"joint_{name}").numpy().astype(float) for name in LAW}
         self._rest = model.joint_rest_q.numpy().astype(float)[self._coordinate]
 
-    def momenta(self, state: newton.State) -> Array:
+    def start(self, state: newton.State) -> Start:
+        """What :meth:`add` has to know of the state before a step."""
+        centers = transform(state.body_q.numpy().astype(float), self._bodies.com)
+        return Start(self._momenta(state), centers)
+
+    def _momenta(self, state: newton.State) -> Array:
         """Linear and angular momentum of each body, shape [bodies, 6]."""
         body_q, body_qd = state.body_q.numpy().astype(float), state.body_qd.numpy().astype(float)
         local = rotate(body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0], body_qd[:, 3:])
@@ -74,7 +93,7 @@ class Torques:
 
     def add(
         self,
-        before: Array,
+        start: Start,
         state: newton.State,
         targets: Array,
         contacts: newton.Contacts,
@@ -83,16 +102,16 @@ class Torques:
         """Take a step in.
 
         Args:
-            before: Momenta before the step.
+            start: Of the state before the step.
             state: The state after it.
             targets: What the drives were to reach, shape [coordinates].
             contacts: Contacts of the step.
             observables: Their forces.
         """
         model = self._model
-        wrench = (self.momenta(state) - before) / self._dt
+        wrench = (self._momenta(state) - start.momenta) / self._dt
         wrench[:, :3] -= self._bodies.mass[:, None] * self._bodies.gravity
-        wrench -= self._pushes(state, contacts, observables)
+        wrench -= self._pushes(start.centers, contacts, observables)
         self._at.body_q.assign(state.body_q)
         newton.eval_ik(model, state, self._at.joint_q, self._at.joint_qd)
         at = self._at.joint_q.numpy().astype(float)[self._coordinate]
@@ -101,12 +120,12 @@ class Torques:
         told = self._along_axes(wrench)
         rotors = law["armature"] * (speed - self._speed) / self._dt
         last = at if self._last is None else self._last
-        end, start = (
+        end, begin = (
             self._through_mimics(told + rotors - self._force(target, *motion))
             for motion in ((at, speed), (last, self._speed))
         )
         self._last, self._speed = at, speed
-        error = np.where(start * end < 0.0, 0.0, np.where(np.abs(start) < np.abs(end), start, end))
+        error = np.where(begin * end < 0.0, 0.0, np.where(np.abs(begin) < np.abs(end), begin, end))
         error = np.sign(error) * np.maximum(np.abs(error) - law["friction"], 0.0)
         # A limit pushes away from itself only; limits and brakes of an axis that mimics push its
         # leader, too.
@@ -140,17 +159,25 @@ class Torques:
 
     def _pushes(
         self,
-        state: newton.State,
+        center: Array,
         contacts: newton.Contacts,
         observables: newton.solvers.SolverBase.Observables,
     ) -> Array:
-        """Contact wrench on each body about its center of mass, shape [bodies, 6]."""
+        """Contact wrench on each body about its center of mass, shape [bodies, 6].
+
+        A contact acts where it was at the start of the step, so the two centers of mass that its
+        force has lever arms to are those at the start, too.
+
+        Args:
+            center: Centers of mass at the start of the step [m], shape [bodies, 3].
+            contacts: Contacts of the step.
+            observables: Their forces.
+        """
         count = min(int(contacts.rigid_contact_count.numpy()[0]), contacts.rigid_contact_max)
         body = np.append(self._model.shape_body.numpy(), -1)
         first = body[contacts.rigid_contact_shape0.numpy()[:count]]
         second = body[contacts.rigid_contact_shape1.numpy()[:count]]
         wrench = observables.contact_f.numpy()[:count].astype(float)
-        center = transform(state.body_q.numpy().astype(float), self._bodies.com)
         # Row -1 is the world.
         center = np.vstack([center, np.zeros(3)])
         total = np.zeros((self._model.body_count + 1, 6))
