@@ -113,6 +113,19 @@ def test_a_link_that_floats_on_an_empty_root_is_the_root(tmp_path):
     assert list(builder.body_q[0]) == pytest.approx([1.0, 2.0, 3.0, *turned], abs=1e-6)
 
 
+@pytest.mark.parametrize("point", ['<sphere radius="0.0"/>', '<box size="0 0 0"/>'])
+def test_a_shape_of_size_zero_is_none(tmp_path, point):
+    """Files mark places so; SolverMuJoCo refuses such a shape."""
+    marks = "".join(
+        f"<{kind}><geometry>{point}</geometry></{kind}>" for kind in ("visual", "collision")
+    )
+    path = write(tmp_path, link("a", INERTIAL + marks + SPHERE))
+    builder, notes = read_asset(path, "mujoco", floating=True)
+    assert notes == ()
+    assert builder.shape_type == [newton.GeoType.SPHERE]
+    assert builder.shape_scale[0][0] == pytest.approx(0.05)
+
+
 def test_a_capsule_is_as_long_as_the_file_says(tmp_path):
     capsule = '<collision><geometry><capsule radius="0.1" length="0.4"/></geometry></collision>'
     path = write(tmp_path, link("post", INERTIAL + capsule))

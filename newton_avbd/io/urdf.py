@@ -62,6 +62,7 @@ def parse(path: Path) -> ElementTree.Element:
     _check_xacro(root, path)
     _check_numbers(root)
     _check_tree(root)
+    _drop_points(root)
     return root
 
 
@@ -153,6 +154,23 @@ def _mend(root: ElementTree.Element, path: Path) -> None:
         length = capsule.get("length")
         if length is not None:
             capsule.set("height", length)
+
+
+def _drop_points(root: ElementTree.Element) -> None:
+    """Take away spheres and boxes of size zero, by which files mark places.
+
+    They are no shapes: other solvers refuse them, and a link of nothing else has no mass.
+    """
+    for link in root.findall("link"):
+        for shape in [*link.findall("visual"), *link.findall("collision")]:
+            sizes = [
+                size
+                for tag, name in (("sphere", "radius"), ("box", "size"))
+                for element in shape.iter(tag)
+                if (size := element.get(name)) is not None
+            ]
+            if sizes and not any(float(word) for size in sizes for word in size.split()):
+                link.remove(shape)
 
 
 def _check_xacro(root: ElementTree.Element, path: Path) -> None:
