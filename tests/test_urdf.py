@@ -154,10 +154,17 @@ def test_blank_lines_before_the_declaration_and_zeros_after_the_end_are_read_ove
     assert builder.body_mass == [1.0]
 
 
-def test_a_default_namespace_is_read_over(tmp_path):
-    """Files of Drake declare one."""
-    path = write(tmp_path, link("a") + link("b") + joint("j", "a", "b"))
-    path.write_text(path.read_text().replace("<robot", '<robot xmlns="http://drake.mit.edu"'))
+@pytest.mark.parametrize(
+    ("attribute", "element"),
+    [
+        ('xmlns="http://drake.mit.edu"', ""),  # files of Drake declare a default namespace
+        ("", '<sensor:camera name="eye"><link name="c"/></sensor:camera>'),
+        ('xmlns:sensor="http://gazebosim.org"', '<sensor:camera sensor:rate="9"/>'),
+    ],
+)
+def test_namespaces_are_read_over(tmp_path, attribute, element):
+    path = write(tmp_path, link("a") + element + link("b") + joint("j", "a", "b"))
+    path.write_text(path.read_text().replace("<robot", f"<robot {attribute}"))
     builder, _ = read_asset(path, "avbd", floating=True)
     assert builder.body_mass == [1.0, 1.0]
 

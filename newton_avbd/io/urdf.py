@@ -11,6 +11,7 @@ import math
 from collections import Counter
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 JOINTS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 """Types of joints that URDF has, and that Newton's importer reads."""
@@ -57,9 +58,10 @@ def parse(path: Path) -> ElementTree.Element:
         ValueError: It is no URDF file that can be read; the message says where and why.
     """
     # Editors leave blank lines before the declaration, and zeros after the end.
-    root = ElementTree.fromstring(path.read_bytes().strip(b"\0\t\n\r "))
+    root = _read_tree(path.read_bytes().strip(b"\0\t\n\r "))
     _mend(root, path)
     _check_xacro(root, path)
+    _drop_foreign(root)
     _check_numbers(root)
     _check_tree(root)
     _drop_points(root)
@@ -121,6 +123,32 @@ def free_crossed(root: ElementTree.Element) -> list[str]:
     return freed
 
 
+def _read_tree(text: bytes) -> ElementTree.Element:
+    """Read XML as if it had no namespaces, as other readers of URDF do.
+
+    Files have ``xmlns="..."`` at ``<robot>``, or a prefix for which they declare no namespace.
+    """
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler = builder.data
+    try:
+        parser.Parse(text, True)
+    except expat.ExpatError as error:
+        raise ElementTree.ParseError(str(error)) from error
+    return builder.close()
+
+
+def _drop_foreign(root: ElementTree.Element) -> None:
+    """Take away what other programs have added: elements and attributes with a prefix."""
+    for element in root.iter():
+        for child in list(element):
+            if ":" in child.tag:
+                element.remove(child)
+        for name in list(element.attrib):
+            if ":" in name or name == "xmlns":
+                del element.attrib[name]
+
+
 def _has_mass(link: ElementTree.Element) -> bool:
     """Whether a link has mass; shapes give mass to links without ``<inertial>``."""
     inertial = link.find("inertial")
@@ -134,14 +162,8 @@ def _mend(root: ElementTree.Element, path: Path) -> None:
     """Write what Newton's importer asks for and files leave out or say to no effect.
 
     A robot gets a name, and a FIXED joint, which cannot move, mimics nothing. The importer reads
-    the length of a capsule from ``height``, where URDF has ``length``. The elements of URDF have no
-    namespace; a default one, which some files declare, goes.
+    the length of a capsule from ``height``, where URDF has ``length``.
     """
-    if root.tag.startswith("{"):
-        namespace = root.tag.partition("}")[0] + "}"
-        for element in root.iter():
-            if isinstance(element.tag, str):  # comments have none
-                element.tag = element.tag.removeprefix(namespace)
     if root.tag == "robot" and not root.get("name"):
         root.set("name", path.stem)
     if root.find("link") is None:
