@@ -114,16 +114,25 @@ def test_a_link_that_floats_on_an_empty_root_is_the_root(tmp_path):
 
 
 @pytest.mark.parametrize("point", ['<sphere radius="0.0"/>', '<box size="0 0 0"/>'])
-def test_a_shape_of_size_zero_is_none(tmp_path, point):
-    """Files mark places so; SolverMuJoCo refuses such a shape."""
-    marks = "".join(
-        f"<{kind}><geometry>{point}</geometry></{kind}>" for kind in ("visual", "collision")
+def test_a_body_stands_on_shapes_of_size_zero_with_any_solver(tmp_path, point):
+    """Soles of humanoids are such points; SolverMuJoCo refuses a shape of size zero."""
+    shape = f"<collision>{{}}<geometry>{point}</geometry></collision>"
+    sole = "".join(
+        shape.format(f'<origin xyz="{x} {y} -0.2"/>') for x in (-0.1, 0.1) for y in (-0.1, 0.1)
     )
-    path = write(tmp_path, link("a", INERTIAL + marks + SPHERE))
-    builder, notes = read_asset(path, "mujoco", floating=True)
+    mark = joint("weld", "body", "mark", "fixed", '<origin xyz="0 0 0.5"/>')
+    body = link("body", INERTIAL + sole) + link("mark", shape.format(""))
+    builder, notes = read_asset(write(tmp_path, body + mark), "mujoco", floating=True)
     assert notes == ()
-    assert builder.shape_type == [newton.GeoType.SPHERE]
-    assert builder.shape_scale[0][0] == pytest.approx(0.05)
+    assert builder.body_mass == [1.0, 0.0]
+    assert len(builder.shape_type) == 5
+    for solver in ("avbd", "mujoco"):
+        simulation = open_asset(tmp_path / "bot.urdf", Request(solver=solver))
+        for _ in range(30):
+            simulation.advance()
+        # A ground was put 10 mm under the points; MuJoCo's contacts give by less than 1 mm.
+        height = simulation.state.body_q.numpy()[0, 2]
+        assert height == pytest.approx(-0.01, abs=2e-5 if solver == "avbd" else 1e-3)
 
 
 def test_a_capsule_is_as_long_as_the_file_says(tmp_path):

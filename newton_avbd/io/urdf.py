@@ -40,6 +40,9 @@ NUMBERS = {
 }
 """How many numbers each attribute holds that Newton's importer reads."""
 
+POINT = 1.0e-5
+"""Radius of a sphere that stands for a point [m]."""
+
 _UNBOUNDED = ("limit",)
 """Elements whose numbers may be infinite."""
 
@@ -64,7 +67,7 @@ def parse(path: Path) -> ElementTree.Element:
     _drop_foreign(root)
     _check_numbers(root)
     _check_tree(root)
-    _drop_points(root)
+    _grow_points(root)
     return root
 
 
@@ -178,21 +181,24 @@ def _mend(root: ElementTree.Element, path: Path) -> None:
             capsule.set("height", length)
 
 
-def _drop_points(root: ElementTree.Element) -> None:
-    """Take away spheres and boxes of size zero, by which files mark places.
+def _grow_points(root: ElementTree.Element) -> None:
+    """Give spheres and boxes of size zero :data:`POINT` for a radius, and no mass.
 
-    They are no shapes: other solvers refuse them, and a link of nothing else has no mass.
+    By them files have points: the soles of Atlas and Valkyrie are eight each. SolverMuJoCo refuses
+    a shape of size zero.
     """
     for link in root.findall("link"):
+        points = 0
         for shape in [*link.findall("visual"), *link.findall("collision")]:
-            sizes = [
-                size
-                for tag, name in (("sphere", "radius"), ("box", "size"))
-                for element in shape.iter(tag)
-                if (size := element.get(name)) is not None
-            ]
-            if sizes and not any(float(word) for size in sizes for word in size.split()):
-                link.remove(shape)
+            for tag, name, size in (("sphere", "radius", 1), ("box", "size", 3)):
+                for element in shape.iter(tag):
+                    words = element.get(name, "").split()
+                    if words and not any(map(float, words)):
+                        element.set(name, " ".join([str(POINT if size == 1 else 2 * POINT)] * size))
+                        points += shape.tag == "collision"
+        if points and points == len(link.findall("collision")) and link.find("inertial") is None:
+            inertial = ElementTree.SubElement(link, "inertial")
+            ElementTree.SubElement(inertial, "mass", value="0")
 
 
 def _check_xacro(root: ElementTree.Element, path: Path) -> None:
