@@ -110,3 +110,18 @@ def test_run_says_which_mesh_is_missing(workspace, capsys):
     path = write(workspace, "package://other/part.stl")
     assert main(["run", str(path), "--solver", "xpbd", "--frames", "1"]) == 0
     assert "goes on without package://other/part.stl" in capsys.readouterr().err
+
+
+def test_a_robot_without_mass_says_that_its_meshes_are_missing(workspace, capsys):
+    """Links without ``<inertial>`` weigh what their shapes do."""
+    path = write(workspace, "")
+    shape = '<collision><geometry><mesh filename="package://x/{}.stl"/></geometry></collision>'
+    links = "".join(f'<link name="{name}">{shape.format(name)}</link>' for name in "ab")
+    joint = '<joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
+    path.write_text(f'<robot name="bot">{links}{joint}</robot>')
+    assert main(["run", str(path)]) != 0
+    said = capsys.readouterr().err
+    assert "cannot run with avbd: The articulation of body" in said
+    assert "has neither mass nor armature" in said
+    for name in "ab":
+        assert f"bot.urdf goes on without package://x/{name}.stl: set ROS_PACKAGE_PATH" in said

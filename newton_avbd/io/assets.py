@@ -166,7 +166,8 @@ def simulate(
             name, builder, request, dt=DT, frame_dt=FRAME_DT, frames=FRAMES, notes=notes
         )
     except (NotImplementedError, ValueError) as error:
-        raise UserError(f"{path} cannot run with {request.solver}: {_reason(error)}") from error
+        refusal = f"{path} cannot run with {request.solver}: {_reason(error)}"
+        raise UserError("\n".join([refusal, *notes])) from error
 
 
 def read_asset(
