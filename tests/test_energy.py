@@ -275,6 +275,25 @@ def test_a_root_that_swings_on_its_joint_is_no_fault_of_a_fall() -> None:
     assert fall.failures() == []
 
 
+def test_a_robot_of_which_only_the_top_collides_starts_above_its_ground() -> None:
+    """Two sticks on end, of which only a ball at the upper one's top collides, turned at random.
+
+    With the ground just under the ball, they started with less energy than none, of which rounding
+    was any share, and got faster than in a fall to the ground.
+    """
+    robot = newton.ModelBuilder()
+    links = [robot.add_link(mass=1.0, inertia=wp.diag(wp.vec3(0.1))) for _ in range(2)]
+    top, end, start = (wp.transform((0.0, 0.0, z), wp.quat_identity()) for z in (1.0, -0.5, 0.5))
+    robot.add_shape_sphere(links[0], xform=top, radius=0.1)
+    root = robot.add_joint_free(links[0])
+    hinge = robot.add_joint_revolute(*links, parent_xform=end, child_xform=start, axis=(0, 1, 0))
+    robot.add_articulation([root, hinge])
+    bare(robot)
+    chosen = starts(robot, ("fallen",), range(4))
+    for fall in run_falls("sticks", robot, chosen, Setup(seconds=1.0), lambda done, total: None):
+        assert fall.failures() == []
+
+
 @pytest.mark.parametrize(("given", "is_bounded"), [(8.4, False), (0.5, True)])
 def test_what_springs_give_makes_bodies_faster_than_all_was(given: float, is_bounded: bool) -> None:
     """A world at rest is let go by a spring: a body is faster than any was, and may be.

@@ -109,8 +109,7 @@ def starts(builder: newton.ModelBuilder, kinds: tuple[str, ...], seeds: range) -
         rng = np.random.default_rng(seed)
         q = _pose(builder, probe, state, rng, 0.0 if is_loop else 1.0)
         model.body_q.assign(state.body_q)
-        lowest = float(np.min(lowest_points(model)[:-1], initial=np.inf))
-        ground = lowest - DROP if np.isfinite(lowest) else -100.0
+        ground = _ground(model)
         wall = _foremost(model) + AHEAD
         rate = rng.uniform(-1.0, 1.0, builder.joint_dof_count)
         for kind in kinds:
@@ -125,6 +124,17 @@ def starts(builder: newton.ModelBuilder, kinds: tuple[str, ...], seeds: range) -
                 qd = THROW * throw
             found.append(replace(start, joint_qd=qd.tolist()))
     return found
+
+
+def _ground(model: newton.Model) -> float:
+    """Height of a ground under all of a robot [m], also under what of it does not collide.
+
+    Above a center of mass, a robot of which only the feet collide would have less energy than none.
+    """
+    lowest = float(np.min(lowest_points(model)[:-1], initial=np.inf))
+    bodies = Bodies.of(model)
+    centers = transform(model.body_q.numpy().astype(float), bodies.com)[bodies.mass > 0.0, 2]
+    return float(np.min(centers, initial=lowest)) - DROP if np.isfinite(lowest) else -100.0
 
 
 def make_model(builder: newton.ModelBuilder, chosen: list[Start]) -> newton.Model:
