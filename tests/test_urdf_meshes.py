@@ -106,6 +106,15 @@ def test_a_mesh_without_triangles_is_named_and_the_rest_is_read(workspace):
     assert builder.shape_type == [newton.GeoType.SPHERE]
 
 
+def test_a_mesh_that_its_reader_fails_on_is_named_and_the_rest_is_read(workspace):
+    """As a COLLADA file that is no XML; the reader's message does not name the file."""
+    path = write(workspace, "package://bot/meshes/part.dae")
+    (workspace / "share" / "bot" / "meshes" / "part.dae").write_text("<COLLADA><a></COLLADA>")
+    builder, (note,) = read_asset(path, "avbd", floating=True)
+    assert "part.dae: it cannot be loaded: " in note
+    assert builder.shape_type == [newton.GeoType.SPHERE]
+
+
 def test_run_says_which_mesh_is_missing(workspace, capsys):
     path = write(workspace, "package://other/part.stl")
     assert main(["run", str(path), "--solver", "xpbd", "--frames", "1"]) == 0

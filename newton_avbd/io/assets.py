@@ -22,7 +22,7 @@ from . import solvers
 from .controls import Controls
 from .errors import UserError, missing, require
 from .masses import check_usd_masses
-from .meshes import find_asset, read_urdf, remedy
+from .meshes import broken_mesh, find_asset, read_urdf, remedy
 from .mjcf import add_mjcf
 from .names import ACTUATED, SUFFIXES
 from .orphans import find_orphans, rooted_stage
@@ -249,6 +249,15 @@ def _read_urdf(
             if named is None or named[1] in unreadable:
                 raise
             unreadable[named[1]] = named[2]
+            continue
+        except ImportError:
+            raise
+        except Exception as error:
+            # Readers of meshes fail in as many ways as files can be wrong, and name none.
+            broken = broken_mesh(root)
+            if broken is None:
+                raise
+            unreadable[broken] = f"cannot be loaded: {_reason(error)}"
             continue
         _collide_by_hulls(builder)
         filter_neighbors(builder)

@@ -55,6 +55,18 @@ def read_urdf(
     return root, tuple(absent)
 
 
+def broken_mesh(root: ElementTree.Element) -> str | None:
+    """Path of the first mesh that its reader fails on; None where all can be loaded."""
+    import trimesh
+
+    for name in dict.fromkeys(str(mesh.get("filename")) for mesh in root.iter("mesh")):
+        try:
+            trimesh.load(name, force="mesh")
+        except Exception:
+            return name
+    return None
+
+
 def remedy(name: str) -> str:
     """What to do about a file that was not found, as the URDF file writes its name."""
     if "://" in name and not name.startswith("file://"):
