@@ -262,7 +262,7 @@ def _read_urdf(
         _collide_by_hulls(builder)
         filter_neighbors(builder)
         if start is not None and builder.joint_type[0] == newton.JointType.FREE:
-            builder.joint_q[:7] = [*start[0], *wp.quat_rpy(*start[1])]
+            builder.joint_q[:7] = [*start[0], *np.array(wp.quat_rpy(*start[1]))]
         # Newton's importer leaves all links at the origin.
         place(builder)
         bad = [f"{path.name} goes on without {name}: it {why}" for name, why in unreadable.items()]
