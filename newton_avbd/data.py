@@ -474,6 +474,11 @@ class AxisPush:
     first: int
     """First of the laws in :attr:`ControlInput.ranged` that go with the latter, and how many."""
     count: int
+    jump: float
+    """By how much these laws changed at the start of the step [N or N m]."""
+    resisted: float
+    """What they resisted motion with before that, and now, by h^2 [kg or kg m^2]."""
+    resists: float
 
 
 @wp.struct

@@ -160,6 +160,43 @@ def test_a_force_range_leaves_the_drives_of_other_axes() -> None:
     assert q == pytest.approx(0.3, abs=1.0e-5)
 
 
+def test_actuators_with_ranges_of_their_own_act_in_full_in_their_step() -> None:
+    """A position and a velocity actuator of a hinge, whose targets jump in each step.
+
+    Against I q'' = clip(kp (u - q)) + clip(kv (u - q')), integrated in 200 parts of a step; both
+    are at the ends of their ranges for a part of the time.
+    """
+    h, targets = 1.0 / 240.0, np.random.default_rng(0).uniform(-1.0, 1.0, 240)
+    model = scene(
+        '<position joint="hinge" kp="20" forcerange="-9 9"/>'
+        '<velocity joint="hinge" kv="2" forcerange="-1 1"/>'
+    )
+    q, v, path = 0.0, 0.0, []
+    for u in targets:
+        for _ in range(200):  # the midpoint rule
+            part = h / 200.0
+            middle = q + 0.5 * part * v, v + 0.5 * part * two_forces(u, q, v) / INERTIA
+            q += part * middle[1]
+            v += part * two_forces(u, *middle) / INERTIA
+        path.append(q)
+    off = {}
+    for scheme in ("generalized_alpha", "euler"):
+        solver = SolverAVBD(model, update_joint_state=True, scheme=scheme)
+        state, control, places = model.state(), model.control(), []
+        newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+        for u in targets:
+            control.mujoco.ctrl.fill_(u)
+            solver.step(state, state, control, None, h)
+            places.append(state.joint_q.numpy()[0])
+        off[scheme] = np.abs(np.array(places) - path).max()
+    assert off["generalized_alpha"] < 0.05 * off["euler"]
+
+
+def two_forces(u: float, q: float, v: float) -> float:
+    """Of both actuators [N m]."""
+    return np.clip(20.0 * (u - q), -9.0, 9.0) + np.clip(2.0 * (u - v), -1.0, 1.0)
+
+
 @pytest.mark.parametrize(("load", "gives"), [(0.6, 0.0), (0.9, 0.2)])
 def test_two_stiff_servos_hold_what_both_force_ranges_allow(load: float, gives: float) -> None:
     """Ranges of 0.5 and 0.2 N m share an axis; beyond both it gives way to the rest."""

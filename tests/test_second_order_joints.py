@@ -244,14 +244,14 @@ def test_forces_that_change_each_step_act_in_full_in_their_step(settings: dict[s
 
 
 @pytest.mark.parametrize("limit", [None, 1.0e4])
-@pytest.mark.parametrize(("ke", "kd", "share"), [(10.0, 1.0, 0.04), (1.0e3, 40.0, 0.25)])
+@pytest.mark.parametrize(("ke", "kd", "share"), [(10.0, 1.0, 0.04), (1.0e3, 40.0, 0.05)])
 def test_targets_that_jump_act_in_full_in_their_step(
     limit: float | None, ke: float, kd: float, share: float
 ) -> None:
     """A slider whose drive gets a random target each step, against the matrix exponential.
 
-    Soft drives are 35 times closer than by backward Euler, those of an eighth of a step's inertia
-    still 5 times.
+    Drives are 30 to 35 times closer than by backward Euler, soft ones and those of an eighth of a
+    step's inertia.
     """
     random, h, mass = np.random.default_rng(0), 1.0 / 240.0, 2.0
     targets = random.uniform(-1.0, 1.0, 240)

@@ -26,7 +26,7 @@ from ..rows.actuator import (
     law_in_step,
     own_damping,
 )
-from ..rows.axis import NO_DRIVE, POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE
+from ..rows.axis import NO_DRIVE, POSITION_MODE, POSITION_VELOCITY_MODE, VELOCITY_MODE, ranged
 from ..rows.joint import NO_LIMIT
 from ..rows.path import JOINT, PULLEY, ZERO, double, find_path
 from .body_actuators import pushed_by, velocity_at
@@ -357,6 +357,7 @@ def push_axis(
     if joint_q.shape[0] > 0:
         q = joint_q[work.coordinate[i]]
         qd = joint_qd[dof]
+    last, stiffness_last = ranged(control, dof, wp.float64(q), h * qd, h)
     at = ref[dof]
     has_effort = has_limits and joints.effort_limit[dof] < NO_LIMIT
     limited = int(0)
@@ -431,6 +432,11 @@ def push_axis(
     push.force -= transmitted
     push.drive += transmitted
     control.pushes[dof] = push
+    if push.count > 0:
+        now, stiffness_now = ranged(control, dof, wp.float64(q), h * qd, h)
+        control.pushes[dof].jump = now - last
+        control.pushes[dof].resisted = h * h * stiffness_last
+        control.pushes[dof].resists = h * h * stiffness_now
     beside[dof] = apart
 
 

@@ -116,6 +116,24 @@ def end_axis(
 
 
 @wp.func
+def caught_up(share: float, scale: WorldScale) -> float:
+    """Share of the impulse of a force that has just changed which a step has to make up for.
+
+    Against a resistance of m = d h/I the force takes an axis to (1 - exp(-m))/m of the velocity
+    that it would give without. A step of second order, with 1 + m H/h in the denominator, comes to
+    the same with this share; a stiff spring, with m = k H h/I, to its target.
+
+    Args:
+        share: Of the inertia in what resists along the axis, 1/(1 + m H/h).
+        scale: Of the step.
+    """
+    part = scale.step / scale.h
+    m = (1.0 / share - 1.0) / part
+    reached = wp.where(m < 0.01, 1.0 - 0.5 * m, (1.0 - wp.exp(-m)) / m)
+    return wp.min((reached * (1.0 + part * m) - part) / (1.0 - part), 1.0)
+
+
+@wp.func
 def step_ahead(change: float, ahead: wp.vec2, share: float, scale: WorldScale) -> wp.vec2:
     """How much more than a force that has just changed a step counts, and the slope of that.
 
@@ -137,7 +155,7 @@ def step_ahead(change: float, ahead: wp.vec2, share: float, scale: WorldScale) -
     rate = ahead[0] - change
     slope = ahead[1] - change
     led = lead(scale, rate, slope)
-    now = -share * led / scale.step
+    now = -caught_up(share, scale) * led / scale.step
     return wp.vec2(now, next_slope(scale, led + scale.step * now, slope))
 
 
@@ -169,8 +187,7 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
     """Device functions: what a controller pushes along the axes of a joint, in second order.
 
     That is ``joint_f``, what actuators push with whatever the motion is, and the targets of drives,
-    within their limits. (Of actuators that share an axis, and have force ranges of their own, it is
-    nothing.)
+    within their limits.
     """
     acts_within = effects.drives or (effects.pushed_axes and effects.effort_limits)
 
@@ -202,8 +219,12 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
                 s.history.input[dof].bound_push = push.drive
                 least = wp.max(least, push.least)
                 most = wp.min(most, push.most)
-                if push.count > 0:
-                    return 0.0
+                if wp.static(effects.force_ranges):
+                    change += push.jump
+                    resists += push.resists
+                    if last.share > 0.0:
+                        more = last.mobility * (push.resists - push.resisted)
+                        last.share = 1.0 / wp.max(1.0 / last.share + more, 1.0)
             bound = change_within(last, change, least, most, resists)
             change = bound[0]
             s.history.input[dof].share = bound[1]
