@@ -474,10 +474,10 @@ class AxisPush:
     first: int
     """First of the laws in :attr:`ControlInput.ranged` that go with the latter, and how many."""
     count: int
-    jump: float
-    """By how much these laws changed at the start of the step [N or N m]."""
+    level: float
+    """Sum of all that these laws have changed by at the starts of steps [N or N m]."""
     resisted: float
-    """What they resisted motion with before that, and now, by h^2 [kg or kg m^2]."""
+    """What they resisted motion with in the last step, and now, by h^2 [kg or kg m^2]."""
     resists: float
 
 

@@ -160,6 +160,12 @@ def test_a_force_range_leaves_the_drives_of_other_axes() -> None:
     assert q == pytest.approx(0.3, abs=1.0e-5)
 
 
+TWO_RANGES = (
+    '<position joint="hinge" kp="20" forcerange="-9 9"/>'
+    '<velocity joint="hinge" kv="2" forcerange="-1 1"/>'
+)
+
+
 def test_actuators_with_ranges_of_their_own_act_in_full_in_their_step() -> None:
     """A position and a velocity actuator of a hinge, whose targets jump in each step.
 
@@ -167,10 +173,7 @@ def test_actuators_with_ranges_of_their_own_act_in_full_in_their_step() -> None:
     are at the ends of their ranges for a part of the time.
     """
     h, targets = 1.0 / 240.0, np.random.default_rng(0).uniform(-1.0, 1.0, 240)
-    model = scene(
-        '<position joint="hinge" kp="20" forcerange="-9 9"/>'
-        '<velocity joint="hinge" kv="2" forcerange="-1 1"/>'
-    )
+    model = scene(TWO_RANGES)
     q, v, path = 0.0, 0.0, []
     for u in targets:
         for _ in range(200):  # the midpoint rule
@@ -195,6 +198,29 @@ def test_actuators_with_ranges_of_their_own_act_in_full_in_their_step() -> None:
 def two_forces(u: float, q: float, v: float) -> float:
     """Of both actuators [N m]."""
     return np.clip(20.0 * (u - q), -9.0, 9.0) + np.clip(2.0 * (u - v), -1.0, 1.0)
+
+
+def test_a_checkpoint_and_a_changed_model_keep_what_ranged_actuators_pushed_with() -> None:
+    """Where targets have jumped, the next steps are the same bits, with another solver or not."""
+    model = scene(TWO_RANGES)
+
+    def go_on(solver: SolverAVBD, state: newton.State, targets: list[float]) -> NDArray[np.float32]:
+        control = model.control()
+        for target in targets:
+            control.mujoco.ctrl.fill_(target)
+            solver.step(state, state, control, None, DT)
+        return state.joint_q.numpy()
+
+    solver = SolverAVBD(model, update_joint_state=True)
+    state, copy = model.state(), model.state()
+    newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+    go_on(solver, state, [0.3, -0.8, 0.1, 0.9])
+    copy.assign(state)
+    other = SolverAVBD(model, update_joint_state=True)
+    other.restore(solver.checkpoint())
+    other.notify_model_changed(newton.ModelFlags.ALL)
+    last = [-0.7, 0.2, 0.6]
+    np.testing.assert_array_equal(go_on(other, copy, last), go_on(solver, state, last))
 
 
 @pytest.mark.parametrize(("load", "gives"), [(0.6, 0.0), (0.9, 0.2)])

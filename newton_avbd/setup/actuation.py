@@ -114,6 +114,8 @@ class Actuation:
             self._make_reading(armature, [drive.dof for drive in drives])
             count = self.axes.rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
+            if before is not None and before.pushes.size == self.pushes.size > 0:
+                self._keep_ranged(before)
             servos = found.servos(model) if "servos" in wanted else {}
             self._make_bodies(bodies, servos, solved, wanted)
             if before is not None and before._keeps_servos and self._keeps_servos:
@@ -267,6 +269,9 @@ class Actuation:
             yield "actuators.motor", self.law.motor
         if self._keeps_servos:
             yield "actuators.servos", self.servos.input
+        if self.ranged.size > 0:
+            yield "actuators.pushes", self.pushes
+            yield "actuators.ranged", self.ranged
         if self.tendons.row is not None:
             for name in KEPT:
                 if getattr(self.tendons, name).size:
@@ -342,6 +347,17 @@ class Actuation:
         self._joint_qd = wp.zeros(measures * model.joint_dof_count, dtype=float)
         if self._is_measured:
             self._all_joints = AllJoints(model)
+
+    def _keep_ranged(self, before: "Actuation") -> None:
+        """Goes on from the laws of the last step, if the same actuators push the same axes."""
+        lists = ((a.dof, a.rows, a.kind) for a in (self.axes, before.axes))
+        same = all(np.array_equal(a.numpy(), b.numpy()) for a, b in zip(*lists, strict=True))
+        if same and self.ranged.size == before.ranged.size:
+            self.pushes, self.ranged = before.pushes, before.ranged
+        else:
+            pushes = self.pushes.numpy()
+            pushes["level"] = before.pushes.numpy()["level"]
+            self.pushes.assign(pushes)
 
     def _make_reading(self, armature: np.ndarray, driven: list[int]) -> None:
         """Arrays for what a step reads of axes that actuators change.

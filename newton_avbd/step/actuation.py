@@ -357,6 +357,7 @@ def push_axis(
     if joint_q.shape[0] > 0:
         q = joint_q[work.coordinate[i]]
         qd = joint_qd[dof]
+    before = control.pushes[dof]
     last, stiffness_last = ranged(control, dof, wp.float64(q), h * qd, h)
     at = ref[dof]
     has_effort = has_limits and joints.effort_limit[dof] < NO_LIMIT
@@ -431,10 +432,11 @@ def push_axis(
     # it pushes the links, past the limit, which bounds the sum
     push.force -= transmitted
     push.drive += transmitted
+    push.level = before.level
     control.pushes[dof] = push
-    if push.count > 0:
+    if push.count > 0 and before.count > 0:
         now, stiffness_now = ranged(control, dof, wp.float64(q), h * qd, h)
-        control.pushes[dof].jump = now - last
+        control.pushes[dof].level = before.level + (now - last)
         control.pushes[dof].resisted = h * h * stiffness_last
         control.pushes[dof].resists = h * h * stiffness_now
     beside[dof] = apart

@@ -214,15 +214,15 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
             least = -most
             if wp.static(effects.pushed_axes):
                 push = step.control.pushes[dof]
-                change += push.drive - last.bound_push
+                bound_push = push.drive + push.level
+                change += bound_push - last.bound_push
                 resists += scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
-                s.history.input[dof].bound_push = push.drive
+                s.history.input[dof].bound_push = bound_push
                 least = wp.max(least, push.least)
                 most = wp.min(most, push.most)
                 if wp.static(effects.force_ranges):
-                    change += push.jump
                     resists += push.resists
-                    if last.share > 0.0:
+                    if last.share > 0.0 and change != 0.0:
                         more = last.mobility * (push.resists - push.resisted)
                         last.share = 1.0 / wp.max(1.0 / last.share + more, 1.0)
             bound = change_within(last, change, least, most, resists)
