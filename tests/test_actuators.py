@@ -223,6 +223,22 @@ def test_a_checkpoint_and_a_changed_model_keep_what_ranged_actuators_pushed_with
     np.testing.assert_array_equal(go_on(other, copy, last), go_on(solver, state, last))
 
 
+def test_ranged_actuators_go_on_after_a_control_that_is_not_finite() -> None:
+    """It holds its world for that step. A second later all moves as if it had not been."""
+    model, ends = scene(TWO_RANGES), []
+    for bad in (0.5, np.nan):
+        solver = SolverAVBD(model, update_joint_state=True)
+        state, control = model.state(), model.control()
+        newton.eval_fk(model, model.joint_q, model.joint_qd, state)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            for target in [0.5, bad, *[0.5] * 5000]:
+                control.mujoco.ctrl.fill_(target)
+                solver.step(state, state, control, None, DT)
+        ends.append(state.joint_q.numpy()[0])
+    assert ends[1] == pytest.approx(ends[0], abs=1.0e-3)
+
+
 @pytest.mark.parametrize(("load", "gives"), [(0.6, 0.0), (0.9, 0.2)])
 def test_two_stiff_servos_hold_what_both_force_ranges_allow(load: float, gives: float) -> None:
     """Ranges of 0.5 and 0.2 N m share an axis; beyond both it gives way to the rest."""

@@ -436,7 +436,8 @@ def push_axis(
     control.pushes[dof] = push
     if push.count > 0 and before.count > 0:
         now, stiffness_now = ranged(control, dof, wp.float64(q), h * qd, h)
-        control.pushes[dof].level = before.level + (now - last)
+        if wp.isfinite(now - last):  # as where no control was, and a range has one end only
+            control.pushes[dof].level = before.level + (now - last)
         control.pushes[dof].resisted = h * h * stiffness_last
         control.pushes[dof].resists = h * h * stiffness_now
     beside[dof] = apart
