@@ -98,20 +98,19 @@ def test_a_missing_mesh_is_named_and_the_rest_is_read(workspace, mesh, remedy):
     assert builder.shape_type == [newton.GeoType.SPHERE]
 
 
-def test_a_mesh_without_triangles_is_named_and_the_rest_is_read(workspace):
-    path = write(workspace, "package://bot/meshes/part.obj")
-    (workspace / "share" / "bot" / "meshes" / "part.obj").write_text("v 0 0 0\n")
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("part.obj", "v 0 0 0\n", "it "),  # without triangles
+        # no XML: its reader fails with a message that does not name the file
+        ("part.dae", "<COLLADA><a></COLLADA>", "it cannot be loaded: "),
+    ],
+)
+def test_a_mesh_that_cannot_be_read_is_named_and_the_rest_is_read(workspace, name, content, reason):
+    path = write(workspace, f"package://bot/meshes/{name}")
+    (workspace / "share" / "bot" / "meshes" / name).write_text(content)
     builder, (note,) = read_asset(path, "avbd", floating=True)
-    assert "part.obj: it " in note
-    assert builder.shape_type == [newton.GeoType.SPHERE]
-
-
-def test_a_mesh_that_its_reader_fails_on_is_named_and_the_rest_is_read(workspace):
-    """As a COLLADA file that is no XML; the reader's message does not name the file."""
-    path = write(workspace, "package://bot/meshes/part.dae")
-    (workspace / "share" / "bot" / "meshes" / "part.dae").write_text("<COLLADA><a></COLLADA>")
-    builder, (note,) = read_asset(path, "avbd", floating=True)
-    assert "part.dae: it cannot be loaded: " in note
+    assert f"{name}: {reason}" in note
     assert builder.shape_type == [newton.GeoType.SPHERE]
 
 
