@@ -128,6 +128,37 @@ def test_a_foot_stops_a_load_of_a_hundred_thousand_times_its_mass(kind: str) -> 
     assert sim.penetration < 1.0e-6
 
 
+@pytest.mark.parametrize("moment", [1.0e-6, 1.0e-5, 0.1])
+def test_what_joints_carry_lands_on_a_link_without_a_moment_of_inertia(moment: float) -> None:
+    """10 kg with the moment that files have for a placeholder, under a mast of 5 kg, at 1 m/s.
+
+    A ball beside its center of mass touches the ground first. The hinge between the two is upright,
+    so they turn as one, by the impulse v/(1/M + d^2/I), and the ball stops within the step.
+    """
+    beside, up, radius, speed = 0.2, 0.4, 0.05, 1.0
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    add_ground(builder)
+    base = add_link(builder, mass=10.0, inertia=moment * np.eye(3), xform=transform((0, 0, radius)))
+    own = np.diag([0.03, 0.05, 0.04])  # nothing turns the base about the hinge
+    mast = add_link(builder, mass=5.0, inertia=own, xform=transform((0, 0, radius + up)))
+    for body in (base, mast):
+        builder.body_qd[body] = (0.0, 0.0, -speed, 0.0, 0.0, 0.0)
+    ends = {"child_xform": transform((0, 0, -up)), "axis": (0.0, 0.0, 1.0)}
+    joints = [builder.add_joint_free(base), builder.add_joint_revolute(base, mast, **ends)]
+    builder.add_articulation(joints)
+    surfaces = surface(density=0.0, mu=0.0)
+    builder.add_shape_sphere(base, xform=transform((beside, 0, 0)), radius=radius, cfg=surfaces)
+    sim = Simulation(builder)
+    assert sim.solver.effects.flags.light_links == (moment < 0.01)
+    sim.step()
+    above = 5.0 * up / 15.0
+    about = 0.05 + moment + 10.0 * above**2 + 5.0 * (up - above) ** 2
+    impulse = speed / (1.0 / 15.0 + beside**2 / about)
+    spin = -beside * impulse / about
+    np.testing.assert_allclose(sim.velocity[:2, 3:], [[0, spin, 0]] * 2, atol=1.0e-2)
+    assert sim.velocity[base, 2] == pytest.approx(beside * spin, abs=1.0e-3)
+
+
 def test_only_light_links_are_looked_after() -> None:
     """A foot of a hundredth of the load is none: its contacts are as they are without a load."""
     assert standing("ball", load=1000.0)[0].solver.effects.flags.light_links

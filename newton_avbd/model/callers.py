@@ -25,7 +25,8 @@ NEEDLE = 2.0e-3
 """Least moment of a needle, as a share of the sum: of a rod 19 times as long as thick."""
 
 LIGHT_LINK = 5.0e-3
-"""Share of the mass that moves with it below which a link counts as light."""
+"""Share of the mass that moves with it below which a link counts as light. So does one whose moment
+of inertia is below this share of what its mass would have at the surface of its shapes."""
 
 
 def find_callers(
@@ -401,9 +402,11 @@ def _needles(model: newton.Model, topology: Topology) -> np.ndarray:
 
 
 def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
-    """Bodies with shapes that collide, in trees of so many times their mass.
+    """Bodies with shapes that collide, in trees of so many times their mass, or with next to no
+    moment of inertia for their size.
 
-    What a tree hangs on counts as much as the tree.
+    What a tree hangs on counts as much as the tree. Placeholders of files are such moments: 1e-6
+    kg m^2, or zero, which the importer raises to as little.
     """
     hung = topology.joint >= 0
     shapes = _colliding(model)
@@ -416,8 +419,12 @@ def _light_links(model: newton.Model, topology: Topology) -> np.ndarray:
     whole = np.bincount(block, mass)
     whole *= np.where(np.bincount(block, hung & is_held) > 0, 2.0, 1.0)
     is_tree = np.bincount(block, hung) > 0
-    touches = np.isin(np.arange(mass.size), model.shape_body.numpy()[shapes])
-    is_light = LIGHT_LINK * whole[block] > mass
+    body_of, radius = model.shape_body.numpy()[shapes], model.shape_collision_radius.numpy()[shapes]
+    size = np.zeros(mass.size)
+    np.maximum.at(size, body_of[body_of >= 0], radius[body_of >= 0])
+    moment = 0.5 * np.trace(model.body_inertia.numpy(), axis1=1, axis2=2)
+    is_light = (LIGHT_LINK * whole[block] > mass) | (LIGHT_LINK * mass * size**2 > moment)
+    touches = np.isin(np.arange(mass.size), body_of)
     return np.flatnonzero(is_tree[block] & touches & moves & is_light)
 
 

@@ -540,7 +540,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
                 if wp.static(effects.light_links):
                     # A contact that stays open between links that move at once holds nothing.
                     if contact_rows.may_push(row, u) or not is_same_block(s.worlds, body, row.b):
-                        held = wp.max(held, mass_to_stop(row, s))
+                        held = wp.max(held, mass_to_stop(row, span, s))
                 if wp.static(effects.joints):
                     # a tree takes what it carries into account itself: no sweep tells of that
                     if s.work.inv_mass[row.b] == 0.0 and s.tree.joint[body] >= 0:

@@ -36,10 +36,11 @@ def mass_along(slot: int, normal: wp.vec3, s: wp.ref[Solver]) -> float:
 
 
 @wp.func
-def mass_to_stop(row: ContactRow, s: wp.ref[Solver]) -> float:
+def mass_to_stop(row: ContactRow, span: wp.vec3, s: wp.ref[Solver]) -> float:
     """Mass by which a row is to be as stiff as what light links carry needs it [kg].
 
-    Zero where neither of its bodies is a light link along its normal.
+    Zero where neither of its bodies is a light link along its normal, by its mass or by its inertia.
+    The span leads from the COM of b to that of a [m].
     """
     inverse = float(0.0)
     is_light = bool(False)
@@ -48,7 +49,9 @@ def mass_to_stop(row: ContactRow, s: wp.ref[Solver]) -> float:
         if s.work.inv_mass[slot] > 0.0:
             mass = mass_along(slot, row.normal, s)
             inverse += 1.0 / mass
-            is_light = is_light or wp.static(LIGHT_LINK) * mass * s.work.inv_mass[slot] > 1.0
+            lever = wp.cross(wp.where(side == 0, row.arm, row.arm + span), row.normal)
+            inv_own = s.work.inv_mass[slot] + wp.dot(lever, s.work.inv_inertia[slot] * lever)
+            is_light = is_light or wp.static(LIGHT_LINK) * mass * inv_own > 1.0
     if is_light:
         return LINK_WEIGHT / inverse
     return 0.0
