@@ -124,8 +124,8 @@ CAUSES: dict[str, Cause] = {
     ),
     "light_links": Cause(
         "body",
-        "with shapes, and less than 1/200 of the mass that joints put behind the contacts, or of the "
-        "moment that fits the shapes",
+        "with shapes, and less than 1/200 of the mass that joints put behind the contacts, or of "
+        "the moment that fits the shapes",
         "step/weights.py",
     ),
     "reaction": Cause(

@@ -294,6 +294,25 @@ def test_a_robot_of_which_only_the_top_collides_starts_above_its_ground() -> Non
         assert fall.failures() == []
 
 
+def test_falls_start_where_joints_that_mimic_others_are_within_their_limits() -> None:
+    """The tip of a thumb goes twice as far as its joint, and stops at 0.8; a nail follows it."""
+    builder, parent, joints = newton.ModelBuilder(), WORLD, []
+    for upper, mimics, factor in ((0.6, -1, 1.0), (0.8, 0, 2.0), (0.5, 1, -1.0)):
+        link = add_link(builder)
+        lower = -0.5 if mimics == 1 else -0.1
+        joint = builder.add_joint_revolute(parent, link, limit_lower=lower, limit_upper=upper)
+        joints.append(joint)
+        if mimics >= 0:
+            builder.joint_mimic_joint[joint] = joints[mimics]
+            builder.joint_mimic_coeffs[joint] = (0.0, factor)
+        parent = link
+    builder.add_articulation(joints)
+    turned = [start.joint_q for start in starts(bare(builder), ("fallen",), range(20))]
+    assert np.all(np.array(turned) >= [-0.05, -0.1, -0.5])
+    assert np.all(np.array(turned) <= [0.25, 0.5, 0.1])
+    assert np.ptp(np.array(turned)[:, 0]) > 0.2
+
+
 @pytest.mark.parametrize(("given", "is_bounded"), [(8.4, False), (0.5, True)])
 def test_what_springs_give_makes_bodies_faster_than_all_was(given: float, is_bounded: bool) -> None:
     """A world at rest is let go by a spring: a body is faster than any was, and may be.

@@ -31,6 +31,10 @@ ENGINES = ("avbd", "mujoco")
 CONTROLS = 2048
 """Controls of all environments between two updates of the policy, PPO's default for one."""
 
+DISCOUNT = 0.995
+"""Of rewards, by control: it looks 1.6 s ahead. With PPO's default of 0.99, which looks 0.8 s
+ahead, two of six hoppers learned to stand or to leap once."""
+
 EPISODES = 10
 """In which a policy is tried at the end."""
 
@@ -139,6 +143,7 @@ def main() -> None:
         envs,
         n_steps=CONTROLS // args.worlds,
         learning_rate=lambda left: 3.0e-4 * max(left, SLOWEST),
+        gamma=DISCOUNT,
         seed=args.seed,
         device="cpu",
     )

@@ -78,9 +78,8 @@ def massless_root(root: ElementTree.Element) -> str | None:
     takes a base of mass zero for fixed. A link by itself stays where its user puts it.
     """
     joints = [(joint.get("type") == "fixed", *_ends(joint)) for joint in root.findall("joint")]
-    children = {child for _, _, child in joints}
     links = {str(link.get("name")): link for link in root.findall("link")}
-    first = next(name for name in links if name not in children)
+    first = str(_root_link(root).get("name"))
     of_root = {first}
     for _ in joints:
         of_root |= {child for fixed, parent, child in joints if fixed and parent in of_root}
@@ -99,8 +98,7 @@ def take_empty_root(root: ElementTree.Element) -> tuple[list[float], list[float]
     hanging: dict[str, list[ElementTree.Element]] = {}
     for joint in root.findall("joint"):
         hanging.setdefault(_ends(joint)[0], []).append(joint)
-    children = {_ends(joint)[1] for joint in root.findall("joint")}
-    first = next(link for link in root.findall("link") if link.get("name") not in children)
+    first = _root_link(root)
     joints = hanging.get(str(first.get("name")), [])
     holds = any(first.find(what) is not None for what in ("inertial", "collision", "visual"))
     if holds or [joint.get("type") for joint in joints] != ["floating"]:
@@ -278,6 +276,12 @@ def _check_tree(root: ElementTree.Element) -> None:
             f"{len(roots)} links hang on nothing, {', '.join(map(repr, roots[:4]))}: "
             "connect them by joints, or put them into files of their own"
         )
+
+
+def _root_link(root: ElementTree.Element) -> ElementTree.Element:
+    """The first link that hangs on no other."""
+    children = {_ends(joint)[1] for joint in root.findall("joint")}
+    return next(link for link in root.findall("link") if link.get("name") not in children)
 
 
 def _ends(joint: ElementTree.Element) -> tuple[str, str]:

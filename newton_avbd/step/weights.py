@@ -39,8 +39,8 @@ def mass_along(slot: int, normal: wp.vec3, s: wp.ref[Solver]) -> float:
 def mass_to_stop(row: ContactRow, span: wp.vec3, s: wp.ref[Solver]) -> float:
     """Mass by which a row is to be as stiff as what light links carry needs it [kg].
 
-    Zero where neither of its bodies is a light link along its normal, by its mass or by its inertia.
-    The span leads from the COM of b to that of a [m].
+    Zero where neither of its bodies is a light link along its normal, by its mass or where the
+    contact would turn it. The span leads from the COM of b to that of a [m].
     """
     inverse = float(0.0)
     is_light = bool(False)

@@ -173,6 +173,7 @@ def _pose(
 ) -> Array:
     """Random joint coordinates in which no two shapes overlap; puts them into ``state``."""
     first = np.array(builder.joint_q)
+    lower, upper = _ranges(builder)
     turn = _random_turn(rng)
     for attempt in range(TRIES):
         share = reach * (1.0 - attempt / (TRIES - 1))
@@ -188,9 +189,7 @@ def _pose(
                 q[at + 3 : at + 7] = _product(turn, first[at + 3 : at + 7])
             elif kind not in (*_LOOSE, newton.JointType.ROD):
                 for i, dof in enumerate(dofs_of(builder, joint)):
-                    widest = 1.0 if i < builder.joint_dof_dim[joint][0] else np.pi
-                    low = max(builder.joint_limit_lower[dof], -widest)
-                    high = min(builder.joint_limit_upper[dof], widest)
+                    low, high = lower[dof], upper[dof]
                     if low < high:
                         q[at + i] += share * (rng.uniform(low, high) - q[at + i])
         _follow(builder, q, builder.joint_q_start, offset=True)
@@ -200,6 +199,22 @@ def _pose(
         if np.min(gaps, initial=0.0) > -DEPTH:
             break
     return q
+
+
+def _ranges(builder: newton.ModelBuilder) -> tuple[Array, Array]:
+    """Lower and upper ends of what joints are moved to, where joints that mimic them can follow."""
+    lower, upper = np.array(builder.joint_limit_lower), np.array(builder.joint_limit_upper)
+    for joint, (linear, _angular) in enumerate(builder.joint_dof_dim):
+        for i, dof in enumerate(dofs_of(builder, joint)):
+            widest = 1.0 if i < linear else np.pi
+            lower[dof], upper[dof] = max(lower[dof], -widest), min(upper[dof], widest)
+    for joint, leader in reversed(list(enumerate(builder.joint_mimic_joint))):
+        constant, factor = builder.joint_mimic_coeffs[joint] if leader >= 0 else (0.0, 0.0)
+        if factor != 0.0:
+            for led, of in zip(dofs_of(builder, joint), dofs_of(builder, leader), strict=False):
+                ends = sorted((end - constant) / factor for end in (lower[led], upper[led]))
+                lower[of], upper[of] = max(lower[of], ends[0]), min(upper[of], ends[1])
+    return lower, upper
 
 
 def _follow(builder: newton.ModelBuilder, values: Array, at: list[int], *, offset: bool) -> None:
