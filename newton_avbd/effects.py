@@ -570,6 +570,16 @@ class Effects:
         return (self.contact or self.joints) and not self.ramp
 
     @property
+    def bracing(self) -> bool:
+        """Whether contacts may brace links of a tree against each other."""
+        return self.joints and self.pairs and not self.ramp
+
+    @property
+    def gaining(self) -> bool:
+        """Whether bodies may gain energy in steps that have settled."""
+        return self.kinds.gimbals or self.bracing
+
+    @property
     def folding(self) -> bool:
         """Whether trees with closed loops may fold either way."""
         return self.loops and self.closures

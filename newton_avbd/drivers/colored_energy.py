@@ -81,7 +81,7 @@ def make_colored_energy(
         energy: What they call; islands are joined by many threads at once.
         kernel: The decorator.
     """
-    is_body_led, is_astray = energy.is_body_led, energy.is_astray
+    may_body_gain, is_astray = energy.may_body_gain, energy.is_astray
     begin_balance = energy.begin_balance
     join_joints, join_tendons = energy.join_joints, energy.join_tendons
     join_cluster = energy.join_cluster
@@ -90,17 +90,17 @@ def make_colored_energy(
 
     @kernel()
     def measure_moves(s: wp.array[Solver]):
-        """The farthest move of a lane, negative where a gimbal leads; one thread a lane."""
+        """The farthest move of a lane, negative where a body may gain energy; one thread a lane."""
         lane = wp.tid()
         farthest = float(0.0)
-        is_led = bool(False)
+        gains = bool(False)
         for i in range(s[0].colors.lane_start[lane], s[0].colors.lane_start[lane + 1]):
             body = s[0].worlds.bodies[i]
             farthest = wp.max(farthest, moved_by(body, s[0].work.increment[body], s[0].work))
-            if wp.static(effects.kinds.gimbals):
-                if is_body_led(body, s[0]):
-                    is_led = True
-        s[0].colors.lane_move[lane] = wp.where(is_led, -1.0, farthest)
+            if wp.static(effects.gaining):
+                if may_body_gain(body, s[0]):
+                    gains = True
+        s[0].colors.lane_move[lane] = wp.where(gains, -1.0, farthest)
 
     @kernel()
     def find_unbalanced(s: wp.array[Solver]):

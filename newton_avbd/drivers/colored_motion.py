@@ -40,7 +40,10 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
     join_cluster, join_tendons = stages.join_cluster, stages.join_tendons
     break_blocks, break_loop = stages.breaking.break_blocks, stages.breaking.break_loop
     end_velocity, end_armature = stages.end.end_velocity, stages.end.end_armature
-    slips_otherwise, is_body_led = stages.second_order.slips_otherwise, stages.energy.is_body_led
+    slips_otherwise, may_body_gain = (
+        stages.second_order.slips_otherwise,
+        stages.energy.may_body_gain,
+    )
     release_impacts, align_block = stages.impacts.release_impacts, stages.trees.align_spins
 
     @kernel()
@@ -119,8 +122,8 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
                     s[0].colors.is_moving[world] = 1
                 if slips_otherwise(body, s[0]):
                     s[0].colors.jumps[world] = 1
-            if wp.static(effects.balanced and effects.kinds.gimbals):
-                if is_body_led(body, s[0]):
+            if wp.static(effects.balanced and effects.gaining):
+                if may_body_gain(body, s[0]):
                     s[0].colors.is_excessive[0] = 1
             if wp.static(effects.restitution):
                 if s[0].colors.has_impacts[world] == 1:

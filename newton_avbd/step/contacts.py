@@ -41,6 +41,12 @@ NOT_UNIT = wp.constant(0.1)
 """Squared length of a normal, less 1, that no detection means."""
 FAR = wp.constant(0.2)
 """An anchor that moved more than this share of its lever arm is another contact's."""
+TURNING = wp.constant(1.0e-3)
+"""Turn of a link in a step from which what two links of its tree push each other with is not as in
+the last step [rad]."""
+BRACING = wp.constant(0.2)
+"""Share of it from which such contacts start. Joints and friction brace links against each other by
+any force that the last impact left, and what rounds their turn lets that force do work."""
 
 
 @wp.func
@@ -421,6 +427,16 @@ def make_linearise_rows(effects: Effects) -> wp.Function:
     return linearise_rows
 
 
+@wp.func
+def braces_tree(row: ContactRow, s: wp.ref[Solver]) -> bool:
+    """Whether a row is between two links of one tree, and one of them turns."""
+    if not is_same_block(s.worlds, row.a, row.b):
+        return False
+    turn_a = wp.length_sq(wp.spatial_bottom(s.work.target[row.a]))
+    turn_b = wp.length_sq(wp.spatial_bottom(s.work.target[row.b]))
+    return wp.max(turn_a, turn_b) > TURNING * TURNING
+
+
 @functools.cache
 def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
     """Device functions that build the rows of a body, and give them their penalties."""
@@ -488,6 +504,9 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
             if wp.dot(row.normal, row.force) <= 0.0:
                 row.force = wp.vec3(0.0)
+            if wp.static(effects.bracing):
+                if braces_tree(row, s):
+                    row.force = BRACING * row.force
             if wp.static(effects.needles):
                 row.arm = row.arm - off_axes(row, s)
             if wp.static(not effects.ramp):

@@ -22,6 +22,7 @@ import warp as wp
 
 from ..data import Balance, IslandWork, Solver, Step, WorldScale
 from ..effects import Effects
+from ..rows.contact import is_pushing
 from ..rows.euler import make_euler
 from ..rows.joint import make_counts
 from .anchors import is_linked, parent_slot
@@ -29,6 +30,7 @@ from .balance import add_cables, add_momentum, add_tendons
 from .bodies import has_rows, moved_by
 from .body_energy import make_add_body
 from .cables import make_join
+from .contacts import braces_tree
 from .islands import HELD, begin_island, island_of, join_islands
 from .kernels import absent
 from .slowing import drop_tensions, make_slowing
@@ -60,7 +62,7 @@ def keep_start(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solve
 class GainFunctions:
     """Device functions: which worlds may gain energy in a step that has settled."""
 
-    is_body_led: wp.Function
+    may_body_gain: wp.Function
     is_astray: wp.Function
     gains_settled: wp.Function
 
@@ -88,6 +90,30 @@ def make_gains(effects: Effects) -> GainFunctions:
         return False
 
     @wp.func
+    def is_braced(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether a contact of the body pushes another link of its tree, and one of them turns.
+
+        Where joints all but forbid the two to part, any force is as good as any other, and what is
+        linear in the turn lets a large one do work.
+        """
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            row = s.rows.rows[i]
+            if is_pushing(row) and braces_tree(row, s):
+                return True
+        return False
+
+    @wp.func
+    def may_body_gain(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether a body may gain energy in a step that has settled."""
+        if wp.static(effects.bracing):
+            if is_braced(body, s):
+                return True
+        if wp.static(effects.kinds.gimbals):
+            return is_body_led(body, s)
+        else:
+            return False
+
+    @wp.func
     def is_touched(world: int, s: wp.ref[Solver]) -> bool:
         """Whether anything touches a body of a world."""
         if wp.static(effects.contact):
@@ -111,17 +137,17 @@ def make_gains(effects: Effects) -> GainFunctions:
     @wp.func
     def gains_settled(world: int, s: wp.ref[Solver]) -> bool:
         """Whether a world may gain energy in a step that has settled: where a gimbal's angles lead,
-        or sweeps went astray."""
+        links of a tree push each other as they turn, or sweeps went astray."""
         if wp.static(effects.joints):
             if is_astray(world, s):
                 return True
-        if wp.static(effects.kinds.gimbals):
+        if wp.static(effects.gaining):
             for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                if is_body_led(s.worlds.bodies[i], s):
+                if may_body_gain(s.worlds.bodies[i], s):
                     return True
         return False
 
-    return GainFunctions(is_body_led, is_astray, gains_settled)
+    return GainFunctions(may_body_gain, is_astray, gains_settled)
 
 
 @dataclass(frozen=True)
@@ -171,7 +197,7 @@ class EnergyFunctions:
     """Device functions, compiled for the effects of a scene."""
 
     bound_world: wp.Function
-    is_body_led: wp.Function
+    may_body_gain: wp.Function
     is_astray: wp.Function
     gains_settled: wp.Function
     begin_balance: wp.Function
@@ -285,7 +311,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
 
     return EnergyFunctions(
         bound_world,
-        gains.is_body_led,
+        gains.may_body_gain,
         gains.is_astray,
         gains_settled,
         begin_balance,
