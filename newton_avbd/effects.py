@@ -572,7 +572,7 @@ class Effects:
     @property
     def bracing(self) -> bool:
         """Whether contacts may brace links of a tree against each other."""
-        return self.joints and self.pairs and not self.ramp
+        return self.joints and self.pairs and not (self.compliance or self.ramp)
 
     @property
     def gaining(self) -> bool:

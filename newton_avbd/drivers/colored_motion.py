@@ -40,10 +40,8 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
     join_cluster, join_tendons = stages.join_cluster, stages.join_tendons
     break_blocks, break_loop = stages.breaking.break_blocks, stages.breaking.break_loop
     end_velocity, end_armature = stages.end.end_velocity, stages.end.end_armature
-    slips_otherwise, may_body_gain = (
-        stages.second_order.slips_otherwise,
-        stages.energy.may_body_gain,
-    )
+    slips_otherwise = stages.second_order.slips_otherwise
+    may_body_gain = stages.energy.may_body_gain
     release_impacts, align_block = stages.impacts.release_impacts, stages.trees.align_spins
 
     @kernel()
