@@ -127,12 +127,21 @@ def _enter_limits(builder: newton.ModelBuilder) -> None:
             lower, upper = builder.joint_limit_lower[dof], builder.joint_limit_upper[dof]
             if lower <= upper:
                 builder.joint_q[at] = float(np.clip(builder.joint_q[at], lower, upper))
+    follow_leaders(builder, builder.joint_q, builder.joint_q_start, offset=True)
+
+
+def follow_leaders(
+    builder: newton.ModelBuilder, values: list[float] | Array, at: list[int], *, offset: bool
+) -> None:
+    """Set coordinates or velocities of mimic joints, which start ``at``, by those of their leaders.
+
+    Coordinates with the constant ``offset``, velocities without it.
+    """
     for joint, leader in enumerate(builder.joint_mimic_joint):
         if leader >= 0:
-            offset, factor = builder.joint_mimic_coeffs[joint]
+            constant, factor = builder.joint_mimic_coeffs[joint]
             for i in range(len(dofs_of(builder, joint))):
-                at, source = builder.joint_q_start[joint] + i, builder.joint_q_start[leader] + i
-                builder.joint_q[at] = offset + factor * builder.joint_q[source]
+                values[at[joint] + i] = offset * constant + factor * values[at[leader] + i]
 
 
 def _meet_ground(builder: newton.ModelBuilder, floating: bool) -> None:

@@ -12,7 +12,7 @@ from newton_avbd.measure.overlaps import DEPTH
 from newton_avbd.measure.state import Array, Bodies, Probe
 from newton_avbd.model.rotations import rotate, transform
 from newton_avbd.scenes.finalize import finalized
-from newton_avbd.scenes.pose import dofs_of, lowest_points, stand
+from newton_avbd.scenes.pose import dofs_of, follow_leaders, lowest_points, stand
 
 DROP = 0.1
 """Height of the lowest point above the ground at the start [m]."""
@@ -119,7 +119,7 @@ def starts(builder: newton.ModelBuilder, kinds: tuple[str, ...], seeds: range) -
                 continue
             if start.spin:
                 qd = start.spin * rate * _spins(builder)
-                _follow(builder, qd, builder.joint_qd_start, offset=False)
+                follow_leaders(builder, qd, builder.joint_qd_start, offset=False)
             elif kind == "thrown":
                 qd = THROW * throw
             found.append(replace(start, joint_qd=qd.tolist()))
@@ -192,7 +192,7 @@ def _pose(
                     low, high = lower[dof], upper[dof]
                     if low < high:
                         q[at + i] += share * (rng.uniform(low, high) - q[at + i])
-        _follow(builder, q, builder.joint_q_start, offset=True)
+        follow_leaders(builder, q, builder.joint_q_start, offset=True)
         state.joint_q.assign(q.astype(np.float32))
         newton.eval_fk(probe.model, state.joint_q, state.joint_qd, state)
         gaps = probe.contacts(state)[1]
@@ -209,21 +209,13 @@ def _ranges(builder: newton.ModelBuilder) -> tuple[Array, Array]:
             widest = 1.0 if i < linear else np.pi
             lower[dof], upper[dof] = max(lower[dof], -widest), min(upper[dof], widest)
     for joint, leader in reversed(list(enumerate(builder.joint_mimic_joint))):
-        constant, factor = builder.joint_mimic_coeffs[joint] if leader >= 0 else (0.0, 0.0)
-        if factor != 0.0:
-            for led, of in zip(dofs_of(builder, joint), dofs_of(builder, leader), strict=False):
-                ends = sorted((end - constant) / factor for end in (lower[led], upper[led]))
-                lower[of], upper[of] = max(lower[of], ends[0]), min(upper[of], ends[1])
+        constant, factor = builder.joint_mimic_coeffs[joint]
+        if leader < 0 or factor == 0.0:
+            continue
+        for led, of in zip(dofs_of(builder, joint), dofs_of(builder, leader), strict=False):
+            ends = sorted((end - constant) / factor for end in (lower[led], upper[led]))
+            lower[of], upper[of] = max(lower[of], ends[0]), min(upper[of], ends[1])
     return lower, upper
-
-
-def _follow(builder: newton.ModelBuilder, values: Array, at: list[int], *, offset: bool) -> None:
-    """Set coordinates or velocities of mimic joints by those of their leaders."""
-    for joint, leader in enumerate(builder.joint_mimic_joint):
-        if leader >= 0:
-            constant, factor = builder.joint_mimic_coeffs[joint]
-            for i in range(len(dofs_of(builder, joint))):
-                values[at[joint] + i] = offset * constant + factor * values[at[leader] + i]
 
 
 def _spins(builder: newton.ModelBuilder) -> Array:
