@@ -16,8 +16,8 @@ F never grows with q and is linear in pieces. In a tree the piece of each axis i
 and stands in the matrix; an axis that then turns out to be off its piece takes the next one in the
 next sweep (a primal-dual active set: Hintermueller, Ito, Kunisch, SIAM J. Optim. 13, 2002). A drive
 takes or leaves its effort limit within the sweep: given the motion of the parent its axis has one
-equation left (:func:`free_step`). If a sweep does not lower the number of axes that are off, the
-next one goes along its update only as far as the energy falls (``least_energy`` in
+equation left (:func:`free_step`). If a sweep does not lower the number of axes that are off, those
+after it go along their update only as far as the energy falls (``least_energy`` in
 :mod:`.step.line_search`). If the number does not fall for longer, one stop or friction at a time
 takes its next piece (block principal pivoting, which always ends: Portugal, Judice, Vicente, Math.
 Comput. 63, 1994). With compliance a limit is a spring and damper instead, or where an MJCF file

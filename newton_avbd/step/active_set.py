@@ -17,7 +17,8 @@ from .bodies import body_at, nonnegative
 
 PATIENCE = wp.constant(3)
 """Sweeps that may fail to leave fewer axes on wrong pieces before one axis at a time moves on.
-After the first of them updates are searched along where something on the axes has a bound."""
+After the first of them the updates of the step are searched along where something on the axes has
+a bound."""
 
 
 def make_take_pieces(effects: Effects) -> wp.Function:
@@ -35,13 +36,17 @@ def make_take_pieces(effects: Effects) -> wp.Function:
         """
         is_stopping = bool(False)
         root = body_at(first, s.worlds)
+        patience = s.tree.patience[root]
         if not has_dual or wrong < s.tree.fewest[root]:
             s.tree.fewest[root] = wrong
-            s.tree.patience[root] = PATIENCE
+            # where updates are searched, those of the step go on to be
+            is_searched = has_dual and patience < PATIENCE
+            patience = wp.where(is_searched, PATIENCE - 1, PATIENCE)
         else:
-            s.tree.patience[root] = s.tree.patience[root] - 1
+            patience -= 1
+        s.tree.patience[root] = patience
         left = int(wrong)
-        if s.tree.patience[root] < 0:
+        if patience < 0:
             left = 1
         for i in range(first, end):
             body = body_at(i, s.worlds)

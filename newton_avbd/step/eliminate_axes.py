@@ -112,9 +112,10 @@ def make_measure_axis(effects: Effects) -> wp.Function:
         if wp.static(effects.kinds.gimbals):
             if dof == frame.linear + 2:
                 brake_at_pole(body, inv_h2, free, axis, frame, s)
+        free.pushed = ahead_along(free.index, s.history)
         if s.joints.type[frame.joint] != ROD:
-            free.pushed = step.control.joint_f[free.index]
-        axis.push += free.pushed + ahead_along(free.index, s.history)
+            free.pushed += step.control.joint_f[free.index]
+        axis.push += free.pushed
         return free
 
     @wp.func

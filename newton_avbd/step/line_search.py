@@ -17,10 +17,13 @@ from .bodies import body_at
 from .gathering import ContactLaw, is_same_block, make_block_stiffness
 from .substitute import Misplaced
 
-SEARCHES = wp.constant(8)
+SEARCHES = wp.constant(20)
 """Most guesses of the share of an update at which the energy along it is least."""
 LEVEL = wp.constant(0.1)
 """Slope there that counts as none, as a share of that at the start."""
+AXES_LEVEL = wp.constant(1.0e-2)
+"""Likewise where axes are searched: a stiff drive goes from limit to limit within a milliradian, of
+an update of a radian."""
 
 
 def make_contact_excess(effects: Effects, law: ContactLaw) -> wp.Function:
@@ -91,21 +94,29 @@ def make_least_energy(effects: Effects, law: ContactLaw) -> wp.Function:
 
     @wp.func
     def axis_excess(body: int, share: float, s: wp.ref[Solver]) -> float:
-        """What axes of a body's joint push with along its update, beyond their assumed pieces [J].
-
-        The next pieces of their laws become those at that share.
-        """
+        """What axes of a body push with along its update, beyond their assumed pieces [J]."""
         excess = float(0.0)
         if is_linked(body, s):
             joint = s.tree.joint[body]
             start = s.tree.axis_start[body]
             dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
             for k in range(start, start + dofs):
-                law = s.tree.laws[k]
                 step = s.tree.axes[k].step
-                excess += step * axis_rows.excess_force(law, step, share)
-                s.tree.laws[k].next = axis_rows.piece_before(law, share * step, share)
+                excess += step * axis_rows.excess_force(s.tree.laws[k], step, share)
         return excess
+
+    @wp.func
+    def note_pieces(first: int, end: int, share: float, s: wp.ref[Solver]):
+        """Makes the next pieces of axes those that they are on after a share of an update."""
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if is_linked(body, s):
+                joint = s.tree.joint[body]
+                start = s.tree.axis_start[body]
+                dofs = linear_count(s.joints, joint) + angular_count(s.joints, joint)
+                for k in range(start, start + dofs):
+                    step = share * s.tree.axes[k].step
+                    s.tree.laws[k].next = axis_rows.piece_before(s.tree.laws[k], step, share)
 
     @wp.func
     def least_energy(
@@ -126,6 +137,7 @@ def make_least_energy(effects: Effects, law: ContactLaw) -> wp.Function:
         share = float(1.0)
         low, high = float(0.0), float(1.0)
         slope_low, slope_high = float(-found.curvature), float(0.0)
+        level = wp.where(are_axes_searched, AXES_LEVEL, LEVEL) * found.curvature
         for search in range(SEARCHES):
             slope = (share - 1.0) * found.curvature
             if are_axes_searched:
@@ -138,10 +150,8 @@ def make_least_energy(effects: Effects, law: ContactLaw) -> wp.Function:
                 if wp.static(effects.contact):
                     if s.tree.is_touched[body] and s.work.inv_mass[body] > 0.0:
                         slope -= contact_excess(body, share, recovery, slop, s)
-            if search == 0 and slope <= 0.0:
-                return 1.0
-            if wp.abs(slope) < LEVEL * found.curvature and not are_axes_searched:
-                return share
+            if (search == 0 and slope <= 0.0) or wp.abs(slope) < level:
+                break
             # the slope jumps where axes have friction: halves; else false position, and what stays
             # twice counts half (Illinois)
             if slope <= 0.0:
@@ -156,6 +166,9 @@ def make_least_energy(effects: Effects, law: ContactLaw) -> wp.Function:
             share = 0.5 * (low + high)
             if not are_axes_searched:
                 share = low + (high - low) * slope_low / (slope_low - slope_high)
+        if wp.static(effects.bounded_axes):
+            if are_axes_searched:
+                note_pieces(first, end, share, s)
         return share
 
     return least_energy

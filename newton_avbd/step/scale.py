@@ -177,18 +177,18 @@ def most_rounds(effects: Effects) -> int:
 def is_struck(sweeps: int, update: float, scale: WorldScale) -> bool:
     """Whether the last sweep's update, squared [m^2], says that impacts go on in a world.
 
-    A first sweep moves whatever is to move, and says nothing about that. Nor does one in which only
-    forces met their bounds, whose update is infinite.
+    A first sweep moves whatever is to move, and says nothing about that. After one in which forces
+    met their bounds, whose update is infinite, a drive may still push by more than its limit.
     """
     struck = wp.max(impact_of(scale), settled_update(scale))
-    return sweeps > 1 and update > struck * struck and wp.isfinite(update)
+    return sweeps > 1 and update > struck * struck
 
 
 @wp.func
 def stiffens(update: float, scale: WorldScale) -> bool:
     """Whether impacts that go on meet stiffer contacts, by the last update, squared [m^2]."""
     much = STIFFENING * impact_of(scale)
-    return update > much * much
+    return update > much * much and wp.isfinite(update)
 
 
 @wp.func

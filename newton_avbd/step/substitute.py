@@ -7,7 +7,7 @@ import warp as wp
 from ..algebra.block import other_half
 from ..blocks import tree as algebra
 from ..blocks.closure import find_multipliers, rows_push
-from ..data import Solver, TreeAxis
+from ..data import AxisLaw, Solver, TreeAxis
 from ..effects import Effects
 from ..rows import axis as axis_rows
 from ..rows.joint import make_counts
@@ -32,6 +32,16 @@ def make_step_of_axis(effects: Effects) -> wp.Function:
     """Device function: how far an axis moves, as its law has it."""
     axes = make_axis(effects)
     next_piece, compliant_limit = axes.next_piece, axes.compliant_limit
+
+    @wp.func
+    def goes_on(law: AxisLaw, step: float, inv_pivot: float) -> bool:
+        """Whether a drive takes an axis on beyond the point where friction reverses, against it.
+
+        Takes the step on the assumed piece [m or rad], and the inverse of its pivot.
+        """
+        slip = float(law.piece[2])
+        step = axis_rows.free_step(law, step - 2.0 * slip * law.friction * inv_pivot, inv_pivot)
+        return slip * (step - law.hold) > 0.0
 
     @wp.func
     def step_within_law(
@@ -65,10 +75,15 @@ def make_step_of_axis(effects: Effects) -> wp.Function:
                 found.held_work += held * q
             else:
                 found.curvature += axis.inv_pivot * axis.push * axis.push
+        assumed = float(q)
         if wp.static(effects.bounded_axes):
             if axis.pivot <= 0.0 and not is_searched:
-                q = axis_rows.free_step(law, q, axis.inv_pivot)
+                q = axis_rows.free_step(law, assumed, axis.inv_pivot)
         law.next = next_piece(law, q, held)
+        if wp.static(effects.joint_friction and effects.effort_limits):
+            if law.next[2] != law.piece[2] and axis.pivot <= 0.0 and not is_searched:
+                if law.drive_stiffness > 0.0 and goes_on(law, assumed, axis.inv_pivot):
+                    law.next[2] = -law.piece[2]
         s.tree.laws[k].next = law.next
         if wp.static(effects.joint_friction):
             if law.piece[2] == 0 and not axis_rows.is_stopped(law):
