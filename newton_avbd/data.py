@@ -1034,6 +1034,11 @@ class ClosureWork:
     """By row: how far it gives way to its multiplier [m/N or rad/(N m)]; 0 for what is rigid."""
     held: wp.array[float]
     """By row: what it has pushed with, which its softness keeps to [N or N m]; 0 for a mimic."""
+    most: wp.array[float]
+    """By row: most that it may push with if others imply it [N or N m]; 0 for what may push with
+    any force."""
+    loosened: wp.array[float]
+    """By row: how much softer it may become for that after the first sweep [m/N or rad/(N m)]."""
     multiplier: wp.array[wp.float64]
     """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
     gram_row: wp.array[wp.int32]

@@ -498,6 +498,60 @@ LEG = """<mujoco><compiler autolimits="true"/><worldbody>
 their stops, and the loop is no parallelogram by a few tenths of a millimeter."""
 
 
+def locked_hinge(seed: int, kind: str, spin: float) -> Simulation:
+    """A floating base with two links; a ball joint or hinge between these locks the second's hinge.
+
+    The base hangs on a light root by a ball joint; all turn as one at ``spin`` [rad/s].
+    """
+    rng = np.random.default_rng(seed)
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    root = add_link(builder, mass=0.1, inertia=(0.001, 0.001, 0.001))
+    base = add_link(builder, inertia=(0.02, 0.03, 0.04))
+    fixed, hinged = (add_link(builder, inertia=(0.002, 0.01, 0.01)) for _ in range(2))
+    hung, held = transform((0.1, 0.05, 0.0)), transform((-0.2, 0.0, 0.0))
+    joints = [builder.add_joint_free(root)]
+    joints.append(builder.add_joint_ball(root, base, parent_xform=hung, child_xform=held))
+    places = [(rng.uniform(-0.2, 0.2, 3), Rotation.random(random_state=rng)) for _ in range(2)]
+    first, second = (transform(*place) for place in places)
+    joints.append(builder.add_joint_fixed(base, fixed, parent_xform=first))
+    joints.append(
+        builder.add_joint_revolute(
+            base, hinged, parent_xform=second, child_xform=transform((-0.15, 0.0, 0.0))
+        )
+    )
+    builder.add_articulation(joints)
+    (at_a, turn_a), (at_b, turn_b) = places
+    at_b = at_b + turn_b.apply([0.15, 0.0, 0.0])
+    anchor = at_a + turn_a.apply([0.1, 0.0, 0.0])
+    add = builder.add_joint_ball if kind == "ball" else builder.add_joint_revolute
+    add(
+        fixed,
+        hinged,
+        parent_xform=transform((0.1, 0.0, 0.0)),
+        child_xform=transform(turn_b.inv().apply(anchor - at_b), turn_b.inv() * turn_a),
+    )
+    axis = rng.normal(size=3)
+    builder.joint_qd[3:6] = (spin / np.linalg.norm(axis) * axis).tolist()
+    return simulate(builder)
+
+
+@pytest.mark.parametrize("kind", ["ball", "revolute"])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_loop_locks_turns_as_one_body(kind: str, seed: int) -> None:
+    """Nothing acts on it, so that it keeps its energy, and its joints, and the bound never acts.
+
+    Of the rows of the loop all but one are implied by it, and ask for what does not go together as
+    bodies turn by 0.08 rad a step. They pushed each other with 10 to 100 MN, and were cut off.
+    """
+    sim = locked_hinge(seed, kind, spin=20.0)
+    start = sim.kinetic_energy
+    sim.run(0.5)
+    assert sim.kinetic_energy == pytest.approx(start, rel=1e-3)
+    assert anchor_gaps(sim)[1:].max() < 2e-6
+    assert not sim.solver.status.held_steps.any()
+    assert not sim.solver.status.bounded_steps.any()
+
+
 def test_two_stops_of_a_loop_that_do_not_go_together_let_it_close() -> None:
     builder = newton.ModelBuilder()
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)

@@ -482,6 +482,8 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
     work.least = wp.zeros(len(top), dtype=float)
     work.gives = wp.zeros(len(top), dtype=float)
     work.held = wp.zeros(len(top), dtype=float)
+    work.most = wp.zeros(len(top), dtype=float)
+    work.loosened = wp.zeros(len(top), dtype=float)
     work.multiplier = wp.zeros(len(top), dtype=wp.float64)
     work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
     work.gram = wp.zeros(int(gram[-1]), dtype=wp.float64)

@@ -71,6 +71,11 @@ def make_closures(effects: Effects) -> ClosureFunctions:
             return
         block = closures.blocks[number]
         none = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
+        turned = float(0.0)
+        if wp.static(effects.loops):
+            for i in range(first, end):
+                update = s.tree.update[s.worlds.bodies[i]]
+                turned = wp.max(turned, wp.length_sq(wp.spatial_bottom(update)))
         for k in range(block.gram, block.gram_end):
             closures.gram[k] = wp.float64(0.0)
         for i in range(first, end):
@@ -96,6 +101,8 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 closures.least[row] = 0.0
                 closures.gives[row] = 0.0
                 closures.held[row] = 0.0
+                closures.most[row] = 0.0
+                closures.loosened[row] = 0.0
                 closures.multiplier[row] = wp.float64(0.0)
             if closure.loop >= 0:
                 is_bound = bool(False)
@@ -106,6 +113,8 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 if wp.static(effects.loops):
                     if not is_bound:
                         loop_rows(closure, recovery, s)
+                        for row in range(closure.row, closure.row + closure.rows):
+                            closures.loosened[row] = turned * closures.least[row]
             else:
                 is_cord = bool(False)
                 if wp.static(effects.tendons):

@@ -4,6 +4,7 @@
 
 import warp as wp
 
+from ..blocks.closure import SELF_STRESS
 from ..data import Closure, Solver
 from ..effects import Effects
 from ..rows.contact import PENALTY
@@ -105,6 +106,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         axis_l = axis_a
         if linear == 1 or linear == 2:
             axis_l = axis_of_projection(lock_l, linear)
+        reach = wp.max(moves_c * wp.length(arm_c), moves_p * wp.length(arm_p))
         for k in range(closure.rows):
             row = closure.row + k
             if k < linear:
@@ -115,6 +117,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
                 closures.held[row] = wp.dot(n, s.loops.kept_force[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, left))
                 closures.least[row] = PENALTY / s.loops.k_l[i]
+                closures.most[row] = SELF_STRESS * reach / closures.least[row]
                 closures.gives[row] = gives[0]
             else:
                 n = direction_about(axis_a, wp.where(angular == 1, 2, k - linear))
@@ -124,6 +127,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
                 closures.held[row] = wp.dot(n, s.loops.kept_torque[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, turn))
                 closures.least[row] = PENALTY / s.loops.k_a[i]
+                closures.most[row] = SELF_STRESS / closures.least[row]
                 closures.gives[row] = gives[1]
 
     return loop_rows

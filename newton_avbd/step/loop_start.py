@@ -19,6 +19,11 @@ from .slopes import begin_axis
 STALE = wp.constant(0.5)
 """Turn of an end in a step from which a joint that is solved with a tree forgets what it pushed
 with [rad]: what rows that imply each other push each other with would turn against others."""
+FADING = wp.constant(0.1)
+"""Turn in a step from which rows that are solved with a tree are not pulled towards what they last
+pushed with [rad], and in proportion before. Rounding adds about a tenth a step to what rows push
+each other with that imply each other: where bodies turn, a step takes sweeps that are that stiff.
+"""
 MOST_TURNED = wp.constant(0.2)
 """By how much closing an open joint may turn its bodies, or a string, in a step [rad], unless it is
 solved with a tree: blocks stay those of the start of the step, and what turns further diverges."""
@@ -147,8 +152,11 @@ def make_begin_loop(effects: Effects) -> wp.Function:
         if s.loops.is_exact[i] and wp.max(turn_c, turn_p) > STALE * STALE:
             s.history.loop_force[i] = wp.vec3(0.0)
             s.history.loop_torque[i] = wp.vec3(0.0)
-        s.loops.kept_force[i] = s.history.loop_force[i]
-        s.loops.kept_torque[i] = s.history.loop_torque[i]
+        kept = float(1.0)
+        if s.loops.is_exact[i]:
+            kept = wp.max(1.0 - wp.sqrt(wp.max(turn_c, turn_p)) / FADING, 0.0)
+        s.loops.kept_force[i] = kept * s.history.loop_force[i]
+        s.loops.kept_torque[i] = kept * s.history.loop_torque[i]
         s.loops.k_l[i] = PENALTY / (inv_mass * h * h)
         s.loops.k_a[i] = PENALTY / (inv_inertia * h * h)
         # one end kinematic, the other where the last step left it
