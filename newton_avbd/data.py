@@ -1038,7 +1038,7 @@ class ClosureWork:
     """By row: most that it may push with if others imply it [N or N m]; 0 for what may push with
     any force."""
     loosened: wp.array[float]
-    """By row: how much softer it may become for that after the first sweep [m/N or rad/(N m)]."""
+    """By row: how much softer it may become for that [m/N or rad/(N m)]."""
     multiplier: wp.array[wp.float64]
     """By row: J delta_0 + r [m or rad], then mu [N or N m]."""
     gram_row: wp.array[wp.int32]

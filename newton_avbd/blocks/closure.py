@@ -62,8 +62,8 @@ SELF_STRESS = wp.constant(0.1)
 """Most that a row may push with if others imply it, as a share of what moves its bodies, were they
 free, by their lever arms, or by a radian: beyond that its force says how they turn. A sweep asks
 such rows for what does not go together, by the square of what bodies turn by, and their softness
-lets them push a thousand times as hard. After the first sweep a row is softened for it by no more
-than the square of what the last sweep has turned a body by, so that taut nets stay as stiff."""
+lets them push a thousand times as hard. A row is softened for it by no more than the square of what
+the guess, or the last sweep, has turned a body by, so that taut nets stay as stiff."""
 HARDLY_MOVED = wp.constant(1.0e-9)
 """A row says nothing that moves less than this share of what the joint's others do, each taken
 against how it would move were its bodies free."""
@@ -213,9 +213,7 @@ def end_rows(top: int, block: Block, softness: float, closures: wp.ref[ClosureWo
         most = wp.float64(closures.most[row])
         if most > wp.float64(0.0) and wp.abs(moved) > most * pivot:
             if pivot <= wp.float64(IMPLIED * closures.whole[row]):
-                extra = wp.abs(moved) / most - pivot
-                if softness <= SOFTNESS:
-                    extra = wp.min(extra, wp.float64(closures.loosened[row]))
+                extra = wp.min(wp.abs(moved) / most - pivot, wp.float64(closures.loosened[row]))
                 moved -= extra * wp.float64((1.0 - FORGOTTEN) * closures.held[row])
                 closures.multiplier[row] = moved
                 pivot += extra

@@ -16,13 +16,11 @@ from .anchors import ROUNDING, carried_misfit, loop_geometry, parent_slot, start
 from .distances import beyond_bounds
 from .slopes import begin_axis
 
-STALE = wp.constant(0.5)
-"""Turn of an end in a step from which a joint that is solved with a tree forgets what it pushed
-with [rad]: what rows that imply each other push each other with would turn against others."""
 FADING = wp.constant(0.1)
 """Turn in a step from which rows that are solved with a tree are not pulled towards what they last
-pushed with [rad], and in proportion before. Rounding adds about a tenth a step to what rows push
-each other with that imply each other: where bodies turn, a step takes sweeps that are that stiff.
+pushed with [rad], and in proportion before: that would turn against others. Besides, rounding adds
+about a tenth a step to what rows push each other with that imply each other: where bodies turn, a
+step takes sweeps that are that stiff.
 """
 MOST_TURNED = wp.constant(0.2)
 """By how much closing an open joint may turn its bodies, or a string, in a step [rad], unless it is
@@ -149,9 +147,6 @@ def make_begin_loop(effects: Effects) -> wp.Function:
             return False
         turn_c = wp.length_sq(wp.spatial_bottom(s.work.target[child]))
         turn_p = wp.length_sq(wp.spatial_bottom(s.work.target[parent]))
-        if s.loops.is_exact[i] and wp.max(turn_c, turn_p) > STALE * STALE:
-            s.history.loop_force[i] = wp.vec3(0.0)
-            s.history.loop_torque[i] = wp.vec3(0.0)
         kept = float(1.0)
         if s.loops.is_exact[i]:
             kept = wp.max(1.0 - wp.sqrt(wp.max(turn_c, turn_p)) / FADING, 0.0)
