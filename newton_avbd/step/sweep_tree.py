@@ -13,7 +13,7 @@ from ..effects import Effects
 from ..rows.joint import make_counts
 from .active_set import PATIENCE, make_take_pieces
 from .anchors import is_linked
-from .bodies import body_at, has_rows
+from .bodies import body_at, has_rows, nonnegative
 from .carrying import is_short
 from .coordinates import make_coordinates
 from .eliminate import make_eliminate
@@ -111,6 +111,20 @@ def make_move(effects: Effects) -> MoveFunctions:
                 return
         measure_moved(body, static_slot, s)
 
+    @wp.func
+    def turned(body: int, s: wp.ref[Solver]) -> float:
+        """Square of the largest turn by which an update moves a joint's coordinates [rad^2].
+
+        That of the body or its parent, which may be the light one, or, of a gimbal, of an axis:
+        the outer ones may turn against each other.
+        """
+        turn = wp.spatial_bottom(s.tree.update[body])
+        turn_p = wp.spatial_bottom(s.tree.update[nonnegative(s.tree.parent[body])])
+        largest = wp.max(wp.length_sq(turn), wp.length_sq(turn_p))
+        if wp.static(effects.kinds.gimbals):
+            largest = wp.max(largest, gimbal_step(body, s))
+        return largest
+
     @wp.func(inline=effects.inline)
     def move(body: int, share: float, h: float, s: wp.ref[Solver]):
         """Moves the body by a share of its update."""
@@ -119,9 +133,7 @@ def make_move(effects: Effects) -> MoveFunctions:
         if wp.static(effects.coordinates):
             # summing steps misses the square of the turn
             far = wp.static(EULER_FAR if effects.kinds.euler else FAR)
-            if is_linked(body, s) and (
-                share < 1.0 or wp.length_sq(wp.spatial_bottom(update)) > far * far
-            ):
+            if is_linked(body, s) and (share < 1.0 or turned(body, s) > far * far):
                 measure(body, share, s)
 
     @wp.func
