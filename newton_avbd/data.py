@@ -875,6 +875,8 @@ class Balance:
     """Whether something that the user moves pushes it."""
     is_wild: wp.bool
     """Whether a body is faster than anything could be."""
+    is_turned: wp.bool
+    """Whether a body has turned so far that what is linear in its turn says nothing."""
     is_bounded: wp.bool
     """Whether it had too much."""
     is_rigid: wp.bool

@@ -2,12 +2,22 @@
 # SPDX-License-Identifier: Apache-2.0
 """Steps that do not settle gain no energy, and keep their momentum."""
 
+from typing import Any
+
 import newton
 import numpy as np
 import pytest
 import warp as wp
 from helpers import Simulation, add_box, add_ground, add_sphere, surface
-from joint_scenes import WORLD, add_link, anchor_gaps, set_coordinates, simulate, transform
+from joint_scenes import (
+    WORLD,
+    add_link,
+    anchor_gaps,
+    set_control,
+    set_coordinates,
+    simulate,
+    transform,
+)
 from scipy.spatial.transform import Rotation
 
 from newton_avbd.data import Balance
@@ -408,3 +418,60 @@ def test_sweeps_that_go_astray_gain_no_energy() -> None:
     (fall,) = run_falls("leg", builder, chosen, setup, lambda _steps, _all: None)
     assert fall.bounded > 0
     assert fall.gain < GAIN
+
+
+def jammed_mechanism(seed: int) -> newton.ModelBuilder:
+    """Three links in a loop, on a hinge with stops: a ball, two hinges, a slide with stops, and a
+    hinge with a strong drive. Axes and frames are random; no weight."""
+    rng = np.random.default_rng(seed)
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+
+    def frame(x: float) -> wp.transform:
+        return transform((x, 0.0, 0.0), Rotation.random(random_state=int(rng.integers(1 << 30))))
+
+    def dof(**settings: Any) -> newton.ModelBuilder.JointDofConfig:
+        axis = rng.normal(size=3)
+        axis /= np.linalg.norm(axis)
+        return newton.ModelBuilder.JointDofConfig(axis=tuple(axis), **settings)
+
+    links = [add_link(builder, mass=0.4, inertia=[2.0e-5, 4.0e-4, 4.0e-4]) for _ in range(3)]
+    frames = {"child_xform": frame(-0.05)}
+    hinge = dof(limit_lower=-0.3, limit_upper=0.3)
+    joints = [builder.add_joint_d6(WORLD, links[0], angular_axes=[hinge], **frames)]
+    frames = {"parent_xform": frame(0.05), "child_xform": frame(-0.05)}
+    joints.append(builder.add_joint_d6(*links[:2], angular_axes=[dof(), dof()], **frames))
+    frames = {"parent_xform": frame(0.05), "child_xform": frame(-0.05)}
+    slide = dof(limit_lower=-0.02, limit_upper=0.02)
+    motor = dof(target_ke=300.0, target_kd=1.0, actuator_mode=newton.JointTargetMode.POSITION)
+    joints.append(
+        builder.add_joint_d6(*links[1:], linear_axes=[slide], angular_axes=[motor], **frames)
+    )
+    builder.add_articulation(joints)
+    model = builder.finalize(device="cpu")
+    newton.eval_fk(model, model.joint_q, model.joint_qd, model)
+    first, _, last = model.body_q.numpy()
+    at = np.array([0.02, 0.0, 0.0])
+    anchor = first[:3] + Rotation.from_quat(first[3:]).apply(at)
+    held = Rotation.from_quat(last[3:]).inv().apply(anchor - last[:3])
+    builder.add_joint_ball(
+        links[0], links[2], parent_xform=transform(at), child_xform=transform(held)
+    )
+    return builder
+
+
+@pytest.mark.parametrize("seed", [58, 59])
+def test_poses_of_unsettled_steps_are_not_far_uphill(seed: int) -> None:
+    """A drive whose target jumps drives a mechanism into its stops.
+
+    It gives at most 600 J, for 2 rad. Velocities alone were bounded: sweeps that did not settle
+    turned links by many radians, to where the drive had stored thousands of joules, and so on.
+    """
+    sim = simulate(jammed_mechanism(seed))
+    rng = np.random.default_rng(seed)
+    for step in range(120):
+        if step % 24 == 12:
+            targets = np.zeros(sim.model.joint_coord_count)
+            targets[4] = rng.uniform(-1.0, 1.0)
+            set_control(sim, joint_target_q=targets)
+        sim.step()
+        assert sim.kinetic_energy < 600.0

@@ -124,6 +124,7 @@ def combined(one: Balance, other: Balance) -> Balance:
     out.is_touched = out.is_touched or other.is_touched
     out.is_pushed = out.is_pushed or other.is_pushed
     out.is_wild = out.is_wild or other.is_wild
+    out.is_turned = out.is_turned or other.is_turned
     return out
 
 
@@ -165,9 +166,10 @@ def settle(sum: Balance, h: float) -> Balance:
     """Decides which motion is left of an island, once all is summed.
 
     What fixed things do to its momentum is taken from the velocities, unless the step has come to
-    nothing: a body is faster than anything could be, energies are not finite, or the rigid
-    motion alone has too much, because the inertia of where bodies are is not the one that they had.
-    Then the island moves as a rigid body from where it was.
+    nothing: a body is faster than anything could be, energies are not finite, the island is where
+    springs and drives have stored more than all motion can have put in, or the rigid motion alone
+    has too much, because the inertia of where bodies are is not the one that they had. Then the
+    island moves as a rigid body from where it was.
     """
     out = sum
     out.share = 1.0
@@ -180,6 +182,9 @@ def settle(sum: Balance, h: float) -> Balance:
     if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most + sum.given:
         return out
     out.is_bounded = True
+    is_uphill = is_finite and sum.is_turned and sum.before < -sum.start
+    if is_uphill:
+        most = sum.start
     most = wp.max(most, 0.0)
     rigid = float(0.0)
     old = float(0.0)
@@ -202,7 +207,7 @@ def settle(sum: Balance, h: float) -> Balance:
             )
             rigid = 0.5 * wp.dot(momentum, out.free_momentum)
             rigid += 0.5 * wp.dot(out.free_angular, sum.inertia * out.free_angular)
-    if not is_finite or (rigid > most and not sum.is_touched):
+    if not is_finite or is_uphill or (rigid > most and not sum.is_touched):
         out.is_rigid = True
         out.share = 0.0
         momentum = sum.free_momentum

@@ -12,6 +12,7 @@ from .anchors import is_linked
 from .balance import counts_here, place_from, squared_overlap, touch_fixed, with_work
 from .drag import resistance
 from .joint_energy import make_add_joint
+from .rotations import MOST_TURN
 
 
 @wp.func
@@ -75,6 +76,8 @@ def make_add_body(effects: Effects) -> wp.Function:
             # with weight is not measured
             if reach > 0.0 and h * wp.length(wp.spatial_top(step.body_qd_out[body])) > reach:
                 out.is_wild = True
+        turned = wp.length_sq(wp.spatial_bottom(increment))
+        out.is_turned = out.is_turned or turned > MOST_TURN * MOST_TURN
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
         out.mass += mass

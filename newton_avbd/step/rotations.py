@@ -10,6 +10,8 @@ from ..rows.angle import wrapped
 
 COUNTED = wp.constant(1.0)
 """Turn of a joint in a step from which orientations may not tell it [rad]."""
+MOST_TURN = wp.constant(1.0)
+"""Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 
 
 @wp.func

@@ -20,7 +20,7 @@ from .eliminate import make_eliminate
 from .gathering import ContactLaw
 from .line_search import make_least_energy
 from .mimics import missed_by_lines
-from .rotations import turn_by
+from .rotations import MOST_TURN, turn_by
 from .scale import STOPPING
 from .substitute import Misplaced, make_substitute
 
@@ -34,8 +34,6 @@ EULER_FAR = wp.constant(3.0e-3)
 ALL = wp.constant(0.9)
 """Share of an update that takes a tree to where multipliers of its contacts may follow their
 forces: before, these are those of no state that the tree will be in."""
-MOST_TURN = wp.constant(1.0)
-"""Most that an iteration turns a body [rad]: what is linear in a turn says nothing beyond."""
 
 
 @wp.func
