@@ -1519,6 +1519,13 @@ class LoopWork:
     """Multipliers that the softness of rows keeps to: of the start of the step, then of its first
     sweep. The recovery leaves them alone, and the joints' own return to them after it."""
     kept_torque: wp.array[wp.vec3]
+    kept_stop: wp.array[float]
+    """By degree of freedom of the model: what its limits pushed with before the recovery."""
+    stop_side: wp.array[wp.int32]
+    """By degree of freedom of the model, of joints that are solved with trees: which stop holds it
+    in the sweep, -1 the lower, 1 the upper, 2 both, 0 none."""
+    stop_steps: wp.array[wp.vec2]
+    """The same: how far it may go down and up from where the sweep began [m or rad]."""
     reach: wp.array[float]
     """How far the joint's bodies could move its anchors in the step [m]."""
     turn_reach: wp.array[float]

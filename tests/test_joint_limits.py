@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Limits are hard: a joint stops there, does not bounce, and leaves freely."""
 
+from typing import Any
+
 import newton
 import numpy as np
 import pytest
@@ -26,7 +28,15 @@ TURNED = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
 CLOSE = 1.0e-4  # [m] or [rad]: how far past its limit a joint may be found, ever
 
 
-def falling(kind: str, side: str, stop: float | None, q: float = 0.0) -> Simulation:
+def falling(
+    kind: str,
+    side: str,
+    stop: float | None,
+    q: float = 0.0,
+    *,
+    gravity: tuple[float, float, float] = (0.0, 0.0, -G),
+    **settings: Any,
+) -> Simulation:
     """A slider that falls along, or an arm that falls from horizontal about, a turned frame.
 
     Towards the upper side the coordinate grows in the fall, towards the lower side it shrinks.
@@ -35,7 +45,7 @@ def falling(kind: str, side: str, stop: float | None, q: float = 0.0) -> Simulat
     sign = 1.0 if side == "upper" else -1.0
     axis = np.array([0.0, 0.0, -sign]) if kind == "slider" else np.array([0.0, sign, 0.0])
     limits = {} if stop is None else {f"limit_{side}": sign * stop}
-    builder = newton.ModelBuilder()
+    builder = newton.ModelBuilder(gravity=gravity)
     body = add_link(builder)
     add = builder.add_joint_prismatic if kind == "slider" else builder.add_joint_revolute
     joint = add(
@@ -48,7 +58,7 @@ def falling(kind: str, side: str, stop: float | None, q: float = 0.0) -> Simulat
     )
     builder.add_articulation([joint])
     set_coordinates(builder, joint, [sign * q])
-    return simulate(builder)
+    return simulate(builder, **settings)
 
 
 @pytest.mark.parametrize("side", ["lower", "upper"])
@@ -99,6 +109,27 @@ def test_a_joint_is_closed_where_a_stop_takes_back_what_it_would_have_turned() -
         sim.step()
         assert anchor_gaps(sim).max() < 1.0e-6
     assert np.abs(sim.velocity).max() < 1.0e-3
+
+
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+@pytest.mark.parametrize("kind", ["slider", "arm"])
+def test_outside_of_trees_a_joint_comes_back_within_its_limit(kind: str, parallel: str) -> None:
+    """From 0.1 beyond it, weightless and under its weight, as fast as in an articulation.
+
+    What a step closes is no velocity. Bound: a tenth of what the tree has closed by then.
+    """
+    for gravity in (NO_GRAVITY, (0.0, 0.0, -G)):
+        trees, lone = (
+            falling(kind, "upper", 0.5, 0.6, gravity=gravity, **settings)
+            for settings in ({}, {"blocks": "body", "parallel": parallel})
+        )
+        for _ in range(30):
+            closed = 0.6 - coordinates(trees)[0][0]
+            assert abs(coordinates(lone)[0][0] - coordinates(trees)[0][0]) < 0.1 * closed + 1.0e-4
+            trees.step()
+            lone.step()
+        assert abs(coordinates(lone)[0][0] - 0.5) < CLOSE
+        assert np.abs(lone.velocity).max() < 1.0e-3
 
 
 @pytest.mark.parametrize("side", ["lower", "upper"])

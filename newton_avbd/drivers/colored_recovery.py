@@ -46,7 +46,7 @@ def make_colored_recovery(
     count_passes, is_astray = make_count_passes(effects), stages.energy.is_astray
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
-    keep_loop, count_loop_turns = stages.loops.keep_motion, stages.loops.count_turns
+    keep_loop, give_back_forces = stages.loops.keep_motion, stages.loops.give_back_forces
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
 
     @kernel()
@@ -113,9 +113,7 @@ def make_colored_recovery(
         """Ends what :func:`keep_loops` began; one thread a joint."""
         i = wp.tid()
         if s[0].colors.is_finite[loop_world(i, s[0])] == 1:
-            s[0].history.loop_force[i] = s[0].loops.kept_force[i]
-            s[0].history.loop_torque[i] = s[0].loops.kept_torque[i]
-            count_loop_turns(i, s[0])
+            give_back_forces(i, s[0])
 
     @kernel(effects.cables)
     def give_cables_back(s: wp.array[Solver]):

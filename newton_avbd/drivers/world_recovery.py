@@ -31,7 +31,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
     count_passes = make_count_passes(effects)
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
-    keep_loop, count_loop_turns = stages.loops.keep_motion, stages.loops.count_turns
+    keep_loop, give_back_forces = stages.loops.keep_motion, stages.loops.give_back_forces
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
     bound_world = stages.energy.bound_world
     remember_states = stages.second_order.remember_states
@@ -80,9 +80,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
                 )
         if wp.static(effects.loops):
             for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
-                s.history.loop_force[i] = s.loops.kept_force[i]
-                s.history.loop_torque[i] = s.loops.kept_torque[i]
-                count_loop_turns(i, s)
+                give_back_forces(i, s)
         if wp.static(effects.cables):
             for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
                 give_back(i, s)

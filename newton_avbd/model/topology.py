@@ -10,7 +10,7 @@ from typing import NamedTuple
 import newton
 import numpy as np
 
-from ..rows.joint import CONNECT, KINDS
+from ..rows.joint import CONNECT, KINDS, NO_LIMIT
 from .equalities import Equality, equalities, may_hold, mimic_laws
 from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 from .welds import is_kinematic
@@ -39,6 +39,15 @@ def joint_of_dof(model: newton.Model) -> np.ndarray:
     return np.repeat(np.arange(model.joint_count), np.diff(model.joint_qd_start.numpy()))
 
 
+def stopped_joints(model: newton.Model) -> set[int]:
+    """Joints that have an axis with a limit of its position or its velocity."""
+    lower, upper = model.joint_limit_lower.numpy(), model.joint_limit_upper.numpy()
+    rate = model.joint_velocity_limit.numpy()
+    has_limit = (lower > -newton.MAXVAL) | (upper < newton.MAXVAL)
+    has_limit |= (rate > 0.0) & (rate < NO_LIMIT)
+    return set(joint_of_dof(model)[has_limit].tolist())
+
+
 @dataclass(frozen=True)
 class ClosureOf:
     """A joint or tendon whose rows are solved with the tree that they are within."""
@@ -48,7 +57,8 @@ class ClosureOf:
     leader: int
     """The joint that it mimics, -1 for one that closes a loop."""
     rows: int
-    """Directions that it locks, or coordinates that it ties; 1 for a tendon."""
+    """Directions that it locks, with those that it leaves free if it has stops there; coordinates
+    that it ties; 1 for a tendon."""
     body: int
     """A body of the block."""
     top: int
@@ -468,6 +478,7 @@ def _closures(
     dims = model.joint_dof_dim.numpy().sum(axis=1).tolist()
     body_of = dict(zip(tree_joint.tolist(), range(len(tree_joint)), strict=True))
     leaders, _ = mimics(model)
+    stopped = stopped_joints(model) if loops else set()
     links: list[_Link] = []
     strings: list[_Link] = []
     for index in loops:
@@ -476,7 +487,8 @@ def _closures(
         elif kinds[index] == CONNECT:
             links.append(_Link(index, -1, ends[index], 3))
         elif KINDS[kinds[index]].in_tree and dims[index] < 6:
-            links.append(_Link(index, -1, ends[index], 6 - dims[index]))
+            rows = 6 if index in stopped else 6 - dims[index]
+            links.append(_Link(index, -1, ends[index], rows))
     ties: list[tuple[int, int, int, Equality | None]] = [
         (index, int(leaders[index]), dims[index], None)
         for index in map(int, np.flatnonzero(leaders >= 0))

@@ -348,6 +348,9 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
     loops.side = wp.zeros(joints.size, dtype=wp.int32)
     loops.k_l = wp.zeros(joints.size, dtype=float)
     loops.k_a = wp.zeros(joints.size, dtype=float)
+    loops.stop_side = wp.zeros(model.joint_dof_count, dtype=wp.int32)
+    loops.stop_steps = wp.zeros(model.joint_dof_count, dtype=wp.vec2)
+    loops.kept_stop = wp.zeros(model.joint_dof_count, dtype=float)
     loops.coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
     loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
     return loops

@@ -15,8 +15,9 @@ from ..effects import Effects
 from ..rows.joint import is_string, make_counts
 from .anchors import parent_slot
 from .kernels import ABSENT, absent
-from .loop_rows import make_loop_rows
+from .loop_rows import ALL_ROWS, make_loop_rows
 from .mimics import make_mimics
+from .stop_rows import make_stop_rows
 from .strings import make_string_rows, string_misses
 from .tendons import make_tendons
 
@@ -57,6 +58,9 @@ def make_closures(effects: Effects) -> ClosureFunctions:
     linear_count, angular_count = counts.linear_count, counts.angular_count
     loop_rows = make_loop_rows(effects) if effects.loops else absent
     string_rows = make_string_rows(effects) if effects.kinds.distances else absent
+    has_stops = effects.loops and effects.stops
+    stops = make_stop_rows(effects) if has_stops else ABSENT
+    stop_rows, keep_stops = stops.stop_rows, stops.keep_stops
     mimics = make_mimics(effects) if effects.mimics else ABSENT
     mimic_rows = mimics.mimic_rows
     tendons = make_tendons(effects) if effects.tendons else ABSENT
@@ -113,6 +117,9 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                 if wp.static(effects.loops):
                     if not is_bound:
                         loop_rows(closure, recovery, s)
+                        if wp.static(has_stops):
+                            if closure.rows == ALL_ROWS:
+                                stop_rows(closure, recovery, h, s)
                         for row in range(closure.row, closure.row + closure.rows):
                             closures.loosened[row] = turned * closures.least[row]
             else:
@@ -162,7 +169,13 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                             continue
                 force = wp.vec3(0.0)
                 torque = wp.vec3(0.0)
-                for k in range(closure.rows):
+                rows = closure.rows
+                if wp.static(has_stops):
+                    if rows == ALL_ROWS:
+                        rows -= linear_count(s.joints, s.loops.joints[i])
+                        rows -= angular_count(s.joints, s.loops.joints[i])
+                        mismatch = wp.max(mismatch, keep_stops(closure, static_slot, s))
+                for k in range(rows):
                     row = closure.row + k
                     along = wp.float32(closures.multiplier[row]) * closures.direction[row]
                     if k < linear:

@@ -13,7 +13,7 @@ from ..rows.contact import PENALTY
 from ..rows.coordinate import make_joint_coordinates
 from ..rows.dahl import dahl_response, keep_dahl
 from ..rows.euler import make_euler
-from ..rows.joint import BALL, ROD, make_counts
+from ..rows.joint import BALL, ROD, ball_away, make_counts
 from .anchors import parent_slot
 from .axes import make_axis
 from .rotations import ball_turn, full_turns
@@ -28,10 +28,21 @@ def turn_of(i: int, s: wp.ref[Solver]) -> wp.vec3:
     return full_turns(s.joints.child[joint], parent, s.work)
 
 
+@wp.struct
+class BallAway:
+    """How far the child of a BALL joint is turned away; zero for others [rad]."""
+
+    target: wp.vec3
+    """From where its drive wants it."""
+    rest: wp.vec3
+    """From where its spring is at rest."""
+
+
 @dataclass(frozen=True)
 class LoopAxisFunctions:
     """Device functions of free axes, compiled for the joints of a scene."""
 
+    away_of: wp.Function
     coordinate_of: wp.Function
     axis_force: wp.Function
     count_turns: wp.Function
@@ -75,18 +86,36 @@ def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
         return coordinate(s.joints, joint, dof, q_p, turns, offset, about)
 
     @wp.func
+    def away_of(
+        joint: int, q_p: wp.quat, q_c: wp.quat, step: wp.ref[Step], s: wp.ref[Solver]
+    ) -> BallAway:
+        """As :class:`BallAway`, of the rotations of the parent's and the child's frame."""
+        away = BallAway()
+        if wp.static(effects.kinds.balls):
+            if s.joints.type[joint] == BALL:
+                if wp.static(effects.drives):
+                    away.target = ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
+                if wp.static(effects.springs):
+                    away.rest = ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
+        return away
+
+    @wp.func
     def axis_force(
         i: int,
         dof: int,
         q: wp.float64,
-        turn_away: wp.vec3,
-        rest_away: wp.vec3,
+        away: BallAway,
+        recovery: float,
         h: float,
         step: wp.ref[Step],
         s: wp.ref[Solver],
     ):
-        """Generalized force along a free axis, its curvature, and what friction and stops have in
-        it, which are held by multipliers."""
+        """Generalized force along a free axis without its stops, its curvature, what friction has
+        in it, and what stops push with. Both are held by multipliers, stops of joints that are
+        solved with a tree by rows of it (:mod:`.stop_rows`).
+
+        In the recovery a limit that the last step has passed is where it belongs.
+        """
         joint = s.loops.joints[i]
         index = s.joints.dof_start[joint] + dof
         moved = wp.float32(q - s.loops.start_coordinate[index])
@@ -118,8 +147,8 @@ def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
                 q,
                 moved,
                 start_velocity,
-                turn_away,
-                rest_away,
+                away.target,
+                away.rest,
                 h,
             )
             force += pull
@@ -130,7 +159,7 @@ def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
         bound_force = float(0.0)
         if wp.static(effects.effort_limits):
             pull, k, least, most = limited_drive(
-                s.joints, step.control, joint, dof, q, moved, turn_away, h
+                s.joints, step.control, joint, dof, q, moved, away.target, h
             )
             bound_force = pull
             force += wp.clamp(pull, least, most)
@@ -150,15 +179,16 @@ def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
                 if wp.abs(held) < most or penalty * wp.abs(moved) < wp.static(2.0 * PENALTY) * most:
                     stiffness += penalty
             if wp.static(effects.stops):
-                lower, upper = stops(s.joints, index, q, moved, 0.0, h)
                 held = s.history.limit_force[index]
-                stop = wp.max(held + penalty * lower, 0.0)
-                if stop == 0.0:
-                    stop = wp.min(held + penalty * upper, 0.0)
-                force += stop
-                reach = wp.where(is_linear, s.loops.reach[i], s.loops.turn_reach[i])
-                if held != 0.0 or -reach < lower or reach > upper:
-                    stiffness += penalty
+                stop = held
+                if not s.loops.is_exact[i]:
+                    lower, upper = stops(s.joints, index, q, moved, recovery, h)
+                    stop = wp.max(held + penalty * lower, 0.0)
+                    if stop == 0.0:
+                        stop = wp.min(held + penalty * upper, 0.0)
+                    reach = wp.where(is_linear, s.loops.reach[i], s.loops.turn_reach[i])
+                    if held != 0.0 or -reach < lower or reach > upper:
+                        stiffness += penalty
         return force, stiffness, friction, stop
 
     @wp.func
@@ -177,4 +207,4 @@ def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
             ):
                 s.history.joint_angle[dof] = s.loops.coordinate[dof]
 
-    return LoopAxisFunctions(coordinate_of, axis_force, count_turns)
+    return LoopAxisFunctions(away_of, coordinate_of, axis_force, count_turns)

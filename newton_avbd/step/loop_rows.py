@@ -13,6 +13,9 @@ from ..rows.lock import make_locks
 from .anchors import anchor_shift, is_put, loop_geometry, parent_slot
 from .rotations import relative_turn
 
+ALL_ROWS = wp.constant(6)
+"""Rows of a joint that locks all directions, or that has rows for stops of those it leaves free."""
+
 
 @wp.func
 def axis_of_projection(lock: wp.mat33, count: int) -> wp.vec3:
@@ -44,9 +47,21 @@ def direction_about(axis: wp.vec3, i: int) -> wp.vec3:
     return direction
 
 
+@wp.func
+def ends_move(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> wp.vec3:
+    """How far the sweep has moved the child's anchor of a joint against the parent's [m]."""
+    i = closure.loop
+    joint = s.loops.joints[i]
+    c = s.tree.update[s.joints.child[joint]]
+    p = s.tree.update[parent_slot(s.joints, joint, static_slot)]
+    moved = wp.spatial_top(c) + wp.cross(wp.spatial_bottom(c), s.loops.arms[2 * i])
+    return moved - wp.spatial_top(p) - wp.cross(wp.spatial_bottom(p), s.loops.arms[2 * i + 1])
+
+
 def make_loop_rows(effects: Effects) -> wp.Function:
     """Device function: the rows of a joint that closes a loop."""
-    linear_count = make_counts(effects.kinds).linear_count
+    counts = make_counts(effects.kinds)
+    linear_count, angular_count = counts.linear_count, counts.angular_count
     locks = make_locks(effects.kinds)
     linear_misfit, angular_misfit = locks.linear_misfit, locks.angular_misfit
     locked_shift, locked_turn = locks.locked_shift, locks.locked_turn
@@ -96,7 +111,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         arm_p += offset - shift
         s.loops.arms[2 * i] = arm_c
         s.loops.arms[2 * i + 1] = arm_p
-        angular = closure.rows - linear
+        angular = wp.where(linear < closure.rows, 3 - angular_count(s.joints, joint), 0)
         lock_l = linear_lock(s.joints, joint, q_p)
         lock_a = angular_lock(s.joints, joint, q_p, q_c)
         # along the axis of a hinge, too: in a planar mechanism the others imply just that row
@@ -107,7 +122,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         if linear == 1 or linear == 2:
             axis_l = axis_of_projection(lock_l, linear)
         reach = wp.max(moves_c * wp.length(arm_c), moves_p * wp.length(arm_p))
-        for k in range(closure.rows):
+        for k in range(linear + angular):
             row = closure.row + k
             if k < linear:
                 n = direction_about(axis_l, wp.where(linear == 1, 2, k))

@@ -4,7 +4,7 @@
 
 import warp as wp
 
-from ..data import Solver, WorldScale
+from ..data import JointModel, Solver, WorldScale
 from ..effects import Effects
 from ..rows.axis import impedance_at
 from ..rows.contact import PENALTY
@@ -70,6 +70,13 @@ def share_recovered(
 
 
 @wp.func
+def beyond_limit(joints: wp.ref[JointModel], dof: int, at: float, rounding: float) -> float:
+    """How far a coordinate is beyond its limits, by more than rounding [m or rad]."""
+    beyond = wp.max(joints.limit_lower[dof] - at, at - joints.limit_upper[dof])
+    return wp.where(beyond > rounding, beyond, 0.0)
+
+
+@wp.func
 def begin_yielding(i: int, h: float, s: wp.ref[Solver]):
     """How far a joint that gives way moves in the step without a push, and by how much a push does.
 
@@ -126,6 +133,7 @@ def make_begin_loop(effects: Effects) -> wp.Function:
         s.loops.misfit[i] = wp.spatial_vector(shift, turn)
         s.loops.closing[i] = 0.0
         open_by = wp.length(shift)
+        turn_by = wp.length(turn)
         span = float(wp.inf)
         turning = wp.length(wp.spatial_bottom(s.work.target[child]))
         turning += wp.length(wp.spatial_bottom(s.work.target[parent]))
@@ -184,6 +192,16 @@ def make_begin_loop(effects: Effects) -> wp.Function:
                     s.joints, joint, dof, q_p, turns, offset, s.history.joint_angle[index]
                 )
                 s.history.joint_angle[index] = q
+                if wp.static(effects.hard_limits):
+                    size = 4.0 + 2.0 * wp.abs(wp.float32(q))
+                    if dof < linear:
+                        size = wp.length(s.work.com[child]) + 2.0 * wp.length(offset)
+                    beyond = beyond_limit(s.joints, index, wp.float32(q), ROUNDING * size)
+                    is_open = is_open or beyond > 0.0
+                    if dof < linear:
+                        open_by = wp.max(open_by, beyond)
+                    else:
+                        turn_by = wp.max(turn_by, beyond)
                 if is_carried and s.joints.type[joint] != BALL:
                     # a kinematic body has been put elsewhere since: what damps feels its motion
                     q = s.loops.coordinate[index]
@@ -197,10 +215,10 @@ def make_begin_loop(effects: Effects) -> wp.Function:
         s.loops.recovered[i] = 1.0
         if not s.loops.is_exact[i]:
             s.loops.recovered[i] = share_recovered(
-                open_by, wp.length(turn), span, arm_c, arm_p, child, parent, s
+                open_by, turn_by, span, arm_c, arm_p, child, parent, s
             )
         reach = wp.length(arm_c) + wp.length(arm_p)
-        s.loops.closing[i] = s.loops.recovered[i] * (open_by + reach * wp.length(turn))
+        s.loops.closing[i] = s.loops.recovered[i] * (open_by + reach * turn_by)
         allowed = ROUNDING * (wp.length(s.work.com[child]) + reach)
         error = wp.length_sq(shift) + reach * reach * wp.length_sq(turn)
         return is_open or error > allowed * allowed

@@ -27,12 +27,12 @@ from ..rows.contact import PENALTY
 from ..rows.coordinate import make_joint_coordinates
 from ..rows.euler import make_euler
 from ..rows.free_axes import make_free_axes
-from ..rows.joint import BALL, DISTANCE, ROD, ball_away, is_string, make_counts
+from ..rows.joint import DISTANCE, ROD, is_string, make_counts
 from ..rows.lock import make_locks
 from ..rows.rod import rod_stiffness, rod_torque
 from .anchors import left_open, loop_geometry
 from .distances import beyond_bounds, distance_force, string_direction
-from .loop_axes import make_loop_axes
+from .loop_axes import BallAway, make_loop_axes
 from .loop_start import make_begin_loop
 
 
@@ -68,7 +68,7 @@ class LoopFunctions:
     loop_wrench: wp.Function
     loop_curvature: wp.Function
     keep_motion: wp.Function
-    count_turns: wp.Function
+    give_back_forces: wp.Function
 
 
 def make_loops(effects: Effects) -> LoopFunctions:
@@ -83,6 +83,7 @@ def make_loops(effects: Effects) -> LoopFunctions:
     angles = make_joint_coordinates(effects.kinds).angles
     loop_axes = make_loop_axes(effects)
     coordinate_of, axis_force = loop_axes.coordinate_of, loop_axes.axis_force
+    away_of, count_turns = loop_axes.away_of, loop_axes.count_turns
     begin_loop = make_begin_loop(effects)
 
     @wp.func(inline=effects.inline)
@@ -130,30 +131,27 @@ def make_loops(effects: Effects) -> LoopFunctions:
         if s.loops.is_exact[i] and not is_whole:
             force = wp.vec3(0.0)
             torque = wp.vec3(0.0)
-        turn_away = wp.vec3(0.0)
-        rest_away = wp.vec3(0.0)
-        if wp.static(effects.kinds.balls and effects.drives):
-            if s.joints.type[joint] == BALL:
-                turn_away = ball_away(step.control.target_q, s.joints, joint, q_p, q_c)
-        if wp.static(effects.kinds.balls and effects.springs):
-            if s.joints.type[joint] == BALL:
-                rest_away = ball_away(s.joints.rest_q, s.joints, joint, q_p, q_c)
         if s.joints.type[joint] == DISTANCE:
             return force, torque, arm_c, arm_p
         linear = linear_count(s.joints, joint)
         started = known_angles(s.joints, joint, s.loops.start_coordinate, s.joints.dof_start[joint])
         turned = angles(s.joints, joint, q_p, q_c, started, False)
         response = wp.vec3(0.0)
+        away = away_of(joint, q_p, q_c, step, s)
+        share = recovery * s.loops.recovered[i]
         for dof in range(linear + angular_count(s.joints, joint)):
             index = s.joints.dof_start[joint] + dof
             known = s.loops.start_coordinate[index]
             q = coordinate_of(i, dof, q_p, q_c, offset, known, s)
-            push, _, friction, stop = axis_force(i, dof, q, turn_away, rest_away, h, step, s)
-            if has_dual and recovery == 0.0:
+            push, _, friction, stop = axis_force(i, dof, q, away, share, h, step, s)
+            if is_whole or not s.loops.is_exact[i]:
+                push += stop
+            if has_dual:
                 s.history.limit_force[index] = stop
-                if wp.static(effects.joint_friction):
-                    s.history.friction_force[index] = friction
-                s.loops.coordinate[index] = q
+                if recovery == 0.0:
+                    if wp.static(effects.joint_friction):
+                        s.history.friction_force[index] = friction
+                    s.loops.coordinate[index] = q
             axis = axis_of(s.joints, joint, dof, q_p, q_c, turned)
             if dof < linear:
                 force += push * axis
@@ -219,7 +217,8 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 index = s.joints.dof_start[joint] + dof
                 known = s.loops.start_coordinate[index]
                 q = coordinate_of(i, dof, q_p, q_c, offset, known, s)
-                _, stiffness, _, _ = axis_force(i, dof, q, wp.vec3(0.0), wp.vec3(0.0), h, step, s)
+                share = s.loops.recovered[i]
+                _, stiffness, _, _ = axis_force(i, dof, q, BallAway(), share, h, step, s)
                 is_soft = is_soft or stiffness > 0.0
                 axis = axis_of(s.joints, joint, dof, q_p, q_c, turned)
                 if dof < linear:
@@ -250,6 +249,10 @@ def make_loops(effects: Effects) -> LoopFunctions:
         """Before the recovery: what joints have pushed with, and how those that give way moved."""
         s.loops.kept_force[i] = s.history.loop_force[i]
         s.loops.kept_torque[i] = s.history.loop_torque[i]
+        if wp.static(effects.hard_limits):
+            joint = s.loops.joints[i]
+            for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+                s.loops.kept_stop[dof] = s.history.limit_force[dof]
         if wp.static(effects.yielding):
             if s.loops.gives[i][0] + s.loops.gives[i][1] > 0.0:
                 joint = s.loops.joints[i]
@@ -259,6 +262,15 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 moved = wp.spatial_vector(shift, turn) - s.loops.misfit[i]
                 s.history.loop_rate[i] = moved / s.loops.span[i]
 
-    return LoopFunctions(
-        begin_loop, loop_wrench, loop_curvature, keep_motion, loop_axes.count_turns
-    )
+    @wp.func
+    def give_back_forces(i: int, s: wp.ref[Solver]):
+        """After the recovery: joints push with what they had before it."""
+        s.history.loop_force[i] = s.loops.kept_force[i]
+        s.history.loop_torque[i] = s.loops.kept_torque[i]
+        if wp.static(effects.hard_limits):
+            joint = s.loops.joints[i]
+            for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
+                s.history.limit_force[dof] = s.loops.kept_stop[dof]
+        count_turns(i, s)
+
+    return LoopFunctions(begin_loop, loop_wrench, loop_curvature, keep_motion, give_back_forces)

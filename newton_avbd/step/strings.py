@@ -9,7 +9,7 @@ from ..effects import Effects
 from ..rows.contact import PENALTY
 from .anchors import ROUNDING, loop_geometry, parent_slot
 from .distances import bound_of, distance_force, string_direction
-from .loop_rows import direction_about
+from .loop_rows import direction_about, ends_move
 
 
 def make_string_rows(effects: Effects) -> wp.Function:
@@ -76,17 +76,6 @@ def make_string_rows(effects: Effects) -> wp.Function:
 
 
 @wp.func
-def string_move(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> wp.vec3:
-    """How far the sweep has moved the ends of a DISTANCE joint against each other [m]."""
-    i = closure.loop
-    joint = s.loops.joints[i]
-    c = s.tree.update[s.joints.child[joint]]
-    p = s.tree.update[parent_slot(s.joints, joint, static_slot)]
-    moved = wp.spatial_top(c) + wp.cross(wp.spatial_bottom(c), s.loops.arms[2 * i])
-    return moved - wp.spatial_top(p) - wp.cross(wp.spatial_bottom(p), s.loops.arms[2 * i + 1])
-
-
-@wp.func
 def string_misses(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> float:
     """What a sweep leaves of a DISTANCE joint to the next one, as a share of what it moved.
 
@@ -96,7 +85,7 @@ def string_misses(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> floa
     row = closure.row
     joint = s.loops.joints[i]
     side = s.loops.side[i]
-    moved = string_move(closure, static_slot, s)
+    moved = ends_move(closure, static_slot, s)
     direction = s.tree.closures.direction[row]
     if side == 0:
         length = wp.length(direction + moved)
