@@ -68,7 +68,8 @@ def counts_here(item: int, joint: int, s: wp.ref[Solver]) -> bool:
 
 @wp.func
 def add_tendons(first: int, root: int, s: wp.ref[Solver]):
-    """Adds the work of the tendons of the block that starts at a place in visiting order."""
+    """Adds the work of the tendons of the block that starts at a place in visiting order, and to
+    what fixed bodies they tie it."""
     closures = s.tree.closures
     number = closures.block_of[first]
     if number >= 0:
@@ -77,7 +78,13 @@ def add_tendons(first: int, root: int, s: wp.ref[Solver]):
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             if closure.tendon >= 0 and closure.other < 0:
-                sum = with_work(sum, tendon_work(closure.tendon, s.tree))
+                i = closure.tendon
+                sum = with_work(sum, tendon_work(i, s.tree))
+                if s.tree.tendons.force[i] != 0.0:
+                    for k in range(s.tree.tendons.start[i], s.tree.tendons.start[i + 1]):
+                        body = s.tree.tendons.body[k]
+                        if body >= 0:
+                            sum = touch_fixed(body, False, s.work, sum)
         s.islands.balance[root] = sum
 
 
