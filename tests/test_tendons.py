@@ -33,6 +33,7 @@ SCENE = """
       <joint name="hinge" type="hinge" axis="0 1 0"/>
       <inertial pos="0 0 0" mass="1" diaginertia="0.3 0.5 0.4"/>
       <site name="tip" pos="0.4 0 0"/>
+      <site name="elbow" pos="0.1 0.2 0.1"/>
     </body>
     <body name="left" pos="1 0 1">
       <joint name="left" type="slide" axis="0 0 1"/>
@@ -474,6 +475,22 @@ def test_armature_of_an_actuator_adds_to_that_of_its_tendon() -> None:
     motor = '<motor tendon="cord" gear="2" armature="0.5"/>'
     q, _ = run(model_of(file(tendon, motor)), 100, -5.0, scheme="euler")
     assert q[-1, LEFT] == pytest.approx(10.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
+
+
+@pytest.mark.parametrize("compliant_contacts", [False, True])
+def test_a_tendon_within_one_body_moves_nothing(compliant_contacts: bool) -> None:
+    """However far it is beyond its limit: its length stays. The arm turns as without it."""
+    tendon = """<spatial name="own" limited="true" range="0.9 1" stiffness="2e4">
+    <site site="tip"/><site site="elbow"/><pulley divisor="2"/>
+    <site site="left"/><site site="left"/></spatial>"""
+    q, _ = run(
+        model_of(file(tendon), G),
+        200,
+        rates=(2.0, 0.0, 0.0),
+        compliant_contacts=compliant_contacts,
+    )
+    np.testing.assert_allclose(q[:, ARM], 2.0 * DT * np.arange(1, 201), rtol=1.0e-4)
+    assert q[-1, LEFT] == pytest.approx(-0.5 * G * 0.2**2, rel=1.0e-3)
 
 
 def test_an_equality_leads_a_tendon_by_a_polynomial_of_another_one() -> None:

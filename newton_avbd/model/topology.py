@@ -11,6 +11,7 @@ import newton
 import numpy as np
 
 from ..rows.joint import CONNECT, KINDS, NO_LIMIT
+from ..rows.path import PULLEY
 from .equalities import Equality, equalities, may_hold, mimic_laws
 from .tendons import Tendon, TendonEquality, pulled, tendon_equalities, tendon_name, tendons
 from .welds import is_kinematic
@@ -444,6 +445,20 @@ def _held(
     return found
 
 
+def _keeps_length(tendon: Tendon, held: list[tuple[int, bool] | None]) -> bool:
+    """Whether a tendon runs within one body between its pulleys, and so moves nothing.
+
+    Args:
+        tendon: The tendon.
+        held: See :func:`_held`.
+    """
+    if tendon.is_fixed:
+        return False
+    branches = np.cumsum([element.kind == int(PULLEY) for element in tendon.path]).tolist()
+    ends = {(branch, end[0]) for branch, end in zip(branches, held, strict=True) if end}
+    return len(ends) == len({branch for branch, _ in ends})
+
+
 def solved_joints(model: newton.Model) -> list[int]:
     """By joint of the user's model: its index in what the solver makes of it, -1 for a weld."""
     welds = getattr(model, "welds", None)
@@ -508,6 +523,8 @@ def _closures(
     rows_of: list[Tendon | TendonEquality] = [*cords, *tendon_equalities(model, cords)]
     for one in rows_of:
         held = [end for each in pulled(one) for end in ends_of[each.row]]
+        if all(_keeps_length(cord, ends_of[cord.row]) for cord in pulled(one)):
+            continue
         links.append(_Link(-1, -1, [end[0] for end in held if end], 1, None, one))
 
     def tied(bodies: list[int]) -> list[int]:
