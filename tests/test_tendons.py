@@ -477,6 +477,34 @@ def test_armature_of_an_actuator_adds_to_that_of_its_tendon() -> None:
     assert q[-1, LEFT] == pytest.approx(10.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
+def test_armature_of_a_tendon_is_part_of_the_mass_of_a_damping_ratio() -> None:
+    """A position actuator of kp = k is damped critically: q = u (1 - (1 + w t) e^(-w t))."""
+    tendon = '<fixed name="one" armature="5"><joint joint="left" coef="1"/></fixed>'
+    servo = '<position tendon="one" kp="800" dampratio="1"/>'
+    q, _ = run(model_of(file(tendon, servo)), 200, 0.1)
+    turned = np.sqrt(800.0 / (3.0 + 5.0)) * DT * np.arange(1, 201)
+    expected = 0.1 * (1.0 - (1.0 + turned) * np.exp(-turned))
+    np.testing.assert_allclose(q[:, LEFT], expected, atol=1.0e-4)
+
+
+@pytest.mark.parametrize("at", ["joint", "tendon"])
+def test_soft_limits_count_the_armature_of_tendons(at: str) -> None:
+    """As MuJoCo's, whose limits push by the inertia in the reference pose."""
+    tendon = """<spatial name="cord" armature="5" {has}><site site="left"/>
+    <site site="pulley_left"/></spatial>"""
+    ends = {"joint": ("-0.1 9", ""), "tendon": ("-9 9", 'limited="true" range="0 1.1"')}[at]
+    text = file(tendon.format(has=ends[1]))
+    slide = '<joint name="left" type="slide"'
+    text = text.replace(slide, f'{slide} limited="true" range="{ends[0]}"')
+    native = mujoco.MjModel.from_xml_string(text)
+    native.opt.timestep, native.opt.gravity[2] = 1.0e-4, -G
+    now = mujoco.MjData(native)
+    mujoco.mj_step(native, now, 5000)
+    q, _ = run(model_of(text, G), 500, compliant_contacts=True)
+    assert now.qpos[LEFT] < -0.1
+    assert q[-1, LEFT] == pytest.approx(now.qpos[LEFT], abs=1.0e-4)
+
+
 @pytest.mark.parametrize("compliant_contacts", [False, True])
 def test_a_tendon_within_one_body_moves_nothing(compliant_contacts: bool) -> None:
     """However far it is beyond its limit: its length stays. The arm turns as without it."""

@@ -44,17 +44,25 @@ def _posed_state(model: newton.Model, kinds: list[int], coordinates: np.ndarray)
     return state
 
 
-def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def reference_matrices(
+    model: newton.Model, beside: np.ndarray | None = None
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Degrees of freedom of each articulation and its mass matrix at q = 0, armature included.
 
     A joint of no articulation that holds a lone body to the world counts as one.
+
+    Args:
+        model: The model.
+        beside: What the armature of tendons adds, shape (joint_dof_count, joint_dof_count).
     """
-    armature = Actuators.of_model(model).armature(model)
+    added = np.diag(Actuators.of_model(model).armature(model).astype(float))
+    if beside is not None:
+        added += beside
     state, starts = reference_state(model), model.joint_qd_start.numpy()
     poses, lone = state.body_q.numpy(), LoneJoints(model)
     for joint in lone.joints:
         dofs = lone.dofs(joint)
-        yield dofs, lone.matrix(joint, poses) + np.diag(armature[dofs])
+        yield dofs, lone.matrix(joint, poses) + added[np.ix_(dofs, dofs)]
     if not model.articulation_count:
         return
     matrices = newton.eval_mass_matrix(model, state).numpy().astype(float)
@@ -63,11 +71,17 @@ def reference_matrices(model: newton.Model) -> Iterator[tuple[np.ndarray, np.nda
     for k in range(model.articulation_count):
         # joints that close loops stand between articulations
         dofs = np.arange(first[k], last[k])
-        yield dofs, matrices[k, : dofs.size, : dofs.size] + np.diag(armature[dofs])
+        yield dofs, matrices[k, : dofs.size, : dofs.size] + added[np.ix_(dofs, dofs)]
 
 
-def reference_mobility(model: newton.Model) -> dict[int, tuple[float, float]]:
+def reference_mobility(
+    model: newton.Model, beside: np.ndarray | None = None
+) -> dict[int, tuple[float, float]]:
     """How a unit force accelerates degrees of freedom at q = 0.
+
+    Args:
+        model: The model.
+        beside: See :func:`reference_matrices`.
 
     Returns:
         Diagonal entry of the mass matrix's inverse, armature included, and the norm of its column,
@@ -75,7 +89,7 @@ def reference_mobility(model: newton.Model) -> dict[int, tuple[float, float]]:
         loops are not among them.
     """
     found: dict[int, tuple[float, float]] = {}
-    for dofs, matrix in reference_matrices(model):
+    for dofs, matrix in reference_matrices(model, beside):
         inverse = np.linalg.pinv(matrix)
         for i, dof in enumerate(dofs.tolist()):
             norm = float(np.linalg.norm(inverse[:, i]))
@@ -117,9 +131,14 @@ def reference_moments(
 
 
 def mobility_along(
-    model: newton.Model, moments: np.ndarray
+    model: newton.Model, moments: np.ndarray, beside: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """How a unit of force along a length moves it in the reference pose, and all coordinates.
+
+    Args:
+        model: The model.
+        moments: How the lengths change with each degree of freedom.
+        beside: See :func:`reference_matrices`.
 
     Returns:
         J M^-1 J^T and the norm of M^-1 J^T of each of some lengths, and whether it moves degrees
@@ -127,7 +146,7 @@ def mobility_along(
     """
     along, norms = np.zeros(len(moments)), np.zeros(len(moments))
     is_unknown = np.ones(model.joint_dof_count, dtype=bool)
-    for dofs, matrix in reference_matrices(model):
+    for dofs, matrix in reference_matrices(model, beside):
         is_unknown[dofs] = False
         moved = np.linalg.pinv(matrix) @ moments[:, dofs].T
         along += np.einsum("ij,ji->i", moments[:, dofs], moved)

@@ -61,16 +61,17 @@ def impedance_rates(reference: np.ndarray, impedance: np.ndarray) -> np.ndarray:
     return np.stack((k, b), axis=1)
 
 
-def limit_law(model: newton.Model) -> dict[str, wp.array]:
+def limit_law(model: newton.Model, beside: np.ndarray | None = None) -> dict[str, wp.array]:
     """Arrays of :class:`.data.JointModel` for limits with an impedance, each of shape (dofs,).
 
     Args:
         model: The user's model.
+        beside: See :func:`.inertia.reference_matrices`.
     """
     mujoco = model.mujoco
     is_authored = has_authored_limit(model)
     mobility = np.zeros(model.joint_dof_count)
-    for dof, (inverse, _) in reference_mobility(model).items():
+    for dof, (inverse, _) in reference_mobility(model, beside).items():
         mobility[dof] = inverse
     reference = mujoco.solreflimit.numpy().astype(float)
     reference[mujoco.solreflimit_mode.numpy() != _RAW] = _DEFAULT_REFERENCE

@@ -92,9 +92,11 @@ class Actuation:
             self.law = data.ActuatorModel()
             self.tendons = data.TendonModel()
             self.beside_tendons = wp.zeros(len(cords), dtype=wp.vec2)
+            self.tendon_inertia = None
             if cords:
                 self._cords = TendonArrays(model, solved, topology, wanted, pulling)
                 self.tendons = self._cords.arrays
+                self.tendon_inertia = self._cords.inertia()
                 if before is not None and before.tendons.row is not None:
                     self._cords.take_on(before.tendons)
             if self.rows:
@@ -517,7 +519,7 @@ class Actuation:
         # how a unit force moves the transmission, and how it accelerates all, by row
         moved: dict[int, tuple[float, float]] = {}
         if np.any(needed[list(axes)]):
-            known = reference_mobility(self._model)
+            known = reference_mobility(self._model, self.tendon_inertia)
             for row, dof in axes.items():
                 if needed[row] and dof not in known:
                     raise _no_inertia(found, row)
@@ -526,7 +528,7 @@ class Actuation:
         if self.tendons.row is not None and np.any(needed[list(found.tendons)]):
             number = {cord: i for i, cord in enumerate(self.tendons.row.numpy().tolist())}
             moments = self._cords.moments()
-            mobility, norms, lost = mobility_along(self._model, moments)
+            mobility, norms, lost = mobility_along(self._model, moments, self.tendon_inertia)
             for row, cord in found.tendons.items():
                 i = number[cord]
                 if needed[row] and lost[i]:
@@ -534,7 +536,7 @@ class Actuation:
                 moved[row] = (gear[row] ** 2 * mobility[i], gear[row] * norms[i])
         if np.any(needed[pushing]):
             moments = reference_moments(self._model, self._push_rates)
-            mobility, norms, lost = mobility_along(self._model, moments)
+            mobility, norms, lost = mobility_along(self._model, moments, self.tendon_inertia)
             for i, row in enumerate(pushing):
                 if needed[row] and lost[i]:
                     raise _no_inertia(found, row)

@@ -833,7 +833,9 @@ class SolverArrays:
         # graphs that were captured before go on using the old arrays
         self._retired.append((self._limit_law,))
         if self._flags.limit_impedance:
-            self._limit_law = limit_law(self.model)
+            acting = self._actuation
+            beside = None if acting is None else acting.tendon_inertia
+            self._limit_law = limit_law(self.model, beside)
         elif self._flags.limits and not self._flags.compliance:
             self._limit_law = limits_within_margins(self.model)
         else:

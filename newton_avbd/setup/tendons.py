@@ -113,6 +113,18 @@ class TendonArrays:
             self.arrays.velocity.zero_()
         return found
 
+    def inertia(self) -> np.ndarray | None:
+        """What armature adds to the mass matrix in the reference pose.
+
+        Returns:
+            Shape (joint_dof_count, joint_dof_count); None where no tendon has armature.
+        """
+        armature = self.arrays.armature.numpy()[[cord.row for cord in self._cords]].astype(float)
+        if not np.any(armature):
+            return None
+        moments = self.moments()
+        return (moments.T * armature) @ moments
+
     def _rates(self, state: newton.State) -> np.ndarray:
         self._measure(state)
         return self.arrays.velocity.numpy().copy()
@@ -188,5 +200,5 @@ class TendonArrays:
         reference[mujoco.tendon_solref_limit_mode.numpy()[rows] != _RAW] = _DEFAULT_REFERENCE
         rates = impedance_rates(reference, mujoco.tendon_solimp_limit.numpy()[rows])
         self.arrays.limit_rates = wp.array(rates, dtype=wp.vec2)
-        mobility = np.maximum(mobility_along(self._model, self.moments())[0], 1.0e-15)
-        self.arrays.limit_mobility = wp.array(mobility, dtype=float)
+        mobility = mobility_along(self._model, self.moments(), self.inertia())[0]
+        self.arrays.limit_mobility = wp.array(np.maximum(mobility, 1.0e-15), dtype=float)
