@@ -626,6 +626,30 @@ def test_random_paths_have_the_lengths_and_moments_of_mujoco() -> None:
     np.testing.assert_allclose(cords.moments()[:, linear], moments[:, linear], atol=2.0e-6)
 
 
+def test_a_path_straight_through_the_center_of_a_ball_goes_the_way_of_mujoco() -> None:
+    """All ways around are as short. Along an axis of the ball MuJoCo goes between the others."""
+    parts, paths = "", ""
+    for i in range(6):
+        at = np.zeros(3)
+        at[i // 2] = 0.5
+        start, end = (" ".join(map(str, sign * at)) for sign in (1.0, -1.0))
+        parts += f"""<site name="p{i}" pos="{start}"/><geom name="g{i}" size="0.1"/>
+        <site name="s{i}" pos="0.1 0.2 0.3"/>
+        <body pos="{end}"><freejoint/><geom size="0.01" mass="1"/><site name="q{i}"/></body>"""
+        side = f'sidesite="s{i}"' if i % 2 else ""
+        paths += f"""<spatial><site site="p{i}"/><geom geom="g{i}" {side}/><site site="q{i}"/>
+        </spatial>"""
+    text = f"<mujoco><worldbody>{parts}</worldbody><tendon>{paths}</tendon></mujoco>"
+    native = mujoco.MjModel.from_xml_string(text)
+    now = mujoco.MjData(native)
+    mujoco.mj_forward(native, now)
+    moments = np.zeros((6, native.nv))
+    rows = (native.ten_J_rownnz, native.ten_J_rowadr, native.ten_J_colind)
+    mujoco.mju_sparse2dense(moments, now.ten_J, *rows)
+    found = SolverAVBD(model_of(text))._actuation._cords.moments()
+    np.testing.assert_allclose(found, moments, atol=2.0e-6)
+
+
 PATH = '<spatial name="cord" {has}><site site="left"/>{rest}<site site="right"/></spatial>'
 
 

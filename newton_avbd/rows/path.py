@@ -213,12 +213,13 @@ def wrap(
         axis0 = wp.normalize(p)
         normal = wp.cross(p, q)
         if wp.length_sq(normal) < wp.float64(1.0e-20) * wp.length_sq(p) * wp.length_sq(q):
-            least = int(0)
+            # all planes are as good; MuJoCo takes this one
+            most = int(0)
             for k in range(1, 3):
-                if wp.abs(axis0[k]) < wp.abs(axis0[least]):
-                    least = k
-            normal = wp.vec3d(ZERO, ZERO, ZERO)
-            normal[least] = ONE
+                if wp.abs(axis0[k]) > wp.abs(axis0[most]):
+                    most = k
+            normal = wp.vec3d(ONE, ONE, ONE)
+            normal[most] = ZERO
             normal = wp.cross(axis0, normal)
         axis1 = wp.cross(wp.normalize(normal), axis0)
     flat_p = wp.vec2d(wp.dot(p, axis0), wp.dot(p, axis1))
