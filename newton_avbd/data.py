@@ -1238,6 +1238,8 @@ class Wrap:
     last."""
     along: wp.vec3d
     """Direction of that span from its start to its end."""
+    way: wp.vec2i
+    """See :attr:`TendonModel.way`."""
 
 
 @wp.struct
@@ -1298,6 +1300,9 @@ class TendonModel:
     outside: wp.array[wp.vec3d]
     """By geom with a side site inside, how far outside of its surface the nearer end of its path
     is [m]: at the start of the step, now, and where the step is taken to pass."""
+    way: wp.array[wp.vec2i]
+    """By geom, how its path goes since the start of the step (:data:`.rows.path.STRAIGHT`), and
+    whether it is to jump to another way then."""
     spans: wp.array[TendonSpan]
     """Spans of a tendon from its first element on."""
     span_end: wp.array[wp.int32]

@@ -377,6 +377,38 @@ def test_a_tendon_beyond_its_limit_is_brought_back_where_its_path_is_shortest() 
 
 
 @pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+@pytest.mark.parametrize("up", [True, False])
+def test_an_end_passes_a_place_where_its_path_jumps_as_in_mujoco(scheme: str, up: bool) -> None:
+    """By a side site it goes around a ball, and straight from where its end is within the ball.
+
+    Within a step no jump of the length counts as a motion: a damper does not stop the end there.
+    """
+    text = f"""
+    <mujoco><compiler angle="radian"/><worldbody>
+      <geom name="ball" size="0.1" contype="0" conaffinity="0"/>
+      <site name="above" pos="0 0 0.5"/><site name="aside" pos="-0.3 0 0"/>
+      <body pos="0.02 0 {-0.15 if up else -0.05}"><joint type="slide" axis="0 0 1"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="0.3 0.5 0.4"/><site name="end"/></body>
+      <body pos="0 3 0"><joint type="hinge" axis="0 1 0"/>
+        <inertial pos="0 0 0" mass="1" diaginertia="0.3 0.5 0.4"/></body>
+    </worldbody><tendon><spatial stiffness="20" damping="5" springlength="0.6">
+      <site site="above"/><geom geom="ball" sidesite="aside"/><site site="end"/>
+    </spatial></tendon></mujoco>"""
+    native = mujoco.MjModel.from_xml_string(text)
+    native.opt.timestep, native.opt.gravity[2] = 1.0e-4, 0.0
+    now = mujoco.MjData(native)
+    mujoco.mj_forward(native, now)
+    began = now.ten_length[0]
+    now.qvel[0] = 1.0 if up else -1.0
+    mujoco.mj_step(native, now, 1500)
+    rates = (1.0 if up else -1.0, 0.0)
+    q, _ = run(model_of(text), 150, start=(0.0, 0.0), rates=rates, scheme=scheme)
+    assert abs(now.ten_length[0] - began) > 0.5 * abs(now.qpos[0]) + 0.02
+    assert abs(now.qpos[0]) > 0.07
+    assert q[-1, 0] == pytest.approx(now.qpos[0], abs=1.0e-3)
+
+
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
 def test_an_end_on_a_spring_swings_through_where_its_path_is_shortest(scheme: str) -> None:
     """As in MuJoCo with steps that are a fiftieth.
 

@@ -37,6 +37,15 @@ WHERE_IT_IS = wp.constant(0)
 WITHIN = wp.constant(1)
 OUTSIDE = wp.constant(2)
 """On which side of a ring a path is taken to end: where it does, with an end within, or outside."""
+UNKNOWN = wp.constant(-1)
+STRAIGHT = wp.constant(0)
+"""How a path goes around a geom in a plane: by no arc, by the one with its left or with its right
+tangent first (1 and 2), or not known."""
+JUMP = wp.constant(wp.float64(0.05))
+"""Share of a geom's radius by which the length of a path changes at most where it leaves the geom
+or comes to it. (Arcs of less than a radian are that close to their chords.)"""
+VANISHED = wp.constant(wp.float64(1.0e-30))
+"""Length of a span that has vanished and whose direction counts all the same [m]."""
 SHORTEST = wp.constant(1.0e-6)
 """Length of a span [m], and cosine at which a path meets a ring, that nothing is divided by less
 than."""
@@ -60,46 +69,95 @@ def crosses(a: wp.vec2d, b: wp.vec2d, c: wp.vec2d, d: wp.vec2d) -> bool:
 
 @wp.func
 def touching(p: wp.vec2d, radius: wp.float64, sign: wp.float64) -> wp.vec2d:
-    """Where a line through a point outside of a circle about the origin touches it."""
+    """Where a line through a point outside of a circle about the origin touches it; the point of
+    the circle that is next to one inside."""
     square = wp.dot(p, p)
+    if square < radius * radius:
+        return radius * wp.normalize(p)
     root = sign * radius * wp.sqrt(wp.max(square - radius * radius, ZERO))
     return (radius * radius * p + root * wp.vec2d(p[1], -p[0])) / square
 
 
 @wp.func
+def arc_by(p: wp.vec2d, q: wp.vec2d, radius: wp.float64, way: int) -> Wrap:
+    """The path from p to q around a circle by the one or the other arc.
+
+    An end inside is on the arc's end, as far as the length goes, which then changes as it does
+    where the end is on the circle.
+    """
+    sign = wp.where(way == 1, ONE, -ONE)
+    a = touching(p, radius, sign)
+    b = touching(q, radius, -sign)
+    out = Wrap()
+    out.length = -ONE
+    if not crosses(p, a, q, b):
+        angle = wp.atan2(sign * (b[0] * a[1] - b[1] * a[0]), wp.dot(a, b))
+        # less than none at all is rounding of two points that coincide
+        whole = wp.where(angle < wp.float64(-1.0e-6), wp.float64(2.0) * HALF_TURN, ZERO)
+        out.length = radius * wp.max(angle + whole, ZERO)
+        out.first = wp.vec3d(a[0], a[1], ZERO)
+        out.last = wp.vec3d(b[0], b[1], ZERO)
+        if wp.length(p) < radius:
+            out.back = VANISHED
+            out.along = sign / radius * wp.vec3d(a[1], -a[0], ZERO)
+        elif wp.length(q) < radius:
+            out.back = -VANISHED
+            out.along = sign / radius * wp.vec3d(b[1], -b[0], ZERO)
+    return out
+
+
+@wp.func
+def way_length(p: wp.vec2d, q: wp.vec2d, arc: Wrap) -> wp.float64:
+    """Length of the path from p to q, straight or by an arc."""
+    if arc.length < ZERO:
+        return wp.length(q - p)
+    before = wp.length(wp.vec2d(arc.first[0], arc.first[1]) - p)
+    return before + arc.length + wp.length(wp.vec2d(arc.last[0], arc.last[1]) - q)
+
+
+@wp.func
 def around_circle(
-    p: wp.vec2d, q: wp.vec2d, side: wp.vec2d, has_side: bool, radius: wp.float64
+    p: wp.vec2d, q: wp.vec2d, side: wp.vec2d, has_side: bool, radius: wp.float64, known: int
 ) -> Wrap:
-    """The path from p to q around a circle, on the given side or, without one, on the shorter."""
+    """The path from p to q around a circle, on the given side or, without one, on the shorter.
+
+    A path that went another way when that was ``known`` goes on by it if its length would jump.
+    """
     out = Wrap()
     out.length = -ONE
     across = q - p
     square = wp.dot(across, across)
-    is_inside = wp.min(wp.dot(p, p), wp.dot(q, q)) < radius * radius
-    if is_inside or square < COINCIDENT * COINCIDENT or radius < COINCIDENT:
+    if square < COINCIDENT * COINCIDENT or radius < COINCIDENT:
         return out
+    is_outside = wp.min(wp.dot(p, p), wp.dot(q, q)) >= radius * radius
     near = p + wp.clamp(-wp.dot(across, p) / square, ZERO, ONE) * across
-    if wp.dot(near, near) > radius * radius:
-        if not has_side or wp.dot(side, near) >= ZERO:
-            return out
-    best = -wp.float64(wp.inf)
-    for i in range(2):
-        sign = wp.where(i == 0, ONE, -ONE)
-        a = touching(p, radius, sign)
-        b = touching(q, radius, -sign)
-        if crosses(p, a, q, b):
-            continue
-        good = -wp.length_sq(a - b)
-        if has_side:
-            good = wp.dot(wp.normalize(a + b), side)
-        if good >= best:
-            best = good
-            angle = wp.atan2(sign * (b[0] * a[1] - b[1] * a[0]), wp.dot(a, b))
-            # less than none at all is rounding of two points that coincide
-            whole = wp.where(angle < wp.float64(-1.0e-6), wp.float64(2.0) * HALF_TURN, ZERO)
-            out.length = radius * wp.max(angle + whole, ZERO)
-            out.first = wp.vec3d(a[0], a[1], ZERO)
-            out.last = wp.vec3d(b[0], b[1], ZERO)
+    way = int(STRAIGHT)
+    meets = wp.dot(near, near) <= radius * radius or (has_side and wp.dot(side, near) < ZERO)
+    if is_outside and meets:
+        best = -wp.float64(wp.inf)
+        for i in range(1, 3):
+            arc = arc_by(p, q, radius, i)
+            if arc.length < ZERO:
+                continue
+            a = wp.vec2d(arc.first[0], arc.first[1])
+            b = wp.vec2d(arc.last[0], arc.last[1])
+            good = -wp.length_sq(a - b)
+            if has_side:
+                good = wp.dot(wp.normalize(a + b), side)
+            if good >= best:
+                best = good
+                out = arc
+                way = i
+    out.way = wp.vec2i(way, 0)
+    if known >= STRAIGHT and known != way:
+        before = Wrap()
+        before.length = -ONE
+        if known != STRAIGHT and wp.max(wp.length(p), wp.length(q)) >= radius:
+            before = arc_by(p, q, radius, known)
+        if known == STRAIGHT or before.length >= ZERO:
+            if wp.abs(way_length(p, q, out) - way_length(p, q, before)) > JUMP * radius:
+                out = before
+                out.way = wp.vec2i(known, 1)
     return out
 
 
@@ -201,6 +259,7 @@ def wrap(
     side: wp.vec3d,
     has_side: bool,
     taken: int,
+    known: int,
 ) -> Wrap:
     """The arc of a path from p to q around a geom, in the geom's frame; a length below 0 for none.
 
@@ -229,7 +288,7 @@ def wrap(
     if has_side and wp.length(side) < radius:
         out = inside_circle(flat_p, flat_q, radius, taken)
     else:
-        out = around_circle(flat_p, flat_q, flat_side, has_side, radius)
+        out = around_circle(flat_p, flat_q, flat_side, has_side, radius, known)
     if out.length < ZERO:
         return out
     first = out.first[0] * axis0 + out.first[1] * axis1
@@ -355,8 +414,10 @@ def side_taken(
 
 @wp.func
 def meets_kink(k: int, tendons: wp.ref[TendonModel]) -> bool:
-    """Whether an end of a path has passed the surface of a geom in the step, or will in the next
-    one if it goes on."""
+    """Whether a path is to jump to another way around a geom, or an end of it has passed the
+    surface in the step, or will in the next one if it goes on."""
+    if tendons.way[k][1] != 0:
+        return True
     started = tendons.outside[k][0]
     now = tendons.outside[k][1]
     then = now + (now - started)
@@ -364,7 +425,9 @@ def meets_kink(k: int, tendons: wp.ref[TendonModel]) -> bool:
 
 
 @wp.func
-def arc_of(last: int, geom: int, k: int, taken: int, tendons: wp.ref[TendonModel]) -> Wrap:
+def arc_of(
+    last: int, geom: int, k: int, taken: int, known: int, tendons: wp.ref[TendonModel]
+) -> Wrap:
     """The arc between two sites of a path around a geom, from the origin of the tendon."""
     center = tendons.point[geom]
     turned = tendons.rotation[geom]
@@ -379,6 +442,7 @@ def arc_of(last: int, geom: int, k: int, taken: int, tendons: wp.ref[TendonModel
         wp.quat_rotate_inv(axes, tendons.point[geom + 1] - center),
         tendons.kind[geom + 1] == SIDE,
         taken,
+        known,
     )
     out.first = center + wp.quat_rotate(axes, out.first)
     out.last = center + wp.quat_rotate(axes, out.last)
@@ -394,7 +458,9 @@ def find_path(i: int, in_step: bool, ahead: wp.float64, tendons: wp.ref[TendonMo
     surface. Within a step its length goes on without the kink, on the side that
     :func:`side_taken` chooses: a light end that a tendon pulls there would be held by the kink
     otherwise, from sweep to sweep on the other side, and by its jumps the tendon would pull nothing
-    else as it should.
+    else as it should. Where a side site has the length jump, as the path goes the other way around
+    a geom or leaves it for a shorter one, a step goes on by the way on which it starts: by a jump
+    within the step what acts along the tendon would throw it back.
     """
     length = wp.float64(0.0)
     share = wp.float64(1.0)
@@ -417,9 +483,17 @@ def find_path(i: int, in_step: bool, ahead: wp.float64, tendons: wp.ref[TendonMo
                 arc = Wrap()
                 if geom >= 0:
                     taken = int(WHERE_IT_IS)
+                    known = int(UNKNOWN)
                     if in_step:
                         taken = side_taken(last, geom, k, ahead, tendons)
-                    arc = arc_of(last, geom, k, taken, tendons)
+                        if ahead < ZERO:
+                            known = tendons.way[geom][0]
+                    arc = arc_of(last, geom, k, taken, known, tendons)
+                    if in_step:
+                        way = arc.way
+                        if known != UNKNOWN:
+                            way[0] = known
+                        tendons.way[geom] = way
                     if arc.length >= ZERO:
                         length += share * arc.length
                         part = add_span(last, geom, start, arc.first, share, at, tendons.spans)

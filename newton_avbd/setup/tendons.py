@@ -170,6 +170,7 @@ class TendonArrays:
             # one more, so that a geom at the end of all may look for a side site
             setattr(work, name, wp.zeros(len(path) + 1, dtype=dtype))
         work.outside = wp.zeros(len(path), dtype=wp.vec3d)
+        work.way = wp.zeros(len(path), dtype=wp.vec2i)
         work.spans = wp.zeros(len(path), dtype=data.TendonSpan)
         work.span_end = wp.zeros(len(self._cords), dtype=wp.int32)
 
