@@ -479,6 +479,9 @@ class AxisPush:
     resisted: float
     """What they resisted motion with in the last step, and now, by h^2 [kg or kg m^2]."""
     resists: float
+    turned: wp.vec2
+    """What force and drive gain at the start of the step by slopes that are no longer those of the
+    last one, as a muscle's are, and which their motion takes from them again [N or N m]."""
 
 
 @wp.struct

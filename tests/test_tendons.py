@@ -328,6 +328,34 @@ def test_a_muscle_pulls_a_spatial_tendon_by_its_force_length_curve(length: float
     assert force == pytest.approx(peak * muscle(length), rel=5.0e-3)
 
 
+@pytest.mark.parametrize("along", ["joint", "tendon"])
+def test_a_muscle_at_second_order_pushes_by_its_law_and_not_by_its_slopes(along: str) -> None:
+    """Two muscles whose slopes change from step to step, beside MuJoCo with short steps.
+
+    Only a force that changes where the muscle is counts as one that its control changes.
+    """
+    tendon = '<fixed name="all"><joint joint="hinge" coef="1"/></fixed>'
+    of = {"joint": 'joint="hinge"', "tendon": 'tendon="all"'}[along]
+    law = 'gaintype="muscle" biastype="muscle" gainprm="{0}" biasprm="{0}"'
+    law = law.format("0.75 1.05 200 200 0.5 1.6 6 1.3 1.2")
+    muscles = f"""<general {of} lengthrange="4.5 6" {law}/>
+    <general {of} lengthrange="-6 -4.5" gear="-1" {law}/>"""
+    text = file(tendon, muscles).replace('axis="0 1 0"/>', 'axis="0 1 0" ref="5"/>')
+    native = mujoco.MjModel.from_xml_string(text)
+    native.opt.timestep, native.opt.gravity[2] = 1.0e-4, 0.0
+    now, steps, substeps = mujoco.MjData(native), 100, 20
+    now.qvel[0] = 4.0
+    now.ctrl[:] = 0.2
+    path = []
+    for _ in range(steps):
+        mujoco.mj_step(native, now, substeps)
+        path.append(now.qpos[0] - 5.0)
+    dt = substeps * native.opt.timestep
+    q, _ = run(model_of(text), steps, 0.2, rates=(4.0, 0.0, 0.0), dt=dt)
+    assert np.ptp(path) > 0.1
+    np.testing.assert_allclose(q[:, ARM], path, atol=2.5e-4)
+
+
 def test_a_limit_of_a_fixed_tendon_stops_the_sum_of_its_coordinates() -> None:
     """Both fall freely; from the limit on their sum stays, and it pulls both alike."""
     model = model_of(file(BOTH.format(has='limited="true" range="-0.5 9"')), G)

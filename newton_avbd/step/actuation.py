@@ -162,6 +162,7 @@ def pull_tendons(
         push.damping *= share
     push.force += own[0]
     push.damping += own[1]
+    push.turned = turned_by(push, tendons.push[i], length, velocity)
     tendons.push[i] = push
     beside[i] = apart
 
@@ -318,6 +319,15 @@ def drive_in_step(
 
 
 @wp.func
+def turned_by(push: AxisPush, before: AxisPush, q: float, v: float) -> wp.vec2:
+    """See :attr:`.data.AxisPush.turned`; ``before`` is that of the last step."""
+    force = (push.stiffness - before.stiffness) * q + (push.damping - before.damping) * v
+    stiffness = push.drive_stiffness - before.drive_stiffness
+    damping = push.drive_damping - before.drive_damping
+    return wp.vec2(force, stiffness * q + damping * v)
+
+
+@wp.func
 def push_axis(
     i: int,
     # Model:
@@ -433,6 +443,7 @@ def push_axis(
     push.force -= transmitted
     push.drive += transmitted
     push.level = before.level
+    push.turned = turned_by(push, before, q, qd)
     control.pushes[dof] = push
     if push.count > 0 and before.count > 0:
         now, stiffness_now = ranged(control, dof, wp.float64(q), h * qd, h)

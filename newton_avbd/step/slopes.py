@@ -215,7 +215,7 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
             if wp.static(effects.pushed_axes):
                 push = step.control.pushes[dof]
                 bound_push = push.drive + push.level
-                change += bound_push - last.bound_push
+                change += bound_push - last.bound_push - push.turned[1]
                 resists += scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
                 s.history.input[dof].bound_push = bound_push
                 least = wp.max(least, push.least)
@@ -239,9 +239,11 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
             for dof in range(first, s.joints.dof_start[joint + 1]):
                 last = s.history.input[dof]
                 push = step.control.joint_f[dof]
+                turned = float(0.0)
                 if wp.static(effects.pushed_axes):
                     push += step.control.pushes[dof].force
-                jump = push - last.push
+                    turned = step.control.pushes[dof].turned[0]
+                jump = push - last.push - turned
                 if wp.static(acts_within):
                     jump += drive_jump(joint, dof, scale, step, s)
                 share = s.history.input[dof].share

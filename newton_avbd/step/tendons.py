@@ -67,9 +67,10 @@ def begin_input(i: int, scale: WorldScale, tendons: wp.ref[TendonModel]) -> floa
     axes (:func:`.slopes.step_ahead`). Returns twice the energy that a change gives in one [J]."""
     push = tendons.push[i]
     last = tendons.input[i]
-    jump = push.force - last.push
+    jump = push.force - last.push - push.turned[0]
+    change = push.drive - last.bound_push - push.turned[1]
     resists = scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
-    bound = change_within(last, push.drive - last.bound_push, push.least, push.most, resists)
+    bound = change_within(last, change, push.least, push.most, resists)
     jump += bound[0]
     ahead = step_ahead(jump, last.ahead, bound[1], scale)
     change = jump + ahead[0] - last.ahead[0]
