@@ -97,6 +97,25 @@ def test_the_impedance_grows_with_how_far_the_limit_is_passed() -> None:
     assert d * d / (1.0 - d) * INERTIA * k * -q == pytest.approx(8.0, rel=5.0e-3)
 
 
+@pytest.mark.parametrize("on", ["joint", "tendon"])
+def test_limits_whose_margins_overlap_both_push(on: str) -> None:
+    """At rest (1 - d) tau/I = 2 d^2 k q: each pushes by how far it is passed, 0.2 rad where q is 0.
+
+    With a range of 0.1 and a margin of 0.3 rad.
+    """
+    ends, has, tendon = "-0.1 0.1", f'margin="0.3" {CONSTANT}', ""
+    if on == "tendon":
+        tendon = f"""<tendon><fixed range="{ends}" {has}><joint joint="hinge" coef="1"/></fixed>
+        </tendon>"""
+        has = 'limited="false"'
+    text = ARM.format(range=ends, limit=has).replace("<actuator>", f"{tendon}<actuator>")
+    builder = newton.ModelBuilder()
+    SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(text, ctrl_direct=True)
+    q = angles(builder.finalize(device="cpu"), 40.0, 2.0e-3, 300, (0.01, 0.0))
+    assert q[-1] == pytest.approx((1.0 - D) * 40.0 / INERTIA / (2.0 * D * D * K), rel=1.0e-3)
+
+
 def test_a_limit_does_not_hold_what_leaves_it() -> None:
     """A torque that pulls the arm back faster than the limit would is all that acts."""
     torque, h = 400.0, 1.0e-4

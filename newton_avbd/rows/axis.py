@@ -266,27 +266,48 @@ def returning_force(
 
 
 @wp.func
+def within_limits(
+    start: float,
+    ends: wp.vec2,
+    moved: float,
+    start_velocity: float,
+    prm: vec5,
+    rates: wp.vec2,
+    mobility: float,
+    h: float,
+):
+    """Force of a lower and an upper limit as :func:`returning_force` has them, and its curvature.
+
+    Where their margins overlap both push.
+    """
+    force = float(0.0)
+    stiffness = float(0.0)
+    for end in range(2):
+        side = wp.where(end == 0, 1.0, -1.0)
+        inside = side * (start - ends[end])
+        v = side * start_velocity
+        push, k = returning_force(inside, side * moved, v, prm, rates, mobility, h)
+        force += side * push
+        stiffness += k
+    return force, stiffness
+
+
+@wp.func
 def yielding_limit(
     joints: wp.ref[JointModel], dof: int, q: float, moved: float, start_velocity: float, h: float
 ):
-    """Generalized force of a limit with MuJoCo's impedance [N or N m] and its curvature."""
-    start = q - moved
+    """Generalized force of both limits with MuJoCo's impedance [N or N m] and its curvature."""
     margin = joints.limit_margin[dof]
-    inside = start - joints.limit_lower[dof] - margin
-    side = 1.0
-    if inside >= 0.0:
-        inside = joints.limit_upper[dof] - margin - start
-        side = -1.0
-    force, stiffness = returning_force(
-        inside,
-        side * moved,
-        side * start_velocity,
+    return within_limits(
+        q - moved,
+        wp.vec2(joints.limit_lower[dof] + margin, joints.limit_upper[dof] - margin),
+        moved,
+        start_velocity,
         joints.limit_impedance[dof],
         joints.limit_rates[dof],
         joints.limit_mobility[dof],
         h,
     )
-    return side * force, stiffness
 
 
 @wp.func

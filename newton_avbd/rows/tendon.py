@@ -15,7 +15,7 @@ It is what acts along a joint axis (:mod:`.rows.axis`), at the end of the step:
 import warp as wp
 
 from ..data import AxisLaw, TendonModel
-from .axis import LEAN, LEAN_RATE, LEANING, left_beyond, returning_force
+from .axis import LEAN, LEAN_RATE, LEANING, left_beyond, within_limits
 
 
 @wp.func
@@ -70,20 +70,17 @@ def linear_pull(
     force -= damping * moved / h + inertia * (moved - h * tendons.start_velocity[i])
     stiffness += damping / h + inertia
     if compliance and tendons.is_limited[i]:
-        ends = range_of(i, tendons)
-        start = length - moved
-        side = wp.where(start - ends[0] < ends[1] - start, 1.0, -1.0)
-        inside = wp.where(side > 0.0, start - ends[0], ends[1] - start)
-        pull, k = returning_force(
-            inside,
-            side * moved,
-            side * tendons.start_velocity[i],
+        pull, k = within_limits(
+            length - moved,
+            range_of(i, tendons),
+            moved,
+            tendons.start_velocity[i],
             tendons.limit_impedance[row],
             tendons.limit_rates[i],
             tendons.limit_mobility[i],
             h,
         )
-        force += side * pull
+        force += pull
         stiffness += k
     return force, stiffness
 
