@@ -157,6 +157,19 @@ def test_a_joint_that_the_importer_fails_at_is_named(
         read_asset(path, "xpbd", floating=True)
 
 
+@pytest.mark.parametrize("kind", ["spatial", "fixed"])
+def test_a_tendon_that_the_importer_fails_at_is_named(tmp_path: Path, kind: str) -> None:
+    path = {
+        "spatial": '<site site="a"/><site site="c"/>',
+        "fixed": '<joint joint="j" coef="1"/>',
+    }[kind]
+    text = f"""<mujoco><default><tendon stiffness="0 200"/></default><worldbody><site name="a"/>
+    <body pos="1 0 0"><joint name="j"/><geom size="0.1"/><site name="c"/></body></worldbody>
+    <tendon><{kind} name="soft">{path}</{kind}></tendon></mujoco>"""
+    with pytest.raises(UserError, match=r"tendon 'soft' has stiffness=\"0 200\", a polynomial"):
+        read_asset(write(tmp_path, text), "avbd", floating=True)
+
+
 def test_a_body_without_a_name_is_called_so(tmp_path: Path) -> None:
     text = '<mujoco><worldbody><body mocap="true"><joint {}/><geom size="0.1"/></body></worldbody>'
     path = write(tmp_path, text.format('stiffness="1 5"') + "</mujoco>")

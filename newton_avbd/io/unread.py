@@ -32,24 +32,23 @@ _OF_TREE = {"replicate": _SAVE, "attach": _SAVE, "composite": _SAVE, "flexcomp":
 
 
 def refuse(root: ElementTree.Element) -> None:
-    """Refuses joints that the importer fails at, by name.
+    """Refuses joints and tendons that the importer fails at, by name.
 
     Raises:
-        ValueError: If a joint's damping or stiffness is a polynomial, or a ball joint comes after
-            another joint of its body.
+        ValueError: If damping or stiffness is a polynomial, or a ball joint comes after another
+            joint of its body.
     """
+    for tag in ("spatial", "fixed"):
+        for _, said in of_group(root, "tendon", tag):
+            called = f"tendon '{said['name']}'" if said.get("name") else "a tendon without a name"
+            _refuse_polynomials(called, said)
     for body in bodies(root):
         for number, joint in enumerate(body.joints):
             kind = joint.get("type", "hinge")
             if kind == "free":  # the importer reads no number of it, and no joint after it
                 break
             label = f"joint '{joint['name']}'" if joint.get("name") else f"a joint of {body.called}"
-            for name in ("damping", "stiffness"):
-                if len(joint.get(name, "").split()) > 1:
-                    raise ValueError(
-                        f'{label} has {name}="{joint[name]}", a polynomial, and Newton\'s '
-                        "importer reads one number. Write the first one alone."
-                    )
+            _refuse_polynomials(label, joint)
             if kind == "ball":
                 if number:
                     raise ValueError(
@@ -57,6 +56,16 @@ def refuse(root: ElementTree.Element) -> None:
                         "importer takes a ball alone. Give it a body of its own."
                     )
                 break  # it reads none after it
+
+
+def _refuse_polynomials(label: str, said: Attributes) -> None:
+    """Refuses damping or stiffness that is more than a number."""
+    for name in ("damping", "stiffness"):
+        if len(said.get(name, "").split()) > 1:
+            raise ValueError(
+                f'{label} has {name}="{said[name]}", a polynomial, and Newton\'s importer '
+                "reads one number. Write the first one alone."
+            )
 
 
 def unread(name: str, root: ElementTree.Element, builder: newton.ModelBuilder) -> Iterator[str]:
