@@ -59,7 +59,8 @@ def make_colored_recovery(
         s[0].worlds.sweeps[world] = sweeps
         s[0].worlds.update[world] = length_of(update)
         s[0].worlds.settled[world] = settled_update(scale)
-        is_open = s[0].colors.is_open[world] == 1
+        # rebounds have moved what joints hold
+        is_open = s[0].colors.is_open[world] == 1 or s[0].colors.has_impacts[world] == 1
         passes = count_passes(sweeps, update, s[0].colors.deepest[world], is_open, scale)
         if s[0].colors.is_finite[world] == 0:
             passes = 0

@@ -153,6 +153,8 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
 
             # Recovery: old errors go, without entering the velocity.
             if wp.static(not effects.ramp):
+                # rebounds have moved what joints hold
+                is_open = is_open or has_impacts
                 most = begin_recovery(world, sweeps, update, deepest, is_open, scale, s)
                 recovery = RECOVERY
                 if most == 0:
