@@ -12,6 +12,7 @@ from helpers import IDENTITY, G, Simulation, add_box, add_ground, add_sphere, su
 from joint_scenes import add_hinge_chain, set_control, simulate
 from newton import ModelFlags
 
+from newton_avbd import SolverAVBD
 from newton_avbd.step.sleeping import REST_TIME
 
 DT = 1.0 / 60.0
@@ -306,3 +307,51 @@ def test_without_asking_nothing_sleeps_and_nothing_is_kept() -> None:
     assert effect.bytes == 0
     assert effect.why == "without sleeping=True"
     assert asleep(1).solver.effects["sleeping"].on
+
+
+TWO_ARMS = """
+<mujoco>
+  <worldbody>
+    <body>
+      <joint name="a" axis="0 1 0"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.3"/>
+      <body pos="0.3 0 0">
+        <joint name="b" axis="0 1 0"/>
+        <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.2"/>
+      </body>
+    </body>
+    <body pos="2 0 0">
+      <joint name="c" axis="0 1 0"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.3"/>
+      <body pos="0.3 0 0">
+        <joint name="d" axis="0 1 0"/>
+        <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.2"/>
+      </body>
+    </body>
+  </worldbody>
+  <tendon>
+    <fixed name="t" stiffness="2" springlength="0" damping="0.05">
+      <joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/>
+    </fixed>
+  </tendon>
+  <actuator><motor tendon="t" gear="3"/></actuator>
+</mujoco>
+"""
+"""Two arms without contact; a tendon along the joints of the first is pulled."""
+
+
+def test_a_tendon_of_an_arm_beside_another_one_pulls_as_without_sleeping() -> None:
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
+    builder.add_mjcf(TWO_ARMS, ctrl_direct=True)
+    model = builder.finalize(device="cpu")
+    ends = []
+    for sleeping in (False, True):
+        solver = SolverAVBD(model, sleeping=sleeping)
+        state, after, control = model.state(), model.state(), model.control()
+        for step in range(200):
+            control.mujoco.ctrl.assign([0.5 * np.sin(0.01 * step)])
+            solver.step(state, after, control, None, 1.0 / 1000.0)
+            state, after = after, state
+        ends.append(state.body_q.numpy())
+    np.testing.assert_allclose(ends[1], ends[0], atol=1.0e-5)

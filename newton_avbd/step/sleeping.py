@@ -175,10 +175,11 @@ def make_form_islands(effects: Effects) -> wp.Kernel:
                     island += 1
                 place = s.sleep.place[root]
                 s.sleep.place[root] = place + end - i
-                if wp.static(effects.closures):
-                    s.sleep.seen_block_of[place] = s.sleep.block_of[i]
                 for k in range(i, end):
                     body = s.worlds.bodies[k]
+                    if wp.static(effects.closures):
+                        # only the first place of a block has its closures
+                        s.sleep.seen_block_of[place + k - i] = s.sleep.block_of[k]
                     seen.bodies[place + k - i] = body
                     seen.rank[body] = place + k - i
                     seen.block_end[place + k - i] = place + end - i
