@@ -46,6 +46,21 @@ def test_a_task_moves_as_with_mujoco(
     assert np.abs(theirs).max() > 0.5
 
 
+def test_bodies_of_a_file_without_contacts_pass_through_each_other() -> None:
+    """A cart within its rails, which rub it where contacts count."""
+    task = learning.Task("dm_control/cartpole-swingup")
+    paths = []
+    for engine in (learning.Engine(task), learning.Clock(task)):
+        task.reset(0, engine)
+        path = []
+        for control in range(32):
+            task.step(np.array([np.sin(0.3 * control)]))
+            path.append(task.data.qpos[0])
+        paths.append(np.array(path))
+    assert np.ptp(paths[1]) > 0.1
+    assert paths[0] == pytest.approx(paths[1], abs=2.0e-3)
+
+
 def test_a_floating_root_is_put_and_taken_without_loss() -> None:
     """Its quaternion, its spin, its velocity at the origin of a body whose COM is elsewhere."""
     task = learning.Task("gymnasium/Ant-v5")

@@ -191,6 +191,10 @@ class Engine:
         self.model = builder.finalize(device="cpu")
         self.model.set_gravity(tuple(map(float, task.model.opt.gravity)))
         self._match(task)
+        disabled = task.model.opt.disableflags
+        if disabled & int(mujoco.mjtDisableBit.mjDSBL_CONTACT):
+            # bodies of the file pass through each other, as a cart through its rails
+            settings["effects"] = {"contact": False, **settings.get("effects", {})}
         self._solver = SolverAVBD(self.model, update_joint_state=True, **settings)
         self._pipeline = newton.CollisionPipeline(self.model)
         self._contacts = self._pipeline.contacts()
