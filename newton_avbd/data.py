@@ -1337,8 +1337,13 @@ class TendonModel:
     """What actuators push along it in the step."""
     velocity: wp.array[float]
     """Rate of its length at the start of the step, as measured [m/s or rad/s]."""
+    coasting: wp.array[wp.vec2]
+    """How that changes while joints keep their rates, and what of that the path makes as it is;
+    zero where nothing asks for it [m/s^2]. See :mod:`.step.tendon_coasting`."""
     start_velocity: wp.array[float]
-    """The same as the scheme of the step has it."""
+    """The rate as the scheme of the step has it, for armature."""
+    limit_velocity: wp.array[float]
+    """The rate to which that comes without forces, for limits that give way."""
     start_length: wp.array[wp.float64]
     """Length at the start of the step [m or rad], ahead of it in steps of second order."""
     length: wp.array[wp.float64]

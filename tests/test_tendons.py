@@ -514,6 +514,27 @@ def test_armature_adds_to_the_inertia_along_a_tendon() -> None:
     assert q[-1, LEFT] == pytest.approx(5.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_armature_of_a_tendon_stores_energy_as_its_path_turns(scheme: str) -> None:
+    """(I + armature (dL/dq)^2) q'^2 is constant while an arm swings by 1.4 rad.
+
+    dL/dq goes from 0.24 to 0.02 m meanwhile. Bound: a step turns the arm by 0.0015 rad.
+    """
+    tendon = '<spatial armature="8"><site site="above"/><site site="tip"/></spatial>'
+    model = model_of(file(tendon))
+    q, _ = run(model, 800, rates=(3.0, 0.0, 0.0), scheme=scheme, dt=5.0e-4)
+    angle = np.array([0.0, *q[:, ARM]])
+
+    def moment(at: float) -> float:
+        to = 0.4 * np.array([np.cos(at), -np.sin(at)]) - [0.0, 0.3]
+        return float(to @ (0.4 * np.array([-np.sin(at), -np.cos(at)])) / np.linalg.norm(to))
+
+    rate = (angle[-1] - angle[-3]) / 1.0e-3
+    inertia = [0.5 + 8.0 * moment(at) ** 2 for at in (0.0, angle[-2])]
+    assert inertia[1] < 0.6 * inertia[0]
+    assert inertia[1] * rate**2 == pytest.approx(inertia[0] * 3.0**2, rel=2.0e-3)
+
+
 def test_armature_of_a_tendon_couples_the_articulations_that_it_spans() -> None:
     """A pull f on a rope of the moments J: a = (M + J^T armature J)^-1 J^T f.
 

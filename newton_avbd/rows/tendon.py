@@ -74,7 +74,7 @@ def linear_pull(
             length - moved,
             range_of(i, tendons),
             moved,
-            tendons.start_velocity[i],
+            tendons.limit_velocity[i],
             tendons.limit_impedance[row],
             tendons.limit_rates[i],
             tendons.limit_mobility[i],

@@ -32,7 +32,7 @@ from ..step import adhesion
 from ..step import body_actuators as pushes
 from ..step.actuator_force import clear_force
 from .tendons import KEPT, TendonArrays
-from .transmission import Transmission
+from .transmission import Coasting, Transmission
 from .views import AllJoints, coordinates_of, indices, lists
 
 _COMPENSATING = frozenset({"actuators", "gravity_compensation"})
@@ -169,6 +169,8 @@ class Actuation:
             motion = [state.body_q, state.body_qd, self._joint_q, self._joint_qd]
             count = self.tendons.row.size
             launch(kernels.measure_tendons, count, [model.body_com, *motion, self.tendons])
+            if self._coasting is not None:
+                self._coasting.measure(launch, state, self._joint_q, self._joint_qd)
             launch(
                 kernels.pull_tendons, count, [self.law, ctrl, dt, self.tendons, self.beside_tendons]
             )
@@ -340,9 +342,13 @@ class Actuation:
             self._carried = (indices(joint), self.axes.coordinate, *links)
             self._compensated = wp.zeros(dofs.size, dtype=float)
         self._measures_tendons = self.tendons.row is not None and self._cords.is_measured
-        combines = self._measures_tendons and np.any(self.tendons.kind.numpy() == int(JOINT))
+        combines = self._measures_tendons and bool(np.any(self.tendons.kind.numpy() == int(JOINT)))
+        self._coasting = None
+        if self._measures_tendons and self._cords.coasts:
+            self._coasting = Coasting(model, self.tendons)
+            combines = combines or Coasting.needs_coordinates(model)
         self._is_measured = (
-            bool(combines) or bool(carried) or (bool(items) and self._needs_motion(items, rows))
+            combines or bool(carried) or (bool(items) and self._needs_motion(items, rows))
         )
         measures = int(self._is_measured)
         self._joint_q = wp.zeros(measures * model.joint_coord_count, dtype=float)

@@ -64,10 +64,11 @@ class TendonArrays:
         work.is_limited = wp.array(is_limited(model, self._cords), dtype=wp.bool)
         work.force_range = wp.array(force_ranges(model, self._cords), dtype=wp.vec2)
         self._make_paths(solved, topology)
-        for name in ("velocity", "start_velocity", "force"):
+        for name in ("velocity", "start_velocity", "limit_velocity", "force"):
             setattr(work, name, wp.zeros(count, dtype=float))
         for name in ("start_length", "length", "held_at"):
             setattr(work, name, wp.zeros(count, dtype=wp.float64))
+        work.coasting = wp.zeros(count, dtype=wp.vec2)
         push = data.AxisPush()
         push.least, push.most = -np.inf, np.inf
         work.push = wp.array([push] * count, dtype=data.AxisPush)
@@ -83,11 +84,12 @@ class TendonArrays:
         self._measure_reference()
         if "compliance" in wanted:
             self._make_limits(rows)
-        self.is_measured = bool(
-            any(pulled)
-            or np.any(mujoco.tendon_armature.numpy()[rows])
-            or ("compliance" in wanted and np.any(work.is_limited.numpy()))
-        )
+        knows_rate = work.armature.numpy()[rows] > 0.0
+        if "compliance" in wanted:
+            knows_rate |= work.is_limited.numpy()
+        self.is_measured = bool(any(pulled) or np.any(knows_rate))
+        is_spatial = np.array([not cord.is_fixed for cord in self._cords])
+        self.coasts = bool(np.any(knows_rate & is_spatial))
 
     def take_on(self, before: Any) -> None:
         """Goes on with what other arrays of as many tendons have kept."""

@@ -27,6 +27,7 @@ from .anchors import ROUNDING
 from .bodies import body_at
 from .islands import HELD
 from .slopes import begin_axis, change_within, end_axis, follows_second_order, step_ahead
+from .tendon_coasting import coasting_rates
 from .tendon_curvature import make_bend
 from .tendon_length import begin_points, center_of, make_length
 
@@ -146,7 +147,9 @@ def make_tendons(effects: Effects) -> TendonFunctions:
             started = begin_axis(i, length, scale, tendons.motion)
             rate = wp.float32(begin_axis(i, wp.float64(rate), scale, tendons.rate))
         tendons.start_length[i] = started
-        tendons.start_velocity[i] = rate
+        rates = coasting_rates(i, rate, scale, tendons)
+        tendons.start_velocity[i] = rates[0]
+        tendons.limit_velocity[i] = rates[1]
         if wp.float32(wp.abs(length - tendons.held_at[i])) > rounding or tendons.piece[i][2] != 0:
             # what rounding moves, friction brings back
             tendons.held_at[i] = started
