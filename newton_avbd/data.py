@@ -214,6 +214,8 @@ class AxisInput:
     """Share of the inertia in what resisted along the axis."""
     mobility: float
     """One over that inertia [1/kg or 1/(kg m^2)]."""
+    slopes: wp.vec2
+    """Stiffness and damping of a servo [N/m and N s/m, or by angles]."""
 
 
 @wp.struct

@@ -356,6 +356,29 @@ def test_a_muscle_at_second_order_pushes_by_its_law_and_not_by_its_slopes(along:
     np.testing.assert_allclose(q[:, ARM], path, atol=2.5e-4)
 
 
+@pytest.mark.parametrize("along", ["joint", "tendon"])
+def test_a_servo_goes_on_after_notices_and_checkpoints(along: str) -> None:
+    """What it pushed with in the last step is kept: only a change of its force counts as one."""
+    tendon = '<fixed name="all"><joint joint="hinge" coef="1"/></fixed>'
+    of = {"joint": 'joint="hinge"', "tendon": 'tendon="all"'}[along]
+    law = 'gaintype="affine" gainprm="40 8 -3" biastype="affine" biasprm="0 -30 -2"'
+    model = model_of(file(tendon, f"<general {of} {law}/>"))
+    solver, control, state = SolverAVBD(model), model.control(), model.state()
+    newton.eval_fk(model, state.joint_q, state.joint_qd, state)
+    for k in range(20):
+        control.mujoco.ctrl.fill_(0.3 + 0.1 * k)
+        states = [model.state() for _ in range(3)]
+        checkpoint = solver.checkpoint()
+        for given in states:
+            solver.restore(checkpoint)
+            if given is states[0]:
+                solver.notify_model_changed(newton.ModelFlags.ALL)
+            solver.step(state, given, control, None, DT)
+        np.testing.assert_array_equal(states[0].body_q.numpy(), states[1].body_q.numpy())
+        np.testing.assert_array_equal(states[2].body_q.numpy(), states[1].body_q.numpy())
+        state.assign(states[1])
+
+
 def test_a_limit_of_a_fixed_tendon_stops_the_sum_of_its_coordinates() -> None:
     """Both fall freely; from the limit on their sum stays, and it pulls both alike."""
     model = model_of(file(BOTH.format(has='limited="true" range="-0.5 9"')), G)
@@ -514,22 +537,30 @@ def test_armature_adds_to_the_inertia_along_a_tendon() -> None:
     assert q[-1, LEFT] == pytest.approx(5.0 / (3.0 + 2.0) * 0.1 * (0.1 + DT) / 2.0, rel=1.0e-3)
 
 
-@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
-def test_armature_of_a_tendon_stores_energy_as_its_path_turns(scheme: str) -> None:
+@pytest.mark.parametrize(
+    ("dt", "settings"),
+    [
+        (5.0e-4, {"scheme": "euler"}),
+        (5.0e-4, {"scheme": "generalized_alpha"}),
+        (5.0e-3, {"accuracy": 1.0e-4}),
+    ],
+    ids=str,
+)
+def test_armature_of_a_tendon_stores_energy_as_its_path_turns(dt: float, settings: dict) -> None:
     """(I + armature (dL/dq)^2) q'^2 is constant while an arm swings by 1.4 rad.
 
     dL/dq goes from 0.24 to 0.02 m meanwhile. Bound: a step turns the arm by 0.0015 rad.
     """
     tendon = '<spatial armature="8"><site site="above"/><site site="tip"/></spatial>'
     model = model_of(file(tendon))
-    q, _ = run(model, 800, rates=(3.0, 0.0, 0.0), scheme=scheme, dt=5.0e-4)
+    q, _ = run(model, round(0.4 / dt), rates=(3.0, 0.0, 0.0), dt=dt, **settings)
     angle = np.array([0.0, *q[:, ARM]])
 
     def moment(at: float) -> float:
         to = 0.4 * np.array([np.cos(at), -np.sin(at)]) - [0.0, 0.3]
         return float(to @ (0.4 * np.array([-np.sin(at), -np.cos(at)])) / np.linalg.norm(to))
 
-    rate = (angle[-1] - angle[-3]) / 1.0e-3
+    rate = (angle[-1] - angle[-3]) / (2.0 * dt)
     inertia = [0.5 + 8.0 * moment(at) ** 2 for at in (0.0, angle[-2])]
     assert inertia[1] < 0.6 * inertia[0]
     assert inertia[1] * rate**2 == pytest.approx(inertia[0] * 3.0**2, rel=2.0e-3)

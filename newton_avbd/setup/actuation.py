@@ -116,6 +116,7 @@ class Actuation:
             self._make_reading(armature, [drive.dof for drive in drives])
             count = self.axes.rows.size if "force_ranges" in wanted else 0
             self.ranged = wp.zeros(count, dtype=data.ActuatorLaw)
+            self._keeps_pushes = "second_order" in wanted or self.ranged.size > 0
             if before is not None and before.pushes.size == self.pushes.size > 0:
                 self._keep_ranged(before)
             servos = found.servos(model) if "servos" in wanted else {}
@@ -273,8 +274,9 @@ class Actuation:
             yield "actuators.motor", self.law.motor
         if self._keeps_servos:
             yield "actuators.servos", self.servos.input
-        if self.ranged.size > 0:
+        if self._keeps_pushes and self.pushes.size > 0:
             yield "actuators.pushes", self.pushes
+        if self.ranged.size > 0:
             yield "actuators.ranged", self.ranged
         if self.tendons.row is not None:
             for name in KEPT:

@@ -18,7 +18,7 @@ from ..rows.path import JOINT
 from ..step import actuation as kernels
 from .views import coordinates_of, indices, lists
 
-KEPT = ("piece", "force", "held_at", "motion", "rate", "input")
+KEPT = ("piece", "force", "held_at", "motion", "rate", "input", "push", "velocity", "coasting")
 """Arrays that a step leaves to the next one."""
 _RAW = 1
 """Mode of ``mujoco:tendon_solref_limit_mode``: authored."""

@@ -288,7 +288,11 @@ def servo_input(
     body: int, rotation: wp.quat, scale: WorldScale, model: wp.ref[BodyModel]
 ) -> wp.spatial_vector:
     """Second order: wrench by which a step counts more than the forces of a body's servos, where
-    their controls have changed (:func:`.slopes.step_ahead`)."""
+    their controls have changed (:func:`.slopes.step_ahead`).
+
+    A force has changed by what it is now less what the law of the last step has here: the slopes of
+    some laws change as they move.
+    """
     out = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     h = scale.step
     for k in range(model.servos.start[body], model.servos.start[body + 1]):
@@ -297,7 +301,8 @@ def servo_input(
         last = model.servos.input[k]
         way = servo_way(k, rotation, model)
         moving = law.stiffness * push.length + law.damping * push.velocity
-        before = wp.clamp(last.push - moving, law.least, law.most)
+        moved = last.slopes[0] * push.length + last.slopes[1] * push.velocity
+        before = wp.clamp(last.push - moved, law.least, law.most)
         after = wp.clamp(law.force - moving, law.least, law.most)
         resists = law.own_damping
         if after == law.force - moving:
@@ -307,6 +312,7 @@ def servo_input(
         )
         jump = after - before + law.own_force - last.bound_push
         last.push = law.force
+        last.slopes = wp.vec2(law.stiffness, law.damping)
         last.bound_push = law.own_force
         last.ahead = step_ahead(jump, last.ahead, 1.0 / (1.0 + mobility * resists), scale)
         model.servos.input[k] = last

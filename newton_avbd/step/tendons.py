@@ -437,6 +437,9 @@ def end_tendon(closure: Closure, scale: WorldScale, tree: wp.ref[TreeWork]):
         end_axis(i, tendons.start_length[i], length, scale, tendons.motion)
         end_axis(i, wp.float64(rate), wp.float64(moved / scale.step), scale, tendons.rate)
         end_input(i, moved, tree.closures.whole[closure.row], scale.step, tendons)
+        # for the inner steps of a call, which measures them at its start
+        tendons.velocity[i] = moved / scale.step
+        tendons.coasting[i] = wp.vec2(tendons.coasting[i][0], tendons.coasting[i][0])
 
 
 @wp.func
