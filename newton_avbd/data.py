@@ -214,8 +214,6 @@ class AxisInput:
     """Share of the inertia in what resisted along the axis."""
     mobility: float
     """One over that inertia [1/kg or 1/(kg m^2)]."""
-    slopes: wp.vec2
-    """Stiffness and damping of a servo [N/m and N s/m, or by angles]."""
 
 
 @wp.struct
@@ -233,6 +231,8 @@ class Servos:
     pushes: wp.array[BodyPush]
     input: wp.array[AxisInput]
     """Second order: what each pushed with in the last step, in the order of ``items``, kept."""
+    slopes: wp.array[wp.vec2]
+    """And its stiffness and damping then [N/m and N s/m, or by angles], kept."""
 
 
 @wp.struct

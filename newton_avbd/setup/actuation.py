@@ -124,6 +124,7 @@ class Actuation:
             if before is not None and before._keeps_servos and self._keeps_servos:
                 if before.servos.input.size == self.servos.input.size:
                     self.servos.input = before.servos.input
+                    self.servos.slopes = before.servos.slopes
             self.axes.transmitted = wp.zeros(model.joint_dof_count if passed else 0, dtype=float)
             self._transmission = Transmission(model, self) if passed else None
             if self.rows:
@@ -274,6 +275,7 @@ class Actuation:
             yield "actuators.motor", self.law.motor
         if self._keeps_servos:
             yield "actuators.servos", self.servos.input
+            yield "actuators.slopes", self.servos.slopes
         if self._keeps_pushes and self.pushes.size > 0:
             yield "actuators.pushes", self.pushes
         if self.ranged.size > 0:
@@ -438,6 +440,7 @@ class Actuation:
         servos.pushes = self.bodies.pushes
         kept = servos.items.size if "second_order" in wanted else 0
         servos.input = wp.zeros(kept, dtype=data.AxisInput)
+        servos.slopes = wp.zeros(kept, dtype=wp.vec2)
         self._servo_world = wp.array(
             self._model.mujoco.actuator_world.numpy()[self.bodies.row.numpy()], dtype=wp.int32
         )

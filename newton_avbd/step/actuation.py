@@ -195,6 +195,7 @@ def forget_servos(
     k = wp.tid()
     if mask.shape[0] == 0 or is_selected(world[servos.items[k]], mask):
         servos.input[k] = AxisInput()
+        servos.slopes[k] = wp.vec2(0.0)
 
 
 @wp.func

@@ -301,7 +301,8 @@ def servo_input(
         last = model.servos.input[k]
         way = servo_way(k, rotation, model)
         moving = law.stiffness * push.length + law.damping * push.velocity
-        moved = last.slopes[0] * push.length + last.slopes[1] * push.velocity
+        slopes = model.servos.slopes[k]
+        moved = slopes[0] * push.length + slopes[1] * push.velocity
         before = wp.clamp(last.push - moved, law.least, law.most)
         after = wp.clamp(law.force - moving, law.least, law.most)
         resists = law.own_damping
@@ -312,7 +313,7 @@ def servo_input(
         )
         jump = after - before + law.own_force - last.bound_push
         last.push = law.force
-        last.slopes = wp.vec2(law.stiffness, law.damping)
+        model.servos.slopes[k] = wp.vec2(law.stiffness, law.damping)
         last.bound_push = law.own_force
         last.ahead = step_ahead(jump, last.ahead, 1.0 / (1.0 + mobility * resists), scale)
         model.servos.input[k] = last
