@@ -185,8 +185,10 @@ class BodyPush:
     """Torque on it [N m], at ``point``."""
     point: wp.vec3
     """Where it pushes [m]."""
+    against: wp.vec3
+    """Where it pushes the other body the other way [m]."""
     arm: wp.vec3
-    """From the COM of the link to there [m]."""
+    """From the COM of the link to ``point`` [m]."""
     force: float
     """What it pushes with in the step [N or N m]; a servo with that less ``slope`` times the
     velocity of its transmission at the end."""

@@ -298,3 +298,25 @@ def test_a_servo_whose_slopes_change_acts_by_its_law(law: str) -> None:
         mujoco.mj_step(native, now, 20)
         assert state.body_q.numpy()[0, 2] == pytest.approx(now.qpos[2], abs=4.0e-5)
     assert abs(now.qpos[2] - 1.4) > 0.5
+
+
+def test_a_moving_reference_site_gets_the_reaction() -> None:
+    """Two bodies that nothing else holds, from rest: what a motor between their sites does to them
+    in one step, by the moment arms of MuJoCo (which keep momentum but no angular momentum)."""
+    text = """<mujoco><worldbody>
+      <body name="a" pos="0 0 1"><freejoint/><geom type="box" size=".1 .2 .05" mass="1"
+        contype="0" conaffinity="0"/><site name="s" pos=".1 0 0"/></body>
+      <body name="b" pos="1 0 1"><freejoint/><geom type="box" size=".1 .2 .05" mass="2"
+        contype="0" conaffinity="0"/><site name="r" pos="0 .1 .05" euler="0 30 0"/></body>
+      </worldbody>
+      <actuator><motor site="s" refsite="r" gear="0 1 2 0.1 0 0"/></actuator></mujoco>"""
+    reference = mujoco.MjModel.from_xml_string(text)
+    reference.opt.gravity[:] = 0.0
+    data = mujoco.MjData(reference)
+    data.ctrl[:] = 3.0
+    mujoco.mj_forward(reference, data)
+    model = built(text, gravity=0.0)
+    dt = 1.0e-4
+    state = run(model, SolverAVBD(model), 1, dt, ctrl=3.0)
+    # nothing has turned yet: axes of the bodies are those of the world
+    np.testing.assert_allclose(state.body_qd.numpy().ravel() / dt, data.qacc, atol=1.0e-3)

@@ -47,7 +47,7 @@ VELOCITY_TARGET = wp.constant(3)
 AT_SITE = wp.constant(0)
 """Gear in the axes of a site, at the site."""
 AGAINST_SITE = wp.constant(1)
-"""Gear in the axes of a reference site, at the site; the force reacts on what holds that."""
+"""Gear in the axes of a reference site, at the site; the force reacts on what holds that, there."""
 FREE_JOINT = wp.constant(2)
 """Force in the axes of the world, at the origin of the link, and torque in those of the link."""
 FREE_JOINT_IN_PARENT = wp.constant(3)

@@ -71,10 +71,11 @@ def mobility_between(
 
 
 @wp.func
-def wrench_at(push: BodyPush, center: wp.vec3) -> wp.spatial_vector:
-    """Wrench about a point by a unit of an actuator's force."""
-    moment = push.about + wp.cross(push.point - center, push.along)
-    return wp.spatial_vector(push.along, moment)
+def wrench_at(push: BodyPush, side: int, center: wp.vec3) -> wp.spatial_vector:
+    """Wrench about a point by a unit of an actuator's force, on its link (side 0), or, with the
+    opposite sign, on the other body (1)."""
+    point = wp.where(side == 0, push.point, push.against)
+    return wp.spatial_vector(push.along, push.about + wp.cross(point - center, push.along))
 
 
 @wp.kernel(**KERNEL)
@@ -114,6 +115,7 @@ def find_pushes(
     apart = wp.quat_inverse(base_axes) * axes
     force = wp.vec3(0.0)
     torque = wp.vec3(0.0)
+    against = point
     length = 0.0
     period = 0.0
     has_length = bool(True)
@@ -128,7 +130,9 @@ def find_pushes(
         if kind == FREE_JOINT:
             torque = wp.quat_rotate(rotation, about)
     elif kind == AGAINST_SITE:
-        offset = wp.quat_rotate_inv(base_axes, point - wp.transform_get_translation(base))
+        # as MuJoCo has it, though only a reaction at the site would keep angular momentum
+        against = wp.transform_get_translation(base)
+        offset = wp.quat_rotate_inv(base_axes, point - against)
         length = wp.dot(along, offset) + wp.dot(about, rotation_vector(apart))
         if wp.length_sq(along) == 0.0:
             period = wp.length(about)
@@ -155,6 +159,7 @@ def find_pushes(
             # the slider gets the reaction, at the pin, which is as good as the rod's end
             force = -force
             point = pin
+            against = pin
     else:
         has_length = False
         force = wp.quat_rotate(axes, along)
@@ -164,11 +169,12 @@ def find_pushes(
     push.along = force
     push.about = torque
     push.point = point
+    push.against = against
     push.arm = point - wp.transform_point(pose, com[link])
     velocity = wp.dot(force, velocity_at(body_qd[link], push.arm))
     velocity += wp.dot(torque, wp.spatial_bottom(body_qd[link]))
     if other >= 0:
-        other_arm = point - wp.transform_point(body_q[other], com[other])
+        other_arm = against - wp.transform_point(body_q[other], com[other])
         velocity -= wp.dot(force, velocity_at(body_qd[other], other_arm))
         velocity -= wp.dot(torque, wp.spatial_bottom(body_qd[other]))
     push.velocity = velocity
@@ -234,13 +240,12 @@ def push_bodies(
         if link >= 0:
             pose = body_q[link]
             center = wp.transform_point(pose, com[link])
-            way = wrench_at(push, center)
+            way = wrench_at(push, side, center)
             turned = wp.transform_get_rotation(pose)
             for k in range(start[link], start[link + 1]):
                 beside = work.pushes[items[k] / 2]
-                moved = mobility_between(
-                    way, wrench_at(beside, center), turned, inv_mass[link], inv_inertia[link]
-                )
+                its_way = wrench_at(beside, items[k] % 2, center)
+                moved = mobility_between(way, its_way, turned, inv_mass[link], inv_inertia[link])
                 rate = beside.law.damping + h * beside.law.stiffness
                 softer += h * wp.abs(moved) * wp.sqrt(slope * rate)
                 own_softer += h * wp.abs(moved) * wp.sqrt(law.own_damping * beside.law.own_damping)
@@ -416,6 +421,6 @@ def pushed_by(
     wrench = wp.spatial_vector(wp.vec3(0.0), wp.vec3(0.0))
     for k in range(start[link], start[link + 1]):
         push = work.pushes[items[k] / 2]
-        sign = wp.where(items[k] % 2 == 0, push.force, -push.force)
-        wrench += sign * wrench_at(push, center)
+        side = items[k] % 2
+        wrench += wp.where(side == 0, push.force, -push.force) * wrench_at(push, side, center)
     return wrench
