@@ -156,7 +156,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             iterations: Most sweeps over the bodies in each step, 10 by default, with ``accuracy``
                 40: more for taller stacks and larger mass ratios. The first three steps after a
                 reset, and those in which impacts or drives at their limits do not settle, take up
-                to four times as many; the first one, if the world starts from rest, up to twelve
+                to eight times as many; the first one, if the world starts from rest, up to twelve
                 times, and so do those of piles that should come to rest and do not. Twice as many
                 take worlds in which a link of an articulation pushes something that moves.
             tolerance: A world's sweeps end early when one moves no body by more than this [m]; a
