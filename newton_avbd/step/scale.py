@@ -21,7 +21,7 @@ ROUNDED = wp.constant(1.0e-7)
 GOING_ON = wp.constant(0.01)
 """Update of a last sweep from which impacts go on, as a share of g h^2: with five times as much
 dominoes that fall are off by 0.8 mm/s in a step instead of 0.3, and a pile whose gravity is
-switched gains 1.6 mm of height instead of 0.02."""
+switched gains 1.6 mm of height instead of 0.15."""
 STIFFENING = wp.constant(25.0)
 """Update from which contacts are made stiffer, too, in units of that: with less, boxes fly off
 under a press that leaves them no room."""
