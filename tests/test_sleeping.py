@@ -309,49 +309,66 @@ def test_without_asking_nothing_sleeps_and_nothing_is_kept() -> None:
     assert asleep(1).solver.effects["sleeping"].on
 
 
-TWO_ARMS = """
-<mujoco>
-  <worldbody>
-    <body>
-      <joint name="a" axis="0 1 0"/>
-      <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.3"/>
-      <body pos="0.3 0 0">
-        <joint name="b" axis="0 1 0"/>
-        <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.2"/>
-      </body>
+ARM = """
+<body pos="{0} 0 0">
+  <joint name="{1}" axis="0 1 0"/>
+  <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.3"/>
+  <body pos="0.3 0 0">
+    <joint name="{2}" axis="0 1 0"/>
+    <geom type="capsule" size="0.02" fromto="0 0 0 0 0 0.3" mass="0.2"/>
+    <body name="{3}" pos="0 0 0.3">
+      <joint axis="0 1 0"/>
+      <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.1"/>
     </body>
-    <body pos="2 0 0">
-      <joint name="c" axis="0 1 0"/>
-      <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.3"/>
-      <body pos="0.3 0 0">
-        <joint name="d" axis="0 1 0"/>
-        <geom type="capsule" size="0.02" fromto="0 0 0 0.3 0 0" mass="0.2"/>
-      </body>
-    </body>
-  </worldbody>
-  <tendon>
-    <fixed name="t" stiffness="2" springlength="0" damping="0.05">
-      <joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/>
-    </fixed>
-  </tendon>
-  <actuator><motor tendon="t" gear="3"/></actuator>
-</mujoco>
+  </body>
+</body>
 """
-"""Two arms without contact; a tendon along the joints of the first is pulled."""
+"""Three links on hinges."""
 
 
-def test_a_tendon_of_an_arm_beside_another_one_pulls_as_without_sleeping() -> None:
+@pytest.mark.parametrize(
+    ("effect", "tie"),
+    [
+        (
+            "tendons",
+            """<tendon><fixed name="t" stiffness="2" springlength="0" damping="0.05">
+        <joint joint="a" coef="1"/><joint joint="b" coef="-0.5"/></fixed></tendon>
+        <actuator><motor tendon="t" gear="3"/></actuator>""",
+        ),
+        (
+            "mimics",
+            """<equality><joint joint1="b" joint2="a" polycoef="0 -0.5 0 0 0"/></equality>
+        <actuator><motor joint="a" gear="0.3"/></actuator>""",
+        ),
+        (
+            "loops",
+            """<equality><connect body1="hand" body2="world" anchor="0.3 0 0"/></equality>
+        <actuator><motor joint="a" gear="0.3"/></actuator>""",
+        ),
+    ],
+)
+def test_what_ties_an_arm_beside_another_one_acts_as_without_sleeping(
+    effect: str, tie: str
+) -> None:
+    """A pulled tendon, a coupling of hinges, a hand that is pinned to the world."""
     builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
     newton.solvers.SolverMuJoCo.register_custom_attributes(builder)
-    builder.add_mjcf(TWO_ARMS, ctrl_direct=True)
+    alone = '<default><geom contype="0" conaffinity="0"/></default>'
+    arms = ARM.format(0, "a", "b", "hand") + ARM.format(2, "c", "d", "other")
+    text = f"<mujoco>{alone}<worldbody>{arms}</worldbody>{tie}</mujoco>"
+    builder.add_mjcf(text, ctrl_direct=True)
     model = builder.finalize(device="cpu")
     ends = []
     for sleeping in (False, True):
         solver = SolverAVBD(model, sleeping=sleeping)
+        assert solver.effects[effect].on
         state, after, control = model.state(), model.state(), model.control()
         for step in range(200):
             control.mujoco.ctrl.assign([0.5 * np.sin(0.01 * step)])
             solver.step(state, after, control, None, 1.0 / 1000.0)
             state, after = after, state
-        ends.append(state.body_q.numpy())
-    np.testing.assert_allclose(ends[1], ends[0], atol=1.0e-5)
+        ends.append((state.body_q.numpy(), state.body_qd.numpy()))
+    moved = np.linalg.norm((ends[0][0] - model.body_q.numpy())[:, :3], axis=1)
+    assert moved.max() > 0.01
+    np.testing.assert_allclose(ends[1][0], ends[0][0], atol=1.0e-5)
+    np.testing.assert_allclose(ends[1][1], ends[0][1], atol=1.0e-4)
