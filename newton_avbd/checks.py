@@ -13,6 +13,7 @@ import warp as wp
 
 from .attributes import authored_fluid, break_limits, dahl_friction
 from .effects import CAUSES
+from .flags import flags_off, still_on
 from .model.actuators import Actuators, authored
 from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities, lonely_rows, unheard_rows
@@ -44,22 +45,6 @@ _OF_AXES = ("dof_ref", "limit_margin")
 """The same by degree of freedom, finite."""
 _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 """The same of tendons, none below zero."""
-_FLAGS = {
-    "actuation": ("actuators", "body_actuators"),
-    "clampctrl": ("mujoco.actuator_ctrllimited",),
-    "constraint": (
-        *("contact", "limits", "joint_friction", "mujoco.tendon_limited"),
-        *("mujoco.tendon_frictionloss", "mujoco.equality_constraint_enabled"),
-    ),
-    "contact": ("contact",),
-    "damper": ("joint_damping", "mujoco.tendon_damping"),
-    "equality": ("mujoco.equality_constraint_enabled",),
-    "frictionloss": ("joint_friction", "mujoco.tendon_frictionloss"),
-    "limit": ("limits", "mujoco.tendon_limited"),
-    "spring": ("joint_stiffness", "mujoco.tendon_stiffness"),
-}
-"""Flags of MuJoCo's by which a scene turns physics off, and what does so here: effects that are
-left out, and arrays of the model that are set to zero."""
 _COEFFICIENTS = (
     "joint_target_ke",
     "joint_target_kd",
@@ -130,6 +115,7 @@ def report_ignored(
     rigid_contacts: bool = True,
     angular_friction: bool | None = False,
     own_rows: np.ndarray | None = None,
+    without: frozenset[str] = frozenset(),
 ) -> None:
     """Says what a model holds that the solver leaves alone, with the remedy.
 
@@ -143,6 +129,7 @@ def report_ignored(
         angular_friction: Whether torsional and rolling friction act; None if nobody said.
         own_rows: Rows of MuJoCo's equality constraints that the solver makes joints of; None for
             those of a new one.
+        without: Effects that the user leaves out.
 
     Raises:
         NotImplementedError: If ``strict`` and there is such a thing.
@@ -193,11 +180,14 @@ def report_ignored(
             f"SolverAVBD leaves out the restitution of {', '.join(bouncing)}: it acts on rigid "
             "contacts only. Compliant and ramped ones rebound by their ke and kd."
         )
-    messages += _of_pairs(model)
-    if off := _flags_off(model):
+    if "contact" not in without:
+        messages += _of_pairs(model)
+    off = {flag: found for flag in flags_off(model) if (found := still_on(model, flag, without))}
+    if off:
+        found = list(dict.fromkeys(name for names in off.values() for name in names))
         messages.append(
-            f"SolverAVBD ignores MuJoCo's flags, of which {', '.join(off)} would be off."
-            f"{_instead_of_flags(model, off)}"
+            f"SolverAVBD ignores MuJoCo's flags, of which {', '.join(off)} would be off. "
+            f"{_instead_of_flags(found)}"
         )
     if angular_friction is None and (turning := _shapes(model, _has_own_angular_friction(model))):
         messages.append(
@@ -390,32 +380,17 @@ def _check_condims(model: newton.Model) -> None:
         )
 
 
-def _flags_off(model: newton.Model) -> list[str]:
-    """MuJoCo's flags that a scene turns physics off by."""
-    mujoco: Any = getattr(model, "mujoco", None)
-    flags = {name: getattr(mujoco, f"flag_{name}", None) for name in _FLAGS}
-    return [name for name, flag in flags.items() if flag is not None and not flag.numpy()[0]]
-
-
-def _instead_of_flags(model: newton.Model, off: list[str]) -> str:
-    """A sentence on what turns off what flags do; empty if the model holds nothing of that."""
-    found = dict.fromkeys(name for flag in off for name in _FLAGS[flag])
+def _instead_of_flags(found: list[str]) -> str:
+    """A sentence on what turns off some effects and arrays of the model."""
     effects = [name for name in found if name in CAUSES]
-    zeroed = [name for name in found if name not in CAUSES and _is_set(model, name)]
+    zeroed = [name for name in found if name not in CAUSES]
     ways = []
     if effects:
         ways.append(f"pass effects={{{', '.join(f'{name!r}: False' for name in effects)}}}")
     if zeroed:
         calls = ", ".join(f"model.{name}.zero_()" for name in zeroed)
         ways.append(f"call {calls} before the solver is made")
-    return f" To have the same here, {' and '.join(ways)}." if ways else ""
-
-
-def _is_set(model: newton.Model, name: str) -> bool:
-    """Whether an array of the model holds anything but zeros."""
-    space, _, inner = name.rpartition(".")
-    array = getattr(getattr(model, space) if space else model, inner, None)
-    return array is not None and bool(np.any(array.numpy()))
+    return f"To have the same here, {' and '.join(ways)}."
 
 
 def _of_pairs(model: newton.Model) -> list[str]:

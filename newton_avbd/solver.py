@@ -256,11 +256,13 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
                 f"accuracy={settings.accuracy:.1e} m/s is below what single precision leaves room "
                 f"for in a model of this size; the smallest is {smallest_accuracy(model):.1e} m/s."
             )
+        self._without = left_out(effects or {})
         self._report_ignored = functools.partial(
             report_ignored,
             strict=strict,
             rigid_contacts=not (settings.ramp or settings.compliant_contacts),
             angular_friction=settings.angular_friction,
+            without=self._without,
         )
         self._joined = JoinedModel(model)
         self._report_ignored(model, own_rows=self._joined.own_rows)
@@ -279,7 +281,6 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         """What the arguments and the scene say, as arguments of a solver that does the same."""
         self.iterations = settings.iterations
         self.tolerance = float(settings.tolerance)
-        self._without = left_out(effects or {})
         self._parallel = parallel
         self._is_told = False
         self._is_placed = update_joint_state

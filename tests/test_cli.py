@@ -28,7 +28,7 @@ from newton_avbd.commands.compare import Comparison, Course
 from newton_avbd.commands.program import parse
 from newton_avbd.io import names
 from newton_avbd.io.errors import UserError
-from newton_avbd.io.opening import open_scene
+from newton_avbd.io.opening import open_scene, read_scene
 from newton_avbd.io.simulation import ModelSimulation, Request
 from newton_avbd.io.terminal import gathered_prints, gathered_warnings, progress
 from newton_avbd.study.accuracy.solvers import MEASURED
@@ -248,20 +248,29 @@ def test_compare_drives_a_file_by_the_same_controls(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["moved"][1] > 0.01
 
 
-def test_compare_leaves_out_contacts_that_a_file_turns_off(tmp_path, capsys):
-    """A pendulum within the ground, of 0.2 m, swings in both solvers alike: 2 % of that."""
+@pytest.mark.parametrize("flag", ["contact", "constraint"])
+def test_compare_leaves_out_contacts_that_a_file_turns_off(flag, tmp_path, capsys):
+    """A pendulum within the ground, of 0.2 m, swings in both solvers alike: 2 % of that.
+
+    Past its limit, too, where constraints are off. Of what is heeded nothing is said.
+    """
     path = tmp_path / "arm.xml"
+    limit = 'limited="true" range="0 1"' if flag == "constraint" else ""
     path.write_text(
-        """<mujoco><option><flag contact="disable"/></option><worldbody>
-        <geom type="plane" size="1 1 1"/><body><joint name="hinge" axis="0 1 0"/>
+        f"""<mujoco><option><flag {flag}="disable"/></option><worldbody>
+        <geom type="plane" size="1 1 1"/><body><joint name="hinge" axis="0 -1 0" {limit}/>
         <geom type="sphere" size="0.05" pos="0.2 0 0" mass="1"/></body></worldbody>
         <actuator><motor joint="hinge"/></actuator></mujoco>"""
     )
     arguments = ["--against", "mujoco", "--ctrl", "sine", "--frames", "10", "--dt", "0.001"]
     assert main(["compare", str(path), *arguments, "--json", "-"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    out, err = capsys.readouterr()
+    found = json.loads(out)
     assert found["moved"][0] > 0.1
     assert found["distance_max"][-1] < 0.02 * 0.2
+    assert "flag" not in err
+    # a study's model has nothing that could collide
+    assert read_scene(str(path))[0].model(device="cpu").shape_contact_pair_count == 0
 
 
 def test_actuators_that_no_importer_reads_are_named(tmp_path, capsys):

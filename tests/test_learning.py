@@ -61,6 +61,21 @@ def test_bodies_of_a_file_without_contacts_pass_through_each_other() -> None:
     assert paths[0] == pytest.approx(paths[1], abs=2.0e-3)
 
 
+@pytest.mark.parametrize("name", ["finger-spin", "fish-swim"])
+def test_gravity_that_a_file_disables_pulls_nothing(name: str) -> None:
+    """The fish, whose file disables constraints, too, floats where it was."""
+    task = learning.Task(f"dm_control/{name}")
+    ends = []
+    for engine in (learning.Engine(task), learning.Clock(task)):
+        task.reset(0, engine)
+        task.data.qvel[:] = 0.0
+        engine.start(task.data)
+        for _ in range(20):
+            task.step(np.zeros(task.actions))
+        ends.append(task.data.qpos[:3].copy())
+    assert ends[0] == pytest.approx(ends[1], abs=5.0e-3)
+
+
 def test_a_floating_root_is_put_and_taken_without_loss() -> None:
     """Its quaternion, its spin, its velocity at the origin of a body whose COM is elsewhere."""
     task = learning.Task("gymnasium/Ant-v5")

@@ -19,6 +19,7 @@ from helpers import G, Simulation, add_box, add_ground
 from newton.solvers import SolverMuJoCo
 
 from newton_avbd import SolverAVBD
+from newton_avbd.flags import FLAGS, heed_flags
 
 R = 0.1
 SECONDS = 0.25
@@ -279,6 +280,15 @@ def test_a_condim_that_does_not_exist_is_an_error_that_names_it() -> None:
         SolverAVBD(model)
 
 
+def flagged(flag: str) -> str:
+    """A ball on two hinges, which holds most of what flags turn off, and its file turns off one."""
+    return f"""<mujoco><option><flag {flag}="disable"/></option><worldbody>
+    <geom type="plane" size="1 1 1" pos="0 0 -2"/><body>
+    <joint name="a" axis="0 1 0" stiffness="1" damping="1" limited="true" range="-9 9"/>
+    <joint name="b" axis="1 0 0"/><geom size="0.1"/></body></worldbody>
+    <equality><joint joint1="a" joint2="b"/></equality></mujoco>"""
+
+
 @pytest.mark.parametrize(
     ("flag", "remedy"),
     [
@@ -289,15 +299,22 @@ def test_a_condim_that_does_not_exist_is_an_error_that_names_it() -> None:
             r"pass effects=\{'contact': False, 'limits': False, 'joint_friction': False\} and call "
             r"model\.mujoco\.equality_constraint_enabled\.zero_\(\) before",
         ),
-        ("damper", r"would be off\.$"),
+        ("damper", r"call model\.joint_damping\.zero_\(\) before"),
     ],
 )
 def test_flags_that_turn_physics_off_are_said(flag: str, remedy: str) -> None:
     """They are MuJoCo's. The remedy is that of the flag, and of what the model holds."""
-    text = f"""<mujoco><option><flag {flag}="disable"/></option><worldbody><body>
-    <joint name="a" axis="0 1 0" stiffness="1" limited="true" range="-9 9"/>
-    <joint name="b" axis="1 0 0"/><geom size="0.1"/></body></worldbody>
-    <equality><joint joint1="a" joint2="b"/></equality></mujoco>"""
     found = f"MuJoCo's flags, of which {flag} .*{remedy}"
     with pytest.warns(UserWarning, match=found):
-        SolverAVBD(build(text).finalize(device="cpu"))
+        SolverAVBD(build(flagged(flag)).finalize(device="cpu"))
+
+
+@pytest.mark.parametrize("flag", FLAGS)
+def test_of_flags_that_are_heeded_nothing_is_said(flag: str) -> None:
+    """What would be off is: by an effect that is left out, an array of zeros, or no pairs."""
+    model = build(flagged(flag)).finalize(device="cpu")
+    without = heed_flags(model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SolverAVBD(model, effects=without)
+    assert bool(model.shape_contact_pair_count) == (flag not in ("contact", "constraint"))

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 
 import newton
 
+from newton_avbd.flags import heed_flags
 from newton_avbd.scenes.finalize import finalized
-from newton_avbd.scenes.scene import may_collide
 
 from . import solvers
 from .controls import Controls
@@ -119,13 +119,15 @@ class ModelSimulation:
         self.frame_dt = self._substeps * self.dt
         solvers.complete(request.solver, builder)
         self.model = finalized(builder)
-        self.solver = solvers.construct(
-            request.solver, self.model, request.iterations, **request.options
-        )
+        options, without = request.options, heed_flags(self.model)
+        if request.solver == "avbd" and without:
+            options["effects"] = without
+        self.solver = solvers.construct(request.solver, self.model, request.iterations, **options)
         self.timer = StepTimer()
         self._pipeline = newton.CollisionPipeline(self.model)
         self._contacts = self._pipeline.contacts()
-        self._collide = may_collide(self.model) and not solvers.detects_collisions(self.solver)
+        self._collide = "contact" not in without
+        self._collide &= not solvers.detects_collisions(self.solver)
         self.timer.watch_solver(self.solver)
         self.timer.watch_pipeline(self._pipeline)
         self._state, self._next = self.model.state(), self.model.state()

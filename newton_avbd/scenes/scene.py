@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import newton
 
+from newton_avbd.flags import heed_flags
 from newton_avbd.scenes.finalize import finalized
 
 FRAMES_PER_SECOND = 60
@@ -58,13 +59,6 @@ class Scene:
         return finalized(builder, device=device)
 
 
-def may_collide(model: newton.Model) -> bool:
-    """Whether contacts count: an MJCF file may turn them off, as the cart-pole's does, which starts
-    in the ground."""
-    flag = getattr(getattr(model, "mujoco", None), "flag_contact", None)
-    return flag is None or bool(flag.numpy()[0])
-
-
 def _nothing(builder: newton.ModelBuilder) -> None:
     """Puts nothing into a builder."""
 
@@ -86,6 +80,5 @@ class GivenScene(Scene):
         """Make the model; see :class:`Scene`."""
         del ke
         model = self.finalize(device)
-        if not may_collide(model):
-            model.shape_contact_pair_count = 0
+        heed_flags(model)
         return model

@@ -21,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd import SolverAVBD
+from newton_avbd.flags import heed_flags
 from newton_avbd.io.assets import read_driven
 from newton_avbd.io.errors import UserError
 from newton_avbd.measure.state import Array
@@ -189,15 +190,16 @@ class Engine:
         with TemporaryDirectory() as folder:
             builder, _ = read_driven(task.file(Path(folder)), light_links=False)
         self.model = builder.finalize(device="cpu")
-        self.model.set_gravity(tuple(map(float, task.model.opt.gravity)))
+        is_weightless = task.model.opt.disableflags & int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        gravity = np.zeros(3) if is_weightless else task.model.opt.gravity
+        self.model.set_gravity(tuple(map(float, gravity)))
         self._match(task)
-        disabled = task.model.opt.disableflags
-        if disabled & int(mujoco.mjtDisableBit.mjDSBL_CONTACT):
-            # bodies of the file pass through each other, as a cart through its rails
-            settings["effects"] = {"contact": False, **settings.get("effects", {})}
+        # bodies may pass through each other, as a cart through its rails
+        without = heed_flags(self.model)
+        settings["effects"] = {**without, **settings.get("effects", {})}
         self._solver = SolverAVBD(self.model, update_joint_state=True, **settings)
         self._pipeline = newton.CollisionPipeline(self.model)
-        self._contacts = self._pipeline.contacts()
+        self._contacts = None if "contact" in without else self._pipeline.contacts()
         self._state, self._control = self.model.state(), self.model.control()
         self.seconds, self.steps = 0.0, 0
         self._step()
@@ -240,7 +242,8 @@ class Engine:
 
     def _step(self) -> None:
         state = self._state
-        self._pipeline.collide(state, self._contacts)
+        if self._contacts is not None:
+            self._pipeline.collide(state, self._contacts)
         self._solver.step(
             state, state, self._control, self._contacts, float(self._task.model.opt.timestep)
         )
