@@ -19,6 +19,7 @@ from .model.condim import CONDIMS, Condims
 from .model.equalities import equalities, lonely_rows, unheard_rows
 from .model.rotations import transform
 from .model.tendons import left_joints, tendon_count, tendon_equalities, tendon_name, tendons
+from .rows import actuator as rules
 from .rows.joint import KINDS
 
 _OPEN = 0.01
@@ -96,6 +97,7 @@ def check_model(model: newton.Model, *, ramp: bool = False) -> None:
             least = 0.0 if name in _NOT_NEGATIVE else -np.inf
             _check_numbers(model, f"mujoco.{name}", labels, minimum=least)
     _check_ranges(model)
+    _check_time_constants(model)
     for name in _OF_TENDONS if tendon_count(model) else ():
         _check_numbers(model, f"mujoco.tendon_{name}", model.mujoco.tendon_label, minimum=0.0)
     for name in ("springlength", "range", "margin") if tendon_count(model) else ():
@@ -352,6 +354,33 @@ def _check_ranges(model: newton.Model) -> None:
                 f"model.mujoco.actuator_{name}range[{item}] "
                 f"('{_label(mujoco.actuator_label, item)}') must be two numbers, the smaller one "
                 f"first: {ends[item]}."
+            )
+
+
+def _check_time_constants(model: newton.Model) -> None:
+    """Refuses dynamics that leave their control: by less than no time, or a filter at once.
+
+    MuJoCo takes the least number above zero instead. A filter without time then overshoots 1e12
+    times; an exact one takes on its control.
+    """
+    mujoco: Any = getattr(model, "mujoco", None)
+    if not hasattr(mujoco, "actuator_dyntype"):
+        return
+    times = mujoco.actuator_dynprm.numpy()
+    kinds = mujoco.actuator_dyntype.numpy()
+    for kind, count in ((rules.FILTER, 1), (rules.EXACT_FILTER, 1), (rules.MUSCLE_DYNAMICS, 3)):
+        wrong = np.any(times[:, :count] < 0.0, axis=1)
+        if kind == rules.FILTER:
+            wrong |= times[:, 0] == 0.0
+        rows = np.flatnonzero(wrong & (kinds == int(kind)))
+        if rows.size:
+            row = int(rows[0])
+            least = "above zero" if kind == rules.FILTER else "no less than zero"
+            instead = ", or use dyntype='none' to follow the control at once" if count == 1 else ""
+            raise ValueError(
+                f"model.mujoco.actuator_dynprm[{row}] ('{_label(mujoco.actuator_label, row)}') "
+                f"must begin with time constants that are {least}: "
+                f"{times[row, :count].tolist()} s. Set them{instead}."
             )
 
 

@@ -844,6 +844,59 @@ def test_an_unknown_transmission_is_named() -> None:
         SolverAVBD(model)
 
 
+@pytest.mark.parametrize(
+    ("dynamics", "time", "says"),
+    [
+        ("filter", 0.0, "above zero"),
+        ("filter", -0.1, "above zero"),
+        ("filterexact", -0.1, "no less than zero.*dyntype='none'"),
+        ("muscle", -0.1, "no less than zero"),
+    ],
+)
+def test_time_constants_that_make_no_sense_are_named(dynamics: str, time: float, says: str) -> None:
+    actuator = f'<general joint="hinge" name="elbow" dyntype="{dynamics}" dynprm="{time} 0.04"/>'
+    model = scene(actuator)
+    with pytest.raises(ValueError, match=rf"actuator_dynprm\[0\] .*elbow.*{says}"):
+        SolverAVBD(model)
+
+
+def test_an_exact_filter_without_time_follows_its_control_as_in_mujoco() -> None:
+    ends = [
+        coordinates(scene(f'<general joint="hinge" {dynamics}/>'), [0.5], 100)[-1]
+        for dynamics in ("", 'dyntype="filterexact" dynprm="0"')
+    ]
+    # a filter takes on its control at the end of a step, as MuJoCo's does
+    assert ends[1] == pytest.approx(ends[0], rel=0.03)
+    assert np.abs(ends[0]).max() > 0.0
+
+
+@pytest.mark.parametrize(
+    ("actuator", "what"),
+    [
+        ('<motor joint="hinge" name="elbow"/>', "degrees of freedom"),
+        ('<motor jointinparent="hinge" name="elbow"/>', "degrees of freedom"),
+        ('<motor tendon="cord" name="elbow"/>', "tendons"),
+        ('<motor site="pin" refsite="guide" name="elbow"/>', "shapes"),
+        ('<motor cranksite="pin" slidersite="guide" cranklength="1" name="elbow"/>', "shapes"),
+        ('<general body="wheel" name="elbow"/>', "bodies"),
+    ],
+)
+def test_a_target_that_does_not_exist_is_named(actuator: str, what: str) -> None:
+    """Without any (-1) an actuator is left out, with a warning."""
+    by_wheel = "site" in actuator or "body" in actuator
+    tendon = TENDON.format(has="") if "tendon" in actuator else ""
+    model = wheel(*SITES, actuator) if by_wheel else scene(actuator, tendon=tendon)
+    ends = model.mujoco.actuator_trnid.numpy()
+    for target, found in (
+        (99, pytest.raises(ValueError, match=rf"\[0\] .*elbow.* 99.*{what}")),
+        (-1, pytest.warns(UserWarning, match="elbow.*does not exist")),
+    ):
+        ends[0] = (target, -1)
+        model.mujoco.actuator_trnid.assign(ends)
+        with found:
+            SolverAVBD(model)
+
+
 USD = """#usda 1.0
 (
     upAxis = "Z"
@@ -919,20 +972,23 @@ def test_a_number_that_makes_no_sense_is_named(name: str, value: float, says: st
 
 
 @pytest.mark.parametrize(
-    ("transmission", "second", "says"),
+    ("transmission", "second"),
     [
-        ('site="pin" refsite="guide"', 99, "'pull'.*reference site does not exist"),
-        ('cranksite="pin" slidersite="guide" cranklength="1"', -1, "'pull'.*slider does not"),
+        ('site="pin" refsite="guide"', 99),
+        ('cranksite="pin" slidersite="guide" cranklength="1"', 99),
+        ('cranksite="pin" slidersite="guide" cranklength="1"', -1),
     ],
 )
-def test_a_second_site_that_does_not_exist_is_named(
-    transmission: str, second: int, says: str
-) -> None:
+def test_a_second_site_that_does_not_exist_is_named(transmission: str, second: int) -> None:
     model = wheel(*SITES, f'<motor name="pull" {transmission}/>')
     ends = model.mujoco.actuator_trnid.numpy()
     ends[0, 1] = second
     model.mujoco.actuator_trnid.assign(ends)
-    with pytest.warns(UserWarning, match=says):
+    with (
+        pytest.warns(UserWarning, match="'pull'.*slider does not exist")
+        if second < 0
+        else pytest.raises(ValueError, match=r"trnid\[0\] .*pull.* 99")
+    ):
         SolverAVBD(model)
 
 

@@ -103,7 +103,8 @@ class Actuators:
         """Finds what each actuator acts on; copies model arrays to the host.
 
         Raises:
-            ValueError: If an actuator has a transmission that there is not, or a crank no length.
+            ValueError: If an actuator has a transmission or a target that there is not, or a crank
+                no length.
         """
         found = cls()
         if not model.custom_frequency_counts.get("mujoco:actuator", 0):
@@ -240,9 +241,10 @@ class Actuators:
     def _add_crank(self, model: newton.Model, row: int, site: int) -> None:
         frames, links = model.shape_transform.numpy(), model.shape_body.numpy()
         other = int(model.mujoco.actuator_trnid.numpy()[row, 1])
-        if not 0 <= other < model.shape_count:
+        if other < 0:
             self.left[row] = "the site of its slider does not exist"
             return
+        _check_site(model, row, other)
         length = float(model.mujoco.actuator_cranklength.numpy()[row])
         if not length > 0.0:
             raise ValueError(
@@ -264,9 +266,8 @@ class Actuators:
     def _add_site(self, model: newton.Model, row: int, site: int) -> None:
         frames, links = model.shape_transform.numpy(), model.shape_body.numpy()
         other = int(model.mujoco.actuator_trnid.numpy()[row, 1])
-        if other >= model.shape_count:
-            self.left[row] = "its reference site does not exist"
-        elif links[site] < 0:
+        _check_site(model, row, other)
+        if links[site] < 0:
             self.left[row] = "its site does not move"
         elif other < 0:
             axes = int(rules.AT_SITE)
@@ -335,20 +336,15 @@ def _target(model: newton.Model, row: int, kind: int) -> tuple[int, int]:
     """Transmission of an actuator and the index of its target, -1 where there is none.
 
     Importers of USD may leave the target's label only, as SolverMuJoCo expects it.
+
+    Raises:
+        ValueError: There are not as many targets.
     """
     mujoco: Any = model.mujoco
     first, second = mujoco.actuator_trnid.numpy()[row].tolist()
     label = mujoco.actuator_target_label[row]
     if kind == _TRANSMISSION.TENDON and (first < 0 or (first == 0 and second > 0)):
         first = second
-    counts = {
-        _TRANSMISSION.JOINT: model.joint_dof_count,
-        _TRANSMISSION.JOINT_IN_PARENT: model.joint_dof_count,
-        _TRANSMISSION.TENDON: tendon_count(model),
-        _TRANSMISSION.SITE: model.shape_count,
-        _TRANSMISSION.SLIDERCRANK: model.shape_count,
-        _TRANSMISSION.BODY: model.body_count,
-    }
     if kind == _TRANSMISSION.SITE and label in model.shape_label:
         first = model.shape_label.index(label)
     elif first < 0 and label:
@@ -360,7 +356,31 @@ def _target(model: newton.Model, row: int, kind: int) -> tuple[int, int]:
         for known, labels in named.items():
             if label in labels:
                 return known, list(labels).index(label)
-    return kind, first if first < counts.get(_TRANSMISSION(kind), first + 1) else -1
+    what, count = {
+        _TRANSMISSION.JOINT: ("degrees of freedom", model.joint_dof_count),
+        _TRANSMISSION.JOINT_IN_PARENT: ("degrees of freedom", model.joint_dof_count),
+        _TRANSMISSION.TENDON: ("tendons", tendon_count(model)),
+        _TRANSMISSION.SITE: ("shapes", model.shape_count),
+        _TRANSMISSION.SLIDERCRANK: ("shapes", model.shape_count),
+        _TRANSMISSION.BODY: ("bodies", model.body_count),
+    }.get(_TRANSMISSION(kind), ("", first + 1))
+    _check_target(model, row, first, count, what)
+    return kind, first
+
+
+def _check_site(model: newton.Model, row: int, site: int) -> None:
+    """Refuses a second site, of an actuator, that there is not."""
+    _check_target(model, row, site, model.shape_count, "shapes")
+
+
+def _check_target(model: newton.Model, row: int, target: int, count: int, what: str) -> None:
+    """Refuses a target of an actuator past the last one of its kind; -1 is none."""
+    if target >= count:
+        raise ValueError(
+            f"model.mujoco.actuator_trnid[{row}] ('{model.mujoco.actuator_label[row]}') names "
+            f"target {target}, and the model has {count} {what}. Set an index below that, or -1 "
+            "to leave the actuator out."
+        )
 
 
 def is_limited(mujoco: Any, name: str) -> np.ndarray:
