@@ -28,7 +28,7 @@ NEWTON_EXAMPLES = re.findall(
 """Those of the table in the documents."""
 OPTIONS = {
     "pyramid": ["--", "--num-pyramids", "3", "--pyramid-size", "5"],
-    "robot_omniwheel": ["--iterations", "40"],
+    "robot_omniwheel": ["--iterations", "60"],
     "kamino_earworm_flowers": ["--", "--world-count", "2"],
 }
 """What some are called with, as the table says; the last to save time."""
