@@ -45,6 +45,40 @@ def is_driven(work: wp.ref[AxisActuation], joints: wp.ref[JointModel], dof: int)
     return has_mode and (joints.target_ke[dof] != 0.0 or joints.target_kd[dof] != 0.0)
 
 
+@wp.func
+def frame_of_point(
+    k: int, body_q: wp.array[wp.transform], tendons: wp.ref[TendonModel]
+) -> wp.transform:
+    """Frame of a point of a tendon in the world."""
+    link = tendons.link[k]
+    if link < 0:
+        return tendons.link_frame[k]
+    return wp.transform_multiply(body_q[link], tendons.link_frame[k])
+
+
+@wp.func
+def along_path(
+    i: int,
+    motion: wp.array[wp.spatial_vector],
+    com: wp.array[wp.vec3],
+    body_q: wp.array[wp.transform],
+    tendons: wp.ref[TendonModel],
+) -> float:
+    """What a motion of links, velocities or accelerations, makes of a tendon's length as its path
+    was last found."""
+    total = float(0.0)
+    for s in range(tendons.start[i], tendons.span_end[i]):
+        span = tendons.spans[s]
+        for side in range(2):
+            link = tendons.link[wp.where(side == 0, span.a, span.b)]
+            if link >= 0:
+                point = wp.where(side == 0, span.start, span.end)
+                arm = point - wp.transform_point(body_q[link], com[link])
+                along = wp.dot(span.along, velocity_at(motion[link], arm))
+                total += wp.where(side == 0, -span.share, span.share) * along
+    return total
+
+
 @wp.kernel(**KERNEL)
 def measure_tendons(
     # Model:
@@ -61,9 +95,9 @@ def measure_tendons(
     i = wp.tid()
     first = tendons.start[i]
     end = tendons.start[i + 1]
-    velocity = float(0.0)
     if tendons.kind[first] == JOINT:
         length = wp.float64(0.0)
+        velocity = float(0.0)
         for k in range(first, end):
             if joint_q.shape[0] > 0:
                 at = joint_q[tendons.coordinate[k]] + tendons.ref[tendons.dof[k]]
@@ -74,22 +108,11 @@ def measure_tendons(
         return
     for k in range(first, end):
         if tendons.kind[k] != PULLEY:
-            frame = tendons.link_frame[k]
-            if tendons.link[k] >= 0:
-                frame = wp.transform_multiply(body_q[tendons.link[k]], frame)
+            frame = frame_of_point(k, body_q, tendons)
             tendons.point[k] = double(wp.transform_get_translation(frame))
             tendons.rotation[k] = wp.transform_get_rotation(frame)
     tendons.length[i] = find_path(i, False, ZERO, tendons)
-    for s in range(first, tendons.span_end[i]):
-        span = tendons.spans[s]
-        for side in range(2):
-            link = tendons.link[wp.where(side == 0, span.a, span.b)]
-            if link >= 0:
-                point = wp.where(side == 0, span.start, span.end)
-                arm = point - wp.transform_point(body_q[link], com[link])
-                along = wp.dot(span.along, velocity_at(body_qd[link], arm))
-                velocity += wp.where(side == 0, -span.share, span.share) * along
-    tendons.velocity[i] = velocity
+    tendons.velocity[i] = along_path(i, body_qd, com, body_q, tendons)
 
 
 @wp.kernel(**KERNEL)

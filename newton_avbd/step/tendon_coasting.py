@@ -18,7 +18,7 @@ from ..algebra.so3 import exp_quat
 from ..data import JointModel, TendonModel, WorldScale
 from ..rows.joint import BALL, has_axes
 from ..rows.path import JOINT, PULLEY, ZERO, double, find_path
-from .actuation import axis_of, base_rotation
+from .actuation import along_path, axis_of, base_rotation, frame_of_point
 from .body_actuators import velocity_at
 from .kernels import KERNEL
 
@@ -113,9 +113,7 @@ def coasted_length(
     for k in range(tendons.start[i], tendons.start[i + 1]):
         link = tendons.link[k]
         if tendons.kind[k] != PULLEY:
-            frame = tendons.link_frame[k]
-            if link >= 0:
-                frame = wp.transform_multiply(body_q[link], frame)
+            frame = frame_of_point(k, body_q, tendons)
             place = wp.transform_get_translation(frame)
             axes = wp.transform_get_rotation(frame)
             point = double(place)
@@ -154,16 +152,7 @@ def measure_coasting(
         return
     now = tendons.length[i]
     rate = tendons.velocity[i]
-    carried = float(0.0)
-    for s in range(tendons.start[i], tendons.span_end[i]):
-        span = tendons.spans[s]
-        for side in range(2):
-            link = tendons.link[wp.where(side == 0, span.a, span.b)]
-            if link >= 0:
-                point = wp.where(side == 0, span.start, span.end)
-                arm = point - wp.transform_point(body_q[link], com[link])
-                along = wp.dot(span.along, velocity_at(coasting[link], arm))
-                carried += wp.where(side == 0, -span.share, span.share) * along
+    carried = along_path(i, coasting, com, body_q, tendons)
     after = coasted_length(i, AHEAD, com, body_q, body_qd, coasting, tendons) - now
     before = now - coasted_length(i, -AHEAD, com, body_q, body_qd, coasting, tendons)
     ahead = 2.0 / AHEAD * (wp.float32(after) / AHEAD - rate)
