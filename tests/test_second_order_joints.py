@@ -340,3 +340,49 @@ def test_friction_that_stops_a_hinge_at_once_stops_it_for_good() -> None:
     for _ in range(5):
         sim.step()
         assert np.abs(sim.velocity).max() < 1.0e-4
+
+
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+@pytest.mark.parametrize("stiffness", [0.0, 2000.0])
+def test_a_robot_in_the_air_falls_as_a_ball_does(stiffness: float, parallel: str) -> None:
+    """The COM of an articulation goes along a parabola from the first step on at 60 Hz.
+
+    That is so in steps of first order, too, which a stiff spring makes of all. With a constant
+    force F on a link the COM has the acceleration g + F/M.
+    """
+    builder = newton.ModelBuilder()
+    builder.default_shape_cfg.collision_group = 0
+    root = add_link(builder, mass=2.0)
+    joints = [builder.add_joint_free(root)]
+    for side in (1.0, -1.0):
+        link = add_link(builder, mass=0.5, inertia=(0.01, 0.02, 0.02))
+        joints.append(
+            builder.add_joint_revolute(
+                root,
+                link,
+                parent_xform=transform((0.2 * side, 0.0, 0.0)),
+                child_xform=transform((-0.3 * side, 0.0, 0.0)),
+                axis=HINGE,
+                stiffness=stiffness,
+            )
+        )
+    builder.add_articulation(joints)
+    set_coordinates(builder, joints[0], [0, 0, 3, 0, 0, 0, 1], [1.0, 0.0, 2.0, 0.3, 0.0, 0.0])
+    set_coordinates(builder, joints[1], [0.1], [1.0])
+    add_contact(builder, root)
+    sim = simulate(builder, dt=1.0 / 60.0, scheme=ALPHA, parallel=parallel)
+    share = sim.mass / sim.mass.sum()
+    force = np.array([0.0, 1.5, 3.0])
+    sim.push(root, force)
+    start, v = share @ sim.center, share @ sim.velocity[:, :3]
+    a = force / sim.mass.sum() - [0.0, 0.0, G]
+    orders = set()
+    for k in range(1, 31):
+        sim.step()
+        orders.add(int(sim.solver.report().order[0]))
+        t = k / 60.0
+        np.testing.assert_allclose(share @ sim.center, start + t * v + 0.5 * t**2 * a, atol=1e-5)
+        np.testing.assert_allclose(share @ sim.velocity[:, :3], v + t * a, atol=1e-4)
+    assert 1 in orders
+    if stiffness == 0.0:
+        assert 2 in orders

@@ -84,6 +84,28 @@ def make_begin_armature(effects: Effects, measure_velocity: wp.Function) -> wp.F
     return begin_armature
 
 
+@wp.func
+def parabola_of_tree(first: int, end: int, s: wp.ref[Solver]) -> wp.vec3:
+    """How much less far than backward Euler a tree falls whose bodies nothing ties or touches [m].
+
+    Its COM goes along a parabola, as a body does that flies alone: by half of what forces add to
+    the way that it would coast. None where a joint ties the tree to what is not moved by forces.
+    """
+    mass = float(0.0)
+    pushed = wp.vec3(0.0)
+    for i in range(first, end):
+        body = body_at(i, s.worlds)
+        if s.work.inv_mass[body] == 0.0:
+            return wp.vec3(0.0)
+        if is_linked(body, s):
+            if s.work.inv_mass[s.tree.parent[body]] == 0.0:
+                return wp.vec3(0.0)
+        added = wp.spatial_top(s.work.target[body] - s.work.coasting[body])
+        pushed += s.model.mass[body] * added
+        mass += s.model.mass[body]
+    return -(0.5 / mass) * pushed
+
+
 def make_block_start(
     effects: Effects,
     trees: TreeFunctions,
@@ -106,6 +128,7 @@ def make_block_start(
     begin_inputs, resists_everywhere = make_inputs(effects)[:2]
     may_be_exact = effects.second_order and (effects.drives or effects.pushed_axes)
     may_be_exact = may_be_exact and not effects.cables and not effects.tendons
+    may_fly = effects.second_order and not (effects.drag or effects.cables or effects.tendons)
 
     @wp.func(inline=effects.inline)
     def measure_blocks(
@@ -127,6 +150,7 @@ def make_block_start(
         is_free = bool(False)
         is_closed = bool(False)
         is_fast = bool(False)
+        fall = wp.vec3(0.0)
         for i in range(first, end):
             body = body_at(i, s.worlds)
             s.tree.rotation[body] = wp.transform_get_rotation(s.work.pose[body])
@@ -153,6 +177,15 @@ def make_block_start(
                         is_free = is_free and not has_rows(s.rows, body_at(k, s.worlds))
                     if wp.static(effects.loops):
                         is_free = is_free and not has_outer_loops(body_at(k, s.worlds), s.loops)
+                if wp.static(may_fly):
+                    fall = wp.vec3(0.0)
+                    if is_free and scale.step == scale.h:
+                        fall = parabola_of_tree(i, block_end, s)
+            if wp.static(may_fly):
+                less = wp.spatial_vector(fall, wp.vec3(0.0))
+                s.work.lead[body] = s.work.lead[body] + less
+                s.work.coasting[body] = s.work.coasting[body] + less
+                s.work.target[body] = s.work.target[body] + less
             if wp.static(effects.second_order):
                 # a taut rope, which nothing drives, is no such tree: see below
                 is_exact = is_free and not is_closed
