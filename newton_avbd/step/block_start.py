@@ -182,10 +182,11 @@ def make_block_start(
                     if is_free and scale.step == scale.h:
                         fall = parabola_of_tree(i, block_end, s)
             if wp.static(may_fly):
-                less = wp.spatial_vector(fall, wp.vec3(0.0))
-                s.work.lead[body] = s.work.lead[body] + less
-                s.work.coasting[body] = s.work.coasting[body] + less
-                s.work.target[body] = s.work.target[body] + less
+                if wp.length_sq(fall) > 0.0:
+                    less = wp.spatial_vector(fall, wp.vec3(0.0))
+                    s.work.lead[body] = s.work.lead[body] + less
+                    s.work.coasting[body] = s.work.coasting[body] + less
+                    s.work.target[body] = s.work.target[body] + less
             if wp.static(effects.second_order):
                 # a taut rope, which nothing drives, is no such tree: see below
                 is_exact = is_free and not is_closed
