@@ -1,10 +1,12 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
-"""Anderson mixing: where links push what moves, sweeps go on from more than the last one.
+"""Anderson mixing: where links touch something, sweeps go on from more than the last one.
 
 A robot and the box in its gripper are solved in turns, each as if the other stood still, and so are
 two links of a robot that press on each other. What both share, such as the lift of the box, then
-needs the more sweeps the stiffer contacts are. But a sweep is a
+needs the more sweeps the stiffer contacts are. And a foot that lands has a penalty for its own mass,
+where stiff drives put all of the robot behind it: each sweep leaves 0.96 of what its force lacks.
+But a sweep is a
 map z -> F(z) of the increments of all bodies and of the multipliers of all contacts, and one that
 converges slowly does so along few directions, which its last updates d = F(z) - z tell. So the next
 sweep starts from
@@ -23,7 +25,7 @@ import warp as wp
 from ..data import MixedBody, MixedRow, Solver
 from ..effects import Effects
 from .beginning import is_in_tree
-from .bodies import body_at
+from .bodies import body_at, has_rows
 from .rotations import place_body
 from .sweep_tree import make_move
 
@@ -41,15 +43,12 @@ after a second at 60 Hz, with 20 by 6 mm; without mixing 10 sweeps leave 136 mm.
 
 @wp.func
 def begin_mixing(world: int, s: wp.ref[Solver]) -> bool:
-    """Notes from where the next sweep starts, if a link may push what moves; returns whether."""
+    """Notes from where the next sweep starts, if a link touches something; returns whether."""
     is_mixed = bool(False)
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
         body = body_at(i, s.worlds)
-        for k in range(s.rows.owned_start[body], s.rows.owned_end[body]):
-            b = s.rows.rows[k].b
-            if s.work.inv_mass[b] > 0.0:
-                if is_in_tree(i, s) or is_in_tree(s.worlds.rank[b], s):
-                    is_mixed = True
+        if has_rows(s.rows, body) and is_in_tree(i, s):
+            is_mixed = True
     if not is_mixed:
         return False
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
