@@ -9,7 +9,7 @@ from helpers import EPS, Simulation
 from joint_scenes import anchor_gaps
 from scipy.spatial.transform import Rotation
 
-from newton_avbd.scenes.robots import add_humanoid
+from newton_avbd.scenes.robots import add_humanoid, add_quadruped_worlds
 
 TILTS = Rotation.random(8, random_state=11)
 """How the robot comes down."""
@@ -97,3 +97,20 @@ def test_a_robot_far_below_the_ground_is_not_thrown(depth: float, speed: float) 
             assert opening(sim) < 1.0e-4 + 4.0 * EPS * depth
         assert sim.solver.status.held_steps.max() == 0
         assert sim.pose[:, 2].min() > -depth
+
+
+def test_robots_that_land_on_stiff_legs_settle() -> None:
+    """A foot has the penalty of its own mass, and drives put the whole quadruped behind it.
+
+    Each sweep left 0.96 of what the force lacked, and one step in eight did not settle.
+    """
+    worlds, steps = 16, 60
+    builder = newton.ModelBuilder()
+    add_quadruped_worlds(builder, worlds)
+    sim = Simulation(builder)
+    sim.step(50)
+    unsettled = 0
+    for _ in range(steps):
+        sim.step()
+        unsettled += int(np.sum(~sim.solver.report().settled))
+    assert unsettled <= 0.03 * worlds * steps
