@@ -4,12 +4,11 @@
 
 A robot and the box in its gripper are solved in turns, each as if the other stood still, and so are
 two links of a robot that press on each other. What both share, such as the lift of the box, then
-needs the more sweeps the stiffer contacts are. And a foot that lands has a penalty for its own mass,
-where stiff drives put all of the robot behind it: each sweep leaves 0.96 of what its force lacks.
-But a sweep is a
-map z -> F(z) of the increments of all bodies and of the multipliers of all contacts, and one that
-converges slowly does so along few directions, which its last updates d = F(z) - z tell. So the next
-sweep starts from
+needs the more sweeps the stiffer contacts are. And a foot that lands has a penalty for its own
+mass, where stiff drives put all of the robot behind it: each sweep leaves 0.96 of what its force
+lacks. But a sweep is a map z -> F(z) of the increments of all bodies and of the multipliers of all
+contacts, and one that converges slowly does so along few directions, which its last updates
+d = F(z) - z tell. So the next sweep starts from
 
     F_k - t_1 (F_k - F_k-1) - t_2 (F_k-1 - F_k-2)
 
