@@ -84,26 +84,43 @@ def make_begin_armature(effects: Effects, measure_velocity: wp.Function) -> wp.F
     return begin_armature
 
 
-@wp.func
-def parabola_of_tree(first: int, end: int, s: wp.ref[Solver]) -> wp.vec3:
-    """How much less far than backward Euler a tree falls whose bodies nothing ties or touches [m].
+def make_parabola_of_tree(effects: Effects) -> wp.Function:
+    """Device function: how much less far than by backward Euler a tree in flight falls."""
 
-    Its COM goes along a parabola, as a body does that flies alone: by half of what forces add to
-    the way that it would coast. None where a joint ties the tree to what is not moved by forces.
-    """
-    mass = float(0.0)
-    pushed = wp.vec3(0.0)
-    for i in range(first, end):
-        body = body_at(i, s.worlds)
-        if s.work.inv_mass[body] == 0.0:
-            return wp.vec3(0.0)
+    @wp.func
+    def is_tied(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether a joint ties the body to what no force moves."""
+        static_slot = s.work.inv_mass.shape[0] - 1
         if is_linked(body, s):
             if s.work.inv_mass[s.tree.parent[body]] == 0.0:
+                return True
+        if wp.static(effects.loops):
+            for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
+                joint = s.loops.joints[s.loops.items[k] / 2]
+                parent = parent_slot(s.joints, joint, static_slot)
+                if s.work.inv_mass[parent] == 0.0 or s.work.inv_mass[s.joints.child[joint]] == 0.0:
+                    return True
+        return False
+
+    @wp.func
+    def parabola_of_tree(first: int, end: int, s: wp.ref[Solver]) -> wp.vec3:
+        """How much less far a tree falls that nothing touches [m]; none where it does not fly.
+
+        Its COM goes along a parabola, as a body does that flies alone: by half of what forces add
+        to the way that it would coast.
+        """
+        mass = float(0.0)
+        pushed = wp.vec3(0.0)
+        for i in range(first, end):
+            body = body_at(i, s.worlds)
+            if s.work.inv_mass[body] == 0.0 or is_tied(body, s):
                 return wp.vec3(0.0)
-        added = wp.spatial_top(s.work.target[body] - s.work.coasting[body])
-        pushed += s.model.mass[body] * added
-        mass += s.model.mass[body]
-    return -(0.5 / mass) * pushed
+            added = wp.spatial_top(s.work.target[body] - s.work.coasting[body])
+            pushed += s.model.mass[body] * added
+            mass += s.model.mass[body]
+        return -(0.5 / mass) * pushed
+
+    return parabola_of_tree
 
 
 def make_block_start(
@@ -128,6 +145,7 @@ def make_block_start(
     begin_inputs, resists_everywhere = make_inputs(effects)[:2]
     may_be_exact = effects.second_order and (effects.drives or effects.pushed_axes)
     may_be_exact = may_be_exact and not effects.cables and not effects.tendons
+    parabola_of_tree = make_parabola_of_tree(effects)
     may_fly = effects.second_order and not (effects.drag or effects.cables or effects.tendons)
 
     @wp.func(inline=effects.inline)
