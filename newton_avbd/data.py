@@ -6,8 +6,9 @@ Who owns what, and what always holds:
 
 - A *body slot* is a body index; slot ``body_count`` is the static world, which never moves.
 - A *world* here is a group of bodies that one thread solves. It is a Newton world, or all bodies
-  at once where mobile global bodies (``body_world == -1``) tie the worlds together; global bodies
-  that do not move otherwise make a world of their own, which passes them through.
+  at once where mobile global bodies (``body_world == -1``), or with error control any global
+  bodies, tie the worlds together; global bodies that do not move otherwise make a world of their
+  own, which passes them through.
 - A contact row has an *owner*, body ``a``: the first of its mobile bodies in visiting order. The
   rows of a world are sorted by owner, so that a body finds the rows it owns side by side in
   ``rows[owned_start[b]:owned_end[b]]`` and the rows in which it is ``b`` through

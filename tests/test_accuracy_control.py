@@ -333,6 +333,32 @@ def test_what_the_user_moves_goes_on_within_a_call() -> None:
     assert sim.pose[box, 0] == pytest.approx(30 * FRAME, abs=1e-3)
 
 
+def test_worlds_share_what_the_user_moves() -> None:
+    """Boxes at rest on a belt of 1 m/s that no world owns: dragged along by friction of 1.
+
+    They slide until v = mu g t, and lag by v^2 / (2 mu g).
+    """
+    builder = newton.ModelBuilder()
+    belt = builder.add_body(xform=wp.transform(wp.vec3(0.0, 0.0, -0.05), wp.quat_identity()))
+    builder.add_shape_box(
+        belt, hx=5.0, hy=5.0, hz=0.05, cfg=newton.ModelBuilder.ShapeConfig(mu=1.0, gap=0.02)
+    )
+    builder.body_flags[belt] = int(newton.BodyFlags.KINEMATIC)
+    for _ in range(2):
+        builder.begin_world()
+        add_box(builder, (0.0, 0.0, 0.25), 0.5, mu=1.0)
+        builder.end_world()
+    sim = Simulation(builder, dt=FRAME, accuracy=1e-3)
+    sim.set_velocity(belt, (1.0, 0.0, 0.0))
+    for frame in range(30):
+        poses = sim.state.body_q.numpy()
+        poses[belt, 0] = frame * FRAME
+        sim.state.body_q.assign(poses)
+        sim.step()
+    np.testing.assert_allclose(sim.velocity[1:, 0], 1.0, atol=1e-4)
+    np.testing.assert_allclose(sim.pose[1:, 0], 0.5 - 0.5 / G, atol=1e-3 * (0.5 + SAVED))
+
+
 def test_observables_are_those_of_the_call() -> None:
     """The mean of the contact force stops the box; body_qdd is its change of velocity by dt."""
 

@@ -291,13 +291,28 @@ class SolverArrays:
         self._joints.break_torque = self._break_limits.get(names[1], self._unbreakable)
         self._joints.enabled = self._bodies.joint_enabled = self._is_whole
 
+    def _solver_worlds(self, model: newton.Model) -> np.ndarray:
+        """Which world, as the solver sees it, each body belongs to, shape (body_count,)."""
+        if model.body_count == 0:
+            return np.zeros(0, dtype=np.int32)
+        world = model.body_world.numpy()
+        is_global = world < 0
+        ties = is_global & moving(model)
+        if self.settings.accuracy is not None:
+            # worlds whose steps differ cannot share what is moved from one to the next
+            ties = is_global
+        if np.any(ties) or np.all(is_global):
+            return np.zeros(model.body_count, dtype=np.int32)
+        # global bodies that do not move get a world of their own, which only passes them through
+        return np.where(is_global, model.world_count, world).astype(np.int32)
+
     def _look_at_model(self, solved: Any) -> tuple[np.ndarray, Topology, Effects, Callers]:
         """Which world each body belongs to, what is solved together, and with which effects.
 
         Args:
             solved: The model as it is to be solved.
         """
-        groups = _solver_worlds(solved)
+        groups = self._solver_worlds(solved)
         cabled = np.zeros(solved.body_count, dtype=bool)
         if "cables" not in self._without:
             cabled = cabled_bodies(solved)
@@ -376,7 +391,7 @@ class SolverArrays:
         """Decides which bodies one thread solves, and with which effects.
 
         A group is a Newton world, or, where global bodies that move tie the worlds together, all
-        bodies at once.
+        bodies at once. With error control any global body does.
         """
         groups, topology, self._flags, self._callers = self._look_at_model(self._solved)
         self._make_actuation(topology)
@@ -579,7 +594,7 @@ class SolverArrays:
                 "SolverAVBD(accuracy=...) has to take a step before this one is captured in a "
                 "graph: the model has changed."
             )
-        inner, groups = self._worlds.inner, _solver_worlds(self._solved)
+        inner, groups = self._worlds.inner, self._solver_worlds(self._solved)
         # graphs that were captured before go on using the old arrays
         self._retired.append((inner.first, inner.segments, inner.store))
         assert self._topology is not None
@@ -888,15 +903,3 @@ class SolverArrays:
             moving_surfaces=surfaces,
             contact_materials=materials,
         ).leaving_out(self._without)
-
-
-def _solver_worlds(model: newton.Model) -> np.ndarray:
-    """Which world, as the solver sees it, each body belongs to, shape (body_count,)."""
-    if model.body_count == 0:
-        return np.zeros(0, dtype=np.int32)
-    world = model.body_world.numpy()
-    is_global = world < 0
-    if np.any(is_global & moving(model)) or np.all(is_global):
-        return np.zeros(model.body_count, dtype=np.int32)
-    # global bodies that do not move get a world of their own, which only passes them through
-    return np.where(is_global, model.world_count, world).astype(np.int32)
