@@ -158,12 +158,11 @@ def make_axis(effects: Effects) -> AxisFunctions:
                 lower = -h * limit - moved
                 upper = h * limit - moved
         if wp.static(effects.hard_limits):
-            at = wp.float32(q)
-            lower_limit = joints.limit_lower[dof]
-            upper_limit = joints.limit_upper[dof]
-            start = at - moved
-            least = lower_limit - left_beyond(lower_limit - start, recovery) - at
-            most = upper_limit + left_beyond(start - upper_limit, recovery) - at
+            # what a difference of angles rounds is a velocity in a short step
+            to_lower = wp.float32(wp.float64(joints.limit_lower[dof]) - q)
+            to_upper = wp.float32(wp.float64(joints.limit_upper[dof]) - q)
+            least = to_lower - left_beyond(to_lower + moved, recovery)
+            most = to_upper + left_beyond(-moved - to_upper, recovery)
             lower = wp.clamp(lower, least, most)
             upper = wp.clamp(upper, least, most)
         return lower, upper
