@@ -20,7 +20,7 @@ from .local_error import SAVED, Misstep, make_judge
 from .observables import contact_wrench
 from .saving import save_world
 from .scale import ROUNDED
-from .step_length import AIM, SPENT, Call, account, choose_next, choose_step, try_shorter
+from .step_length import AIM, SPENT, Call, account, choose_next, choose_step, is_good, try_shorter
 
 CONVERGED = wp.constant(0.05)
 """Update of the sweeps that is small enough, by accuracy and h^2 [1/s]: what it leaves of forces
@@ -72,6 +72,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
         """State of the first inner step; the end may take the place of the start."""
         call = Call()
         call.left = dt
+        call.window = -dt
         call.worst = -1
         if s.history.age[world] == 0:
             s.history.wanted[world] = dt
@@ -238,7 +239,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             if made.order == 1:
                 allowed += SPENT * s.history.saved[world]
             ratio = made.error / allowed
-            if ratio > 1.0 and call.h > 1.001 * call.least:
+            if not is_good(call, made, ratio, s):
                 call = try_shorter(world, call, made, ratio, s)
                 continue
             accept_step(world, call.h, call.h / dt, step, s)

@@ -29,6 +29,11 @@ BY_ROUNDING = wp.constant(1.0e-4)
 """Share of a step by which dividing what is left of a call may be off."""
 
 
+FINEST = wp.constant(1.0 / 32.0)
+"""Shortest step that finds a jump, as a share of those in which all that are left would be equal:
+in still shorter ones what float32 rounds of a move counts as a velocity."""
+
+
 @wp.struct
 class Call:
     """A call of a world: how far it is, and the inner step that it is at."""
@@ -39,10 +44,13 @@ class Call:
     """Length of the inner step [s]."""
     parts: float
     """How many of these what is left takes."""
+    share: float
+    """What is left of it by the number of inner steps that are left [s]."""
     least: float
-    """Length below which the inner steps that are left would not do [s]."""
+    """Length below which a step is not repeated [s]."""
     window: float
-    """Time in which a jump is known to be [s]."""
+    """Time in which a jump is known to be [s]; 0 after a step in which one was, negative where none
+    is known."""
     finest: float
     """Length of the step that finds it [s]."""
     tries: int
@@ -63,7 +71,14 @@ def choose_step(world: int, given: Call, s: wp.ref[Solver]) -> Call:
     last_h = s.history.step[world]
     # what is left has to be done by the steps that are left
     room = wp.max(s.worlds.inner.budget - call.tries, 1)
-    call.least = call.left / float(room)
+    call.share = call.left / float(room)
+    call.least = call.share
+    if 2 * room > s.worlds.inner.budget:
+        # half of them may find jumps, which may go on in the next one, and grow again from there
+        if call.window >= 0.0:
+            call.least = FINEST * call.share
+        elif s.history.age[world] > 0:
+            call.least = wp.min(call.least, last_h)
     h = wp.min(s.history.wanted[world], call.left)
     if s.history.age[world] > 0:
         h = wp.min(h, GROWTH * last_h)
@@ -77,6 +92,19 @@ def choose_step(world: int, given: Call, s: wp.ref[Solver]) -> Call:
         h = call.left / call.parts
     call.h = h
     return call
+
+
+@wp.func
+def is_good(call: Call, made: Misstep, ratio: float, s: wp.ref[Solver]) -> bool:
+    """Whether a step may stay: it is as accurate as it has to be, or is not to be shorter.
+
+    A jump that would be within what may be saved is found; where that is spent already, shorter
+    steps would not make up for it.
+    """
+    if ratio <= 1.0 or call.h <= 1.001 * call.least:
+        return True
+    is_found = made.is_jump and made.error <= SPENT * SAVED * s.worlds.inner.accuracy
+    return is_found and call.h <= 1.001 * call.share
 
 
 @wp.func
