@@ -373,6 +373,23 @@ def test_friction_of_a_ball_joint_holds() -> None:
     assert np.abs(sims[0].pose[0] - sims[1].pose[0]).max() < 1.0e-5
 
 
+@pytest.mark.parametrize("speed", [3.0, 2.98, 2.96])
+def test_friction_stops_a_slide_once(speed: float) -> None:
+    """v = v0 - a t, and 0 from then on. With the last stage beyond the stop, where friction would
+    push the other way, a third of a step's change was left: 0.022 m/s."""
+    rate = 4.0
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    link = builder.add_link(mass=1.0, inertia=wp.mat33(0.1 * np.eye(3)))
+    joint = builder.add_joint_prismatic(-1, link, axis=(1.0, 0.0, 0.0), friction=rate)
+    builder.add_articulation([joint])
+    builder.body_qd[link] = wp.spatial_vector(speed, 0.0, 0.0, 0.0, 0.0, 0.0)
+    sim = Simulation(builder, dt=1.0 / 60.0, collide=False, scheme="runge_kutta")
+    for step in range(1, 61):
+        sim.step()
+        belongs = max(speed - rate * step * sim.dt, 0.0)
+        assert sim.velocity[link, 0] == pytest.approx(belongs, abs=1e-4)
+
+
 def test_a_model_that_loses_its_fluid_goes_on_in_fourth_order() -> None:
     builder = newton.ModelBuilder()
     SolverMuJoCo.register_custom_attributes(builder)

@@ -92,8 +92,10 @@ def make_push_along(effects: Effects) -> wp.Function:
                 if drive > least and drive < most:
                     resists += h * h * stiffness
             if wp.static(effects.joint_friction):
+                # slips on as it began: where it turns round the step is given up
+                began = wp.float32(s.tree.runge_kutta.start_rate[k])
                 friction = axis_rows.most_friction(s.joints, joint, index)
-                force -= wp.sign(rate) * friction
+                force -= wp.sign(began) * friction
         return force, resists
 
     return push_along
