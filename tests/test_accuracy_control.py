@@ -466,6 +466,20 @@ def test_the_bits_are_the_same_again_and_after_a_reset(expected: Array) -> None:
     np.testing.assert_array_equal(by_world(sim, 3), expected)
 
 
+def test_a_pendulum_takes_the_same_steps_after_a_reset() -> None:
+    """Of fourth order, in long calls."""
+    ends = []
+    builder = newton.ModelBuilder()
+    pendulum(builder)
+    sim = Simulation(builder, dt=0.1, accuracy=1e-4, collide=False)
+    for _ in range(2):
+        sim.step(5)
+        assert sim.solver.report().order[0] == 4
+        ends.append(np.hstack([sim.pose, sim.velocity]))
+        sim.solver.reset(sim.state)
+    np.testing.assert_array_equal(ends[1], ends[0])
+
+
 def test_the_bits_are_those_of_other_company(expected: Array) -> None:
     """Which worlds are beside one, and in which order, changes nothing."""
     sim = workshops((2, 0, 1))

@@ -78,6 +78,9 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
             s.history.wanted[world] = dt
             s.history.ratio[world] = 1.0
             s.history.saved[world] = SAVED * s.worlds.inner.accuracy
+            if wp.static(effects.fourth_order):
+                s.tree.runge_kutta.is_known[world] = 0
+                s.tree.runge_kutta.waits[world] = 0
         for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
             body = body_at(i, s.worlds)
             s.worlds.inner.pose[body] = s.work.pose[body]
