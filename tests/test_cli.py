@@ -343,6 +343,8 @@ def test_compare_opens_an_example_with_both_solvers(capsys):
         (["bench", "stack", "--json", "/no/folder/a.json"], "mkdir -p /no/folder"),
         (["learning", "hopper"], "Did you mean"),
         (["falls", "missing.urdf"], "no robot or file"),
+        (["run", "chain", "--accuracy", "1e-9"], "the smallest is"),
+        (["compare", "chain", "--accuracy", "1e-9"], "the smallest is"),
     ],
 )
 def test_what_cannot_be_done_is_told_in_a_sentence(arguments, message, capsys):
