@@ -70,6 +70,26 @@ def test_two_hinges_with_a_massless_cross_are_a_universal_joint(scheme: str) -> 
     assert np.abs(crossed.velocity).max() > 0.5
 
 
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_a_torque_on_a_massless_cross_turns_what_hangs_on_it(scheme: str) -> None:
+    """About the axis to the world it is tau t / I of the bob, whatever the joints carry beside it:
+    on the cross alone the torque would give thousands of turns in a step."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    cross, bob = builder.add_link(label="cross"), add_bob(builder)
+    builder.add_articulation(
+        [
+            builder.add_joint_revolute(-1, cross, axis=(1.0, 0.0, 0.0)),
+            builder.add_joint_revolute(cross, bob, axis=(0.0, 1.0, 0.0)),
+        ]
+    )
+    sim = Simulation(builder, collide=False, scheme=scheme)
+    sim.push(cross, torque=(0.3, 0.2, -1.0))
+    sim.step(60)
+    about_joint = 0.05 + 2.0 * 0.5**2
+    spin = [0.3 * 60 * DT / about_joint, 0.0, 0.0]
+    np.testing.assert_allclose(sim.velocity[:, 3:], [spin, spin], atol=1e-4 * spin[0])
+
+
 def test_a_massless_link_does_not_add_to_the_weight() -> None:
     """A bob below two massless links: the first joint carries the bob's weight."""
     builder = newton.ModelBuilder()

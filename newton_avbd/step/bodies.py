@@ -362,7 +362,10 @@ def make_predict_body(effects: Effects) -> wp.Function:
             if wp.static(effects.spinning):
                 rank = s.worlds.rank[body]
                 is_linked = s.tree.joint[body] != NO_JOINT or s.worlds.block_end[rank] > rank + 1
-                is_fast = is_linked and wp.length_sq(dtheta) > FAST * FAST
+                # a torque alone would turn a massless link far, which its joints do not let it
+                spin = wp.spatial_bottom(velocity)
+                turn_sq = wp.min(wp.length_sq(dtheta), h * h * wp.length_sq(spin))
+                is_fast = is_linked and turn_sq > FAST * FAST
                 s.work.spin_momentum[body] = wp.where(is_fast, momentum, wp.vec3(0.0))
             s.work.inertia[body] = world_inertia(rotation, s.model.inertia[body])
             if wp.static(effects.contact or effects.loops or effects.reaction):

@@ -195,6 +195,12 @@ def is_continued(
     if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
         return False
     wrench = external_wrench(body, s)
+    torque = wp.spatial_bottom(wrench)
+    if wp.length_sq(torque) > 0.0:
+        # against a torque that a massless link alone would give way to, joints push as much
+        turn = (scale.h * scale.h) * rigid_spin(s.work.inertia[body], torque)
+        if wp.length_sq(turn) > MOST_TURN * MOST_TURN:
+            return False
     if not (wrench == s.history.last[body].wrench):
         return not jumps(body, wrench, body_qd[body], scale, s)
     return True
