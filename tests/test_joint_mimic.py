@@ -345,6 +345,26 @@ def gears(links: tuple, is_sparse: bool, **settings: object) -> Simulation:
     return sim
 
 
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+def test_gears_that_others_turn_against_their_torque_turn_along(parallel: str) -> None:
+    """Hinges to the world, from rest: w = sum(tau) t / sum(I), for each. What one gains is what
+    the others are given: nothing else but the mimics ties them."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    joints = [
+        builder.add_joint_revolute(WORLD, add_link(builder, inertia=np.full(3, 0.012)), axis=HINGE)
+        for _ in range(4)
+    ]
+    builder.add_articulation(joints)
+    for joint in joints[1:]:
+        builder.joint_mimic_joint[joint] = joints[0]
+        builder.joint_mimic_coeffs[joint] = (0.0, 1.0)
+    sim = Simulation(builder, collide=False, parallel=parallel)
+    set_control(sim, joint_f=[0.1, 0.2, -0.1, 0.3])
+    sim.step(2)
+    np.testing.assert_allclose(sim.velocity[:, 4], 0.5 * 2 * sim.dt / 0.048, rtol=1e-5)
+    assert sim.solver.status.bounded_steps.sum() == 0
+
+
 @pytest.mark.parametrize("is_sparse", [False, True])
 def test_a_mimic_of_a_mimic_follows_the_first_leader(is_sparse: bool) -> None:
     """A chain moves as the same joints that follow its root: the same bits."""

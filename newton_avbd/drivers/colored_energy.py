@@ -83,7 +83,7 @@ def make_colored_energy(
     """
     may_body_gain, is_astray = energy.may_body_gain, energy.is_astray
     begin_balance = energy.begin_balance
-    join_joints, join_tendons = energy.join_joints, energy.join_tendons
+    join_joints, join_closures = energy.join_joints, energy.join_closures
     join_cluster = energy.join_cluster
     add_body, settle_island = energy.add_body, energy.settle_island
     slow_body, slow_rotors = energy.slow_body, energy.slow_rotors
@@ -129,13 +129,13 @@ def make_colored_energy(
 
     @kernel(not effects.islands and (effects.joints or effects.tendons))
     def join_bodies(static_slot: int, s: wp.array[Solver]):
-        """Makes one island of what joints and tendons link; one thread a body."""
+        """Makes one island of what joints, tendons and mimics link; one thread a body."""
         body = wp.tid()
         if is_unbalanced(body, s[0]):
             if s[0].work.inv_mass[body] > 0.0:
                 join_joints(body, static_slot, s[0])
-            if wp.static(effects.tendons):
-                join_tendons(s[0].worlds.rank[body], s[0])
+            if wp.static(effects.tendons or effects.mimics):
+                join_closures(s[0].worlds.rank[body], s[0])
 
     @kernel(not effects.islands and effects.cables)
     def join_clusters(s: wp.array[Solver]):

@@ -37,7 +37,7 @@ class MotionKernels:
 def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorator) -> MotionKernels:
     """The kernels, made by the decorator ``kernel``."""
     remember_rows = stages.remember_rows
-    join_cluster, join_tendons = stages.join_cluster, stages.join_tendons
+    join_cluster, join_closures = stages.join_cluster, stages.join_closures
     break_blocks, break_loop = stages.breaking.break_blocks, stages.breaking.break_loop
     end_velocity, end_armature = stages.end.end_velocity, stages.end.end_armature
     slips_otherwise = stages.second_order.slips_otherwise
@@ -62,9 +62,9 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
                             other = other_end(s[0].loops.items[k], s[0])
                             slot = wp.where(other < 0, scale.static_slot, other)
                             join_at_once(body, slot, HELD, s[0])
-                if wp.static(effects.tendons):
+                if wp.static(effects.tendons or effects.mimics):
                     if s[0].colors.block[body] == body:
-                        join_tendons(s[0].worlds.rank[body], s[0])
+                        join_closures(s[0].worlds.rank[body], s[0])
         if not wp.isfinite(vector_sum(s[0].work.increment[body])):
             s[0].colors.is_finite[world] = 0
 

@@ -11,7 +11,7 @@ from ..step.beginning import make_begin_body, make_coasting
 from ..step.block_start import BlockStartFunctions, make_block_start
 from ..step.breaking import BreakFunctions, make_break_joints
 from ..step.cables import make_join, make_solve_cluster
-from ..step.closures import ClosureFunctions, make_closures
+from ..step.closures import ClosureFunctions, make_closures, make_join_closures
 from ..step.ending import EndFunctions, make_end, make_remember
 from ..step.energy import EnergyFunctions, make_energy
 from ..step.gathering import make_assemble, make_contact_law, make_gather
@@ -21,7 +21,6 @@ from ..step.loops import LoopFunctions, make_loops
 from ..step.piles import PileFunctions, make_piles
 from ..step.second_order import SecondOrderFunctions, make_second_order
 from ..step.sweeps import make_sweep, make_sweep_block
-from ..step.tendons import make_join_tendons
 from ..step.trees import TreeFunctions, make_trees
 
 
@@ -46,8 +45,8 @@ class Stages:
     """Keeps what the rows that a body owns push with."""
     join_cluster: wp.Function
     """Makes one island of bodies that cables pull."""
-    join_tendons: wp.Function
-    """Makes one island of bodies that tendons pull."""
+    join_closures: wp.Function
+    """Makes one island of bodies that tendons pull, or mimics tie."""
     breaking: BreakFunctions
     end: EndFunctions
     energy: EnergyFunctions
@@ -98,7 +97,7 @@ def make_stages(effects: Effects, join: wp.Function) -> Stages:
         sweep_block=make_sweep_block(effects, make_sweep(effects, gather), trees.sweep_tree),
         remember_rows=make_remember(effects, law.force, law.gap, join),
         join_cluster=make_join(join) if effects.cables else absent,
-        join_tendons=make_join_tendons(join) if effects.tendons else absent,
+        join_closures=make_join_closures(effects, join),
         breaking=breaking,
         end=make_end(effects, trees.count_turns),
         energy=make_energy(effects, join) if effects.balanced else ABSENT,

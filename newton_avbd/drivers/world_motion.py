@@ -36,7 +36,7 @@ def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
     remember_motions = stages.second_order.remember_motions
     spend_impacts = stages.piles.spend_impacts
     remember_rows = stages.remember_rows
-    join_cluster, join_tendons = stages.join_cluster, stages.join_tendons
+    join_cluster, join_closures = stages.join_cluster, stages.join_closures
     break_blocks, break_loop = stages.breaking.break_blocks, stages.breaking.break_loop
     end_velocity, end_armature = stages.end.end_velocity, stages.end.end_armature
     align_spins = stages.trees.align_spins
@@ -95,9 +95,9 @@ def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
         if wp.static(effects.cables and effects.islands):
             for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
                 join_cluster(i, s)
-        if wp.static(effects.tendons and effects.islands):
+        if wp.static((effects.tendons or effects.mimics) and effects.islands):
             for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                join_tendons(i, s)
+                join_closures(i, s)
         if wp.static(effects.islands and not effects.ramp):
             if sweeps > 0:
                 most_fixed = wp.where(update > enough * enough, TOUCHING, FREE)

@@ -16,10 +16,10 @@ from ..rows.joint import is_string, make_counts
 from .anchors import parent_slot
 from .kernels import ABSENT, absent
 from .loop_rows import ALL_ROWS, make_loop_rows
-from .mimics import make_mimics
+from .mimics import make_join_mimics, make_mimics
 from .stop_rows import make_stop_rows
 from .strings import make_string_rows, string_misses
-from .tendons import make_tendons
+from .tendons import make_join_tendons, make_tendons
 
 
 @wp.func
@@ -39,6 +39,21 @@ def stiffness_off(
     if work.inv_mass[body] == 0.0:
         return 0.0
     return reach * change / (wp.trace(work.inertia[body]) / (h * h) + reach * force)
+
+
+def make_join_closures(effects: Effects, join: wp.Function) -> wp.Function:
+    """Device function that makes one island of what tendons and mimics of a block tie."""
+    join_tendons = make_join_tendons(join) if effects.tendons else absent
+    join_mimics = make_join_mimics(join) if effects.mimics else absent
+
+    @wp.func
+    def join_closures(first: int, s: wp.ref[Solver]):
+        if wp.static(effects.tendons):
+            join_tendons(first, s)
+        if wp.static(effects.mimics):
+            join_mimics(first, s)
+
+    return join_closures
 
 
 @dataclass(frozen=True)

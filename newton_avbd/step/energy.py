@@ -30,11 +30,10 @@ from .balance import add_cables, add_momentum, add_tendons
 from .bodies import has_rows, moved_by
 from .body_energy import make_add_body
 from .cables import make_join
+from .closures import make_join_closures
 from .contacts import braces_tree
 from .islands import HELD, begin_island, island_of, join_islands
-from .kernels import absent
 from .slowing import drop_tensions, make_slowing
-from .tendons import make_join_tendons
 
 NEARLY = wp.constant(1.0e-5)
 """Last update of a world, as a share of the farthest move in the step, up to which it has settled
@@ -156,7 +155,7 @@ class JoinFunctions:
 
     begin_balance: wp.Function
     join_joints: wp.Function
-    join_tendons: wp.Function
+    join_closures: wp.Function
     join_cluster: wp.Function
 
 
@@ -188,8 +187,8 @@ def make_join_bodies(effects: Effects, join: wp.Function) -> JoinFunctions:
                     parent = parent_slot(s.joints, joint, static_slot)
                     join(body, parent, HELD, s)
 
-    join_tendons = make_join_tendons(join) if effects.tendons else absent
-    return JoinFunctions(begin_balance, join_joints, join_tendons, make_join(join))
+    join_closures = make_join_closures(effects, join)
+    return JoinFunctions(begin_balance, join_joints, join_closures, make_join(join))
 
 
 @dataclass(frozen=True)
@@ -202,7 +201,7 @@ class EnergyFunctions:
     gains_settled: wp.Function
     begin_balance: wp.Function
     join_joints: wp.Function
-    join_tendons: wp.Function
+    join_closures: wp.Function
     join_cluster: wp.Function
     add_body: wp.Function
     settle_island: wp.Function
@@ -221,7 +220,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
     gains_settled = gains.gains_settled
     islands = make_join_bodies(effects, join)
     begin_balance, join_joints = islands.begin_balance, islands.join_joints
-    join_tendons, join_cluster = islands.join_tendons, islands.join_cluster
+    join_closures, join_cluster = islands.join_closures, islands.join_cluster
     add_body = make_add_body(effects)
     slowing = make_slowing(effects)
     settle_island, slow_body = slowing.settle_island, slowing.slow_body
@@ -293,9 +292,9 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
                 body = s.worlds.bodies[i]
                 if s.work.inv_mass[body] > 0.0:
                     join_joints(body, scale.static_slot, s)
-            if wp.static(effects.tendons):
+            if wp.static(effects.tendons or effects.mimics):
                 for i in range(first, end):
-                    join_tendons(i, s)
+                    join_closures(i, s)
             if wp.static(effects.cables):
                 for i in range(
                     s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]
@@ -316,7 +315,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
         gains_settled,
         begin_balance,
         join_joints,
-        join_tendons,
+        join_closures,
         join_cluster,
         add_body,
         settle_island,

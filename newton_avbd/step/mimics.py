@@ -9,6 +9,7 @@ import warp as wp
 from ..data import Closure, JointModel, Solver
 from ..effects import Effects
 from .anchors import ROUNDING, is_linked
+from .islands import HELD
 
 LEAST_MISSED = wp.constant(1.0e-9)
 """What a polynomial may be off by in a sweep [m or rad]. Coordinates of a step count in float64
@@ -128,6 +129,28 @@ def missed_by_lines(first: int, recovery: float, s: wp.ref[Solver]) -> float:
                     size = wp.trace(s.work.inertia[body]) * s.work.inv_mass[body]
                 largest = wp.max(largest, size * missed * missed)
     return largest
+
+
+def make_join_mimics(join: wp.Function) -> wp.Function:
+    """Device function that makes one island of what mimics of a block tie, by ``join``."""
+
+    @wp.func
+    def join_mimics(first: int, s: wp.ref[Solver]):
+        closures = s.tree.closures
+        number = closures.block_of[first]
+        if number < 0:
+            return
+        block = closures.blocks[number]
+        for c in range(block.first, block.end):
+            closure = closures.closures[c]
+            if is_mimic(closure) and is_mimicking(closure, s):
+                leader = closure.leader_body
+                if s.work.inv_mass[closure.body] > 0.0:
+                    join(closure.body, leader, HELD, s)
+                elif s.work.inv_mass[leader] > 0.0:
+                    join(leader, closure.body, HELD, s)
+
+    return join_mimics
 
 
 @dataclass(frozen=True)
