@@ -111,6 +111,24 @@ def slip(
 
 
 @wp.func
+def bent_way(increment_a: wp.spatial_vector, increment_b: wp.spatial_vector) -> wp.vec3:
+    """Twice what :func:`slip` counts as slip where two bodies turn as one [m].
+
+    Its arms are those of the start of the step: b would have to go along the tangent of its circle
+    about a. None of where they turn against each other, or one does not turn.
+    """
+    turn_a = wp.spatial_bottom(increment_a)
+    turn_b = wp.spatial_bottom(increment_b)
+    a2 = wp.dot(turn_a, turn_a)
+    b2 = wp.dot(turn_b, turn_b)
+    both = wp.dot(turn_a, turn_b)
+    if both <= 0.0:
+        return wp.vec3(0.0)
+    turn = wp.where(a2 > b2, (both / a2) * turn_a, (both / b2) * turn_b)
+    return wp.cross(turn, wp.spatial_top(increment_a) - wp.spatial_top(increment_b))
+
+
+@wp.func
 def carried_along(put: wp.spatial_vector, arm: wp.vec3) -> wp.vec3:
     """How far a body that was put elsewhere has moved what was at the contact point [m].
 

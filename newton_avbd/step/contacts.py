@@ -484,6 +484,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
             drift = wp.where(row.contact >= 0, moved, -moved)
         if wp.static(effects.put_bodies):
             drift += contact_rows.carried_along(s.work.put[row.b], arm)
+        drift += 0.5 * contact_rows.bent_way(s.work.target[row.a], s.work.target[row.b])
         return drift - row.normal * wp.dot(row.normal, drift)
 
     @wp.func

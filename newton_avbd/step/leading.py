@@ -205,6 +205,8 @@ def make_leading(effects: Effects) -> LeadingFunctions:
             if wp.static(effects.drift):
                 span = s.work.com[row.a] - s.work.com[row.b]
                 slid = contact_rows.slip(row, s.work.lead[row.a], s.work.lead[row.b], span)
+                bent = contact_rows.bent_way(s.work.target[row.a], s.work.target[row.b])
+                slid -= (0.5 * scale.step / scale.h) * bent
                 slid -= wp.dot(row.normal, slid) * row.normal
                 s.rows.drift[i] = (scale.step / scale.h) * s.rows.drift[i] - slid
 
