@@ -45,7 +45,8 @@ def open_scene(name: str, request: Request) -> Simulation:
             return _open(name, request)
     except ImportError as error:
         raise missing_of(error) from error
-    except NotImplementedError as error:
+    except (NotImplementedError, ValueError) as error:
+        # such as an accuracy below what float32 can tell
         raise UserError(f"{name} cannot run with {request.solver}: {error}") from error
 
 

@@ -14,7 +14,6 @@ from newton_avbd.scenes.finalize import finalized
 
 from . import solvers
 from .controls import Controls
-from .errors import UserError
 from .timing import StepTimer
 
 
@@ -123,13 +122,7 @@ class ModelSimulation:
         options, without = request.options, heed_flags(self.model)
         if request.solver == "avbd" and without:
             options["effects"] = without
-        try:
-            self.solver = solvers.construct(
-                request.solver, self.model, request.iterations, **options
-            )
-        except ValueError as error:
-            # such as an accuracy below what float32 can tell
-            raise UserError(f"{name} cannot run with {request.solver}: {error}") from error
+        self.solver = solvers.construct(request.solver, self.model, request.iterations, **options)
         self.timer = StepTimer()
         self._pipeline = newton.CollisionPipeline(self.model)
         self._contacts = self._pipeline.contacts()
