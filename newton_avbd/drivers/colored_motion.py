@@ -12,10 +12,9 @@ from ..step.anchors import is_linked
 from ..step.bodies import vector_sum
 from ..step.islands import HELD
 from ..step.kernels import KernelDecorator
-from ..step.loops import ties
+from ..step.loops import other_end, ties
 from ..step.smoothness import is_quiet
 from .colored_joints import loop_world
-from .coloring import other_end
 from .joining import join_at_once
 from .stages import Stages
 

@@ -17,6 +17,7 @@ import warp as wp
 from ..data import ColorWork, Solver, Step, WorldWork
 from ..step.contacts import body_slot, is_across, report_dropped
 from ..step.gathering import is_visited_first
+from ..step.loops import other_end
 from ..step.resetting import is_selected
 
 COLORS = 12
@@ -122,13 +123,6 @@ def sort_lists(step: Step, s: wp.array[Solver]):
         slot1 = body_slot(s[0].shapes, step.contacts.shape1[contact], static_slot)
         partner = slot0 + slot1 - body
         s[0].colors.partner[i] = wp.where(s[0].work.inv_mass[partner] > 0.0, partner, -1)
-
-
-@wp.func
-def other_end(item: int, s: wp.ref[Solver]) -> int:
-    """The other body of a joint outside of trees, -1 for the world; ``item`` says which joint."""
-    joint = s.loops.joints[item / 2]
-    return wp.where(item % 2 == 0, s.joints.parent[joint], s.joints.child[joint])
 
 
 @wp.func

@@ -17,7 +17,7 @@ from ..effects import Effects
 from .anchors import ROUNDING, is_linked, parent_slot
 from .beginning import is_tree, make_coasting
 from .bodies import body_at, has_rows
-from .loops import has_outer_loops
+from .loops import has_outer_loops, other_end
 from .rotations import begin_turn
 from .slopes import begin_axis, make_inputs
 from .trees import TreeFunctions
@@ -90,15 +90,15 @@ def make_parabola_of_tree(effects: Effects) -> wp.Function:
     @wp.func
     def is_tied(body: int, s: wp.ref[Solver]) -> bool:
         """Whether a joint ties the body to what no force moves."""
-        static_slot = s.work.inv_mass.shape[0] - 1
         if is_linked(body, s):
             if s.work.inv_mass[s.tree.parent[body]] == 0.0:
                 return True
         if wp.static(effects.loops):
             for k in range(s.loops.body_start[body], s.loops.body_start[body + 1]):
-                joint = s.loops.joints[s.loops.items[k] / 2]
-                parent = parent_slot(s.joints, joint, static_slot)
-                if s.work.inv_mass[parent] == 0.0 or s.work.inv_mass[s.joints.child[joint]] == 0.0:
+                other = other_end(s.loops.items[k], s)
+                if other < 0:
+                    return True
+                if s.work.inv_mass[other] == 0.0:
                     return True
         return False
 

@@ -43,6 +43,13 @@ def has_loops(loops: wp.ref[LoopWork], body: int) -> bool:
 
 
 @wp.func
+def other_end(item: int, s: wp.ref[Solver]) -> int:
+    """The other body of a joint outside of trees, -1 for the world; ``item`` says which joint."""
+    joint = s.loops.joints[item / 2]
+    return wp.where(item % 2 == 0, s.joints.parent[joint], s.joints.child[joint])
+
+
+@wp.func
 def has_outer_loops(body: int, loops: wp.ref[LoopWork]) -> bool:
     """Whether a joint acts on the body that is not solved with its tree."""
     for k in range(loops.body_start[body], loops.body_start[body + 1]):
