@@ -2034,3 +2034,15 @@ def merged(*structs: Any) -> Any:
             if getattr(struct, name) is not None:
                 setattr(result, name, getattr(struct, name))
     return result
+
+
+def allocate(struct: Any, shape: Any, *names: str) -> None:
+    """Makes arrays of a struct, of the types that it declares: zeros on Warp's current device."""
+    for name in names:
+        setattr(struct, name, wp.zeros(shape, dtype=struct._cls.vars[name].type.dtype))
+
+
+def fill(struct: Any, **values: Any) -> None:
+    """The same with values."""
+    for name, array in values.items():
+        setattr(struct, name, wp.array(array, dtype=struct._cls.vars[name].type.dtype))

@@ -529,12 +529,11 @@ class SolverArrays:
         if self._flags.loops:
             with wp.ScopedDevice(self.device):
                 self._loops = buffers.loop_work(self._solved, topology, groups)
-                self._history.loop_force = wp.zeros(topology.loops.size, dtype=wp.vec3)
-                self._history.loop_torque = wp.zeros(topology.loops.size, dtype=wp.vec3)
+                count = topology.loops.size
+                data.allocate(self._history, count, "loop_force", "loop_torque")
                 if self._flags.yielding:
                     buffers.add_yielding(self._loops, topology)
-                    size = topology.loops.size
-                    self._history.loop_rate = wp.zeros(size, dtype=wp.spatial_vector)
+                    data.allocate(self._history, count, "loop_rate")
 
     def _allocate_closures(self, topology: Topology) -> None:
         """Buffers for the equations that are solved with trees."""
@@ -565,10 +564,10 @@ class SolverArrays:
         slots, capacity = model.body_count + 1, self._capacity
         with wp.ScopedDevice(self.device):
             island = np.append(np.full(slots - 1, AWAKE), STILL)
-            self._worlds.island = wp.array(island, dtype=wp.int32)
-            self._worlds.pace = wp.zeros(self._world_count, dtype=float)
-            self._rows.awake = wp.zeros(capacity, dtype=wp.int32)
-            self._rows.awake_count = wp.zeros(1, dtype=wp.int32)
+            data.fill(self._worlds, island=island)
+            data.allocate(self._worlds, self._world_count, "pace")
+            data.allocate(self._rows, capacity, "awake")
+            data.allocate(self._rows, 1, "awake_count")
             self._sleep = buffers.sleep_work(
                 model, topology, self._flags, capacity, self._loops, self._tree
             )
@@ -738,31 +737,29 @@ class SolverArrays:
     def _allocate_contact_effects(self) -> None:
         """Buffers by contact that only some effects need, where they are missing or too small."""
         effects, rows, history = self._flags, self._rows, self._history
-        by_contact: tuple[tuple[Any, str, Any, bool], ...] = (
-            (rows, "drift", wp.vec3, self._moving_surfaces or effects.drift),
-            (rows, "left", float, effects.joints and not (effects.compliance or effects.ramp)),
-            (rows, "impacts", data.Impact, effects.restitution),
-            (rows, "mixed", data.MixedRow, effects.mixing),
-            (rows, "spin", data.SpinRow, effects.angular_friction),
-            (history, "torque", wp.vec3, effects.angular_friction),
-            (rows, "share", float, effects.compliance),
-            (rows, "stiffness", float, effects.ramp),
-            (rows, "damping", float, effects.ramp),
-            (self._worlds.inner, "contact_f", wp.spatial_vector, effects.adaptive),
+        by_contact: tuple[tuple[Any, str, bool], ...] = (
+            (rows, "drift", self._moving_surfaces or effects.drift),
+            (rows, "left", effects.recovers_by_duals),
+            (rows, "impacts", effects.restitution),
+            (rows, "mixed", effects.mixing),
+            (rows, "spin", effects.angular_friction),
+            (history, "torque", effects.angular_friction),
+            (rows, "share", effects.compliance),
+            (rows, "stiffness", effects.ramp),
+            (rows, "damping", effects.ramp),
+            (self._worlds.inner, "contact_f", effects.adaptive),
         )
         with wp.ScopedDevice(self.device):
-            for owner, name, dtype, is_wanted in by_contact:
+            for owner, name, is_wanted in by_contact:
                 old = getattr(owner, name)
                 of_history = owner is history
                 room = self._history.records.shape[1] if of_history else self._capacity
                 if is_wanted and (old is None or old.shape[-1] < room):
                     # graphs that were captured before go on using the old array
                     self._retired.append((old,))
-                    shape = [self._sides, room] if of_history else [room]
-                    setattr(owner, name, wp.zeros(shape, dtype=dtype))
+                    data.allocate(owner, (self._sides, room) if of_history else room, name)
             if effects.restitution and rows.struck_qd is None:
-                rows.struck_qd = wp.zeros(self._solved.body_count + 1, dtype=wp.spatial_vector)
-                rows.struck_at = wp.zeros(self._solved.body_count + 1, dtype=float)
+                data.allocate(rows, self._solved.body_count + 1, "struck_qd", "struck_at")
         self._forget_launches()
 
     def _forget_contacts(self) -> None:

@@ -9,13 +9,13 @@ import numpy as np
 import warp as wp
 
 from .. import data
-from ..algebra.block import BlockFactor
 from ..drivers.barrier import WARP
 from ..effects import Effects
 from ..model.tendons import TendonEquality, pulled
 from ..model.topology import Topology, moving
 from ..rows.path import JOINT
 from ..step.piles import OUTSIDE
+from .views import lists
 
 SIDES = 2
 """What is remembered of contacts lies on two sides, read and written in turn."""
@@ -24,22 +24,10 @@ SIDES = 2
 def body_work(slots: int, second_order: bool) -> Any:
     """What a step works out of bodies, by body slot."""
     work = data.BodyWork()
-    work.com = wp.zeros(slots, dtype=wp.vec3)
-    work.inv_mass = wp.zeros(slots, dtype=float)
-    work.inertia = wp.zeros(slots, dtype=wp.mat33)
-    work.inv_inertia = wp.zeros(slots, dtype=wp.mat33)
-    work.target = wp.zeros(slots, dtype=wp.spatial_vector)
-    work.increment = wp.zeros(slots, dtype=wp.spatial_vector)
-    work.momentum = wp.zeros(slots, dtype=wp.vec3)
-    work.spin_momentum = wp.zeros(slots, dtype=wp.vec3)
-    work.finite = wp.zeros(slots, dtype=wp.int32)
-    work.pose = wp.zeros(slots, dtype=wp.transform)
-    work.factor = wp.zeros(slots, dtype=BlockFactor)
+    data.allocate(work, slots, "com", "inv_mass", "inertia", "inv_inertia", "target", "increment")
+    data.allocate(work, slots, "momentum", "spin_momentum", "finite", "pose", "factor")
     if second_order:
-        work.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
-        work.lead = wp.zeros(slots, dtype=wp.spatial_vector)
-        work.coasting = wp.zeros(slots, dtype=wp.spatial_vector)
-        work.input_energy = wp.zeros(slots, dtype=float)
+        data.allocate(work, slots, "wrench", "lead", "coasting", "input_energy")
     return work
 
 
@@ -67,83 +55,59 @@ def world_work(topology: Topology, second_order: bool, on_gpu: bool) -> Any:
     count = int(groups.max(initial=0)) + 1
     worlds = data.WorldWork()
     starts = np.searchsorted(groups[topology.order], np.arange(count + 1))
-    worlds.body_start = wp.array(starts, dtype=wp.int32)
-    worlds.bodies = wp.array(topology.order, dtype=wp.int32)
-    worlds.block_end = wp.array(np.append(topology.block_end, -1), dtype=wp.int32)
-    worlds.rank = wp.array(np.append(topology.rank, topology.rank.size), dtype=wp.int32)
-    worlds.of_body = wp.array(np.append(groups, -1), dtype=wp.int32)
+    data.fill(worlds, body_start=starts, bodies=topology.order, of_body=np.append(groups, -1))
+    data.fill(worlds, block_end=np.append(topology.block_end, -1))
+    data.fill(worlds, rank=np.append(topology.rank, topology.rank.size))
     if on_gpu:
         by_size = np.argsort(-np.diff(starts), kind="stable")
-        worlds.turn = wp.array(spread(by_size, wp.get_device().sm_count), dtype=wp.int32)
-    worlds.held = wp.zeros(count, dtype=wp.int32)
-    worlds.sweeps = wp.zeros(count, dtype=wp.int32)
-    worlds.update = wp.zeros(count, dtype=float)
-    worlds.settled = wp.zeros(count, dtype=float)
-    worlds.overflow = wp.zeros(1, dtype=wp.int32)
-    worlds.dropped = wp.zeros(1, dtype=wp.int32)
-    worlds.repaired = wp.zeros(count, dtype=wp.int32)
-    worlds.bounded = wp.zeros(count, dtype=wp.int32)
-    worlds.excess = wp.zeros(count, dtype=float)
-    worlds.unbounded = wp.zeros(count, dtype=wp.int32)
+        data.fill(worlds, turn=spread(by_size, wp.get_device().sm_count))
+    data.allocate(worlds, count, "held", "sweeps", "update", "settled", "repaired", "bounded")
+    data.allocate(worlds, count, "excess", "unbounded")
+    data.allocate(worlds, 1, "overflow", "dropped")
     if second_order:
-        worlds.step = wp.zeros(count, dtype=float)
+        data.allocate(worlds, count, "step")
     return worlds
 
 
 def add_world_history(history: Any, count: int, second_order: bool) -> None:
     """What is remembered of worlds."""
-    history.parity = wp.zeros(count, dtype=wp.int32)
-    history.filling = wp.zeros((count, 2), dtype=wp.int32)
-    history.step = wp.zeros(count, dtype=float)
-    history.age = wp.zeros(count, dtype=wp.int32)
+    data.allocate(history, count, "parity", "step", "age")
+    data.allocate(history, (count, 2), "filling")
     if second_order:
-        history.smooth = wp.zeros(count, dtype=wp.int32)
-        history.slope_age = wp.zeros(count, dtype=float)
+        data.allocate(history, count, "smooth", "slope_age")
 
 
 def add_put_work(work: Any) -> None:
     """What a step works out of bodies that are put, by body slot."""
-    slots = work.com.shape[0]
-    work.put = wp.zeros(slots, dtype=wp.spatial_vector)
-    work.put_from = wp.zeros(slots, dtype=wp.transform)
+    data.allocate(work, work.com.shape[0], "put", "put_from")
 
 
 def add_drag_work(work: Any) -> None:
     """What slows bodies down in a step, by body slot."""
-    work.drag = wp.zeros(work.com.shape[0], dtype=data.Drag)
+    data.allocate(work, work.com.shape[0], "drag")
 
 
 def island_work(slots: int) -> Any:
     """Islands, by body slot."""
     islands = data.IslandWork()
-    islands.parent = wp.zeros(slots, dtype=wp.int32)
-    islands.fixed = wp.zeros(slots, dtype=wp.int32)
-    islands.sum = wp.zeros(slots, dtype=data.IslandSum)
+    data.allocate(islands, slots, "parent", "fixed", "sum")
     return islands
 
 
 def add_hold(islands: Any) -> None:
     """What holds islands that touch fixed things, by body slot."""
-    slots = islands.parent.shape[0]
-    islands.hold_ll = wp.zeros(slots, dtype=wp.mat33)
-    islands.hold_al = wp.zeros(slots, dtype=wp.mat33)
+    data.allocate(islands, islands.parent.shape[0], "hold_ll", "hold_al")
 
 
 def add_balance(islands: Any) -> None:
     """What bounds the energy of a step that does not settle, by body slot."""
-    slots = islands.parent.shape[0]
-    islands.balance = wp.zeros(slots, dtype=data.Balance)
-    islands.start_q = wp.zeros(slots, dtype=wp.transform)
-    islands.start_qd = wp.zeros(slots, dtype=wp.spatial_vector)
+    data.allocate(islands, islands.parent.shape[0], "balance", "start_q", "start_qd")
 
 
 def row_work(slots: int) -> Any:
     """Which rows are those of a body, by body slot."""
     rows = data.RowWork()
-    rows.owned_start = wp.zeros(slots, dtype=wp.int32)
-    rows.owned_end = wp.zeros(slots, dtype=wp.int32)
-    rows.other_start = wp.zeros(slots, dtype=wp.int32)
-    rows.other_end = wp.zeros(slots, dtype=wp.int32)
+    data.allocate(rows, slots, "owned_start", "owned_end", "other_start", "other_end")
     return rows
 
 
@@ -154,17 +118,13 @@ def history(model: newton.Model, second_order: bool, is_linked: bool, sides: int
     """
     slots = model.body_count + 1
     history = data.History()
-    history.start = wp.zeros((sides, slots), dtype=wp.int32)
-    history.end = wp.zeros((sides, slots), dtype=wp.int32)
-    history.gained = wp.zeros(slots, dtype=wp.vec3)
+    data.allocate(history, (sides, slots), "start", "end")
+    data.allocate(history, slots, "gained")
     if second_order:
-        history.last = wp.zeros(slots, dtype=data.LastStep)
-        history.pushing = wp.zeros(slots, dtype=wp.int32)
-        history.flying = wp.zeros(slots, dtype=wp.int32)
-        history.coordinate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
-        history.rate = wp.zeros(model.joint_dof_count, dtype=data.AxisMotion)
+        data.allocate(history, slots, "last", "pushing", "flying")
+        data.allocate(history, model.joint_dof_count, "coordinate", "rate")
         driven = model.joint_dof_count if is_linked else 0
-        history.input = wp.zeros(driven, dtype=data.AxisInput)
+        data.allocate(history, driven, "input")
     return history
 
 
@@ -173,28 +133,17 @@ def pile_work(slots: int, count: int) -> Any:
     piles = data.PileWork()
     # the static world, in the last slot, is in no pile
     piles.parent = wp.full(slots, value=OUTSIDE, dtype=wp.int32)
-    piles.order = wp.zeros(slots, dtype=wp.int32)
-    piles.end = wp.zeros(count, dtype=wp.int32)
-    piles.level = wp.zeros(slots, dtype=wp.int32)
-    piles.supports = wp.zeros(slots, dtype=wp.int32)
-    piles.mass = wp.zeros(slots, dtype=float)
-    piles.whole = wp.zeros(slots, dtype=float)
-    piles.held = wp.zeros(slots, dtype=float)
-    piles.lasting = wp.zeros(slots, dtype=float)
-    piles.shared = wp.zeros(slots, dtype=float)
-    for block in ("ll", "al", "aa", "link_ll", "link_al", "link_aa"):
-        setattr(piles, block, wp.zeros(slots, dtype=wp.mat33))
-    piles.push = wp.zeros(slots, dtype=wp.spatial_vector)
-    piles.group = wp.zeros(slots, dtype=wp.int32)
-    piles.tied = wp.zeros(slots, dtype=wp.int32)
-    piles.update = wp.zeros(slots, dtype=wp.spatial_vector)
+    data.allocate(piles, slots, "order", "level", "supports", "mass", "whole", "held", "lasting")
+    data.allocate(piles, slots, "shared", "ll", "al", "aa", "link_ll", "link_al", "link_aa")
+    data.allocate(piles, slots, "push", "group", "tied", "update")
+    data.allocate(piles, count, "end")
     return piles
 
 
 def tree_work(model: newton.Model, topology: Topology) -> Any:
     """Trees of joints, by body slot."""
     tree = data.TreeWork()
-    count = model.body_count
+    count, axes = model.body_count, int(topology.axis_start[-1])
     slots = count + 1
     parent = np.full(slots, count)
     parent[:-1] = np.where(topology.parent < 0, count, topology.parent)
@@ -202,76 +151,35 @@ def tree_work(model: newton.Model, topology: Topology) -> Any:
     rotation[:, 3] = 1.0
     joint = np.append(topology.joint, int(data.NO_JOINT))
     joint[:-1][~topology.is_alone & (topology.joint < 0)] = int(data.LONE)
-    tree.joint = wp.array(joint, dtype=wp.int32)
-    tree.parent = wp.array(parent, dtype=wp.int32)
-    tree.axis_start = wp.array(topology.axis_start, dtype=wp.int32)
-    tree.axes = wp.zeros(int(topology.axis_start[-1]), dtype=data.TreeAxis)
-    tree.coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=wp.float64)
-    tree.start_coordinate = wp.zeros(int(topology.axis_start[-1]), dtype=wp.float64)
-    tree.laws = wp.zeros(int(topology.axis_start[-1]), dtype=data.AxisLaw)
-    tree.fewest = wp.zeros(slots, dtype=wp.int32)
-    tree.patience = wp.zeros(slots, dtype=wp.int32)
-    tree.is_minimal = wp.zeros(slots, dtype=wp.bool)
-    tree.start_velocity = wp.zeros(model.joint_dof_count, dtype=float)
-    tree.rotation = wp.array(rotation, dtype=wp.quat)
-    tree.turn = wp.zeros(slots, dtype=wp.vec3)
-    tree.turned = wp.array(rotation, dtype=wp.quat)
-    tree.swing = wp.array(rotation, dtype=wp.quat)
-    tree.apart = wp.zeros(slots, dtype=wp.vec3)
-    tree.misfit = wp.zeros(slots, dtype=wp.spatial_vector)
-    tree.is_left = wp.zeros(slots, dtype=wp.bool)
-    tree.rounding = wp.zeros(slots, dtype=float)
-    tree.span = wp.zeros(slots, dtype=wp.vec3)
-    tree.closing = wp.zeros(slots, dtype=wp.spatial_vector)
-    tree.update = wp.zeros(slots, dtype=wp.spatial_vector)
-    tree.is_touched = wp.zeros(slots, dtype=wp.bool)
-    tree.own_ll = wp.zeros(slots, dtype=wp.mat33)
-    tree.own_al = wp.zeros(slots, dtype=wp.mat33)
-    tree.own_aa = wp.zeros(slots, dtype=wp.mat33)
-    tree.h_ll = wp.zeros(slots, dtype=wp.mat33)
-    tree.h_al = wp.zeros(slots, dtype=wp.mat33)
-    tree.h_aa = wp.zeros(slots, dtype=wp.mat33)
-    tree.is_fast = wp.zeros(slots, dtype=wp.bool)
-    tree.n_ll = wp.zeros(slots, dtype=wp.mat33)
-    tree.n_al = wp.zeros(slots, dtype=wp.mat33)
-    tree.n_aa = wp.zeros(slots, dtype=wp.mat33)
-    tree.push = wp.zeros(slots, dtype=wp.spatial_vector)
-    tree.load = wp.zeros(slots, dtype=wp.spatial_vector)
+    data.fill(tree, joint=joint, parent=parent, axis_start=topology.axis_start)
+    data.allocate(tree, axes, "axes", "coordinate", "start_coordinate", "laws")
+    data.allocate(tree, model.joint_dof_count, "start_velocity")
+    data.fill(tree, rotation=rotation, turned=rotation, swing=rotation)
+    data.allocate(tree, slots, "fewest", "patience", "is_minimal", "turn", "apart", "misfit")
+    data.allocate(tree, slots, "is_left", "rounding", "span", "closing", "update", "is_touched")
+    data.allocate(tree, slots, "own_ll", "own_al", "own_aa", "h_ll", "h_al", "h_aa")
+    data.allocate(tree, slots, "is_fast", "n_ll", "n_al", "n_aa", "push", "load")
     return tree
 
 
 def runge_kutta_work(slots: int, axes: int, worlds: int) -> Any:
     """Stages of steps of fourth order, by body slot, entry of the tree's axes and world."""
     work = data.RungeKuttaWork()
-    of_bodies = ("guess", "left_qd", "start_velocity", "velocity", "before", "moved", "gain")
-    for name in of_bodies:
-        setattr(work, name, wp.zeros(slots, dtype=wp.spatial_vector))
-    work.left_q = wp.zeros(slots, dtype=wp.transform)
-    work.place = wp.zeros(slots, dtype=wp.vec3)
-    work.ball_start = wp.zeros(slots, dtype=wp.quat)
-    for name in ("rate", "start_rate", "axis_moved", "axis_gain"):
-        setattr(work, name, wp.zeros(axes, dtype=wp.float64))
-    work.gained = wp.zeros(axes, dtype=float)
-    work.is_known = wp.zeros(worlds, dtype=wp.int32)
-    work.waits = wp.zeros(worlds, dtype=wp.int32)
-    work.turns = wp.zeros(worlds, dtype=float)
+    data.allocate(work, slots, "guess", "left_qd", "start_velocity", "velocity", "before", "moved")
+    data.allocate(work, slots, "gain", "left_q", "place", "ball_start")
+    data.allocate(work, axes, "rate", "start_rate", "axis_moved", "axis_gain", "gained")
+    data.allocate(work, worlds, "is_known", "waits", "turns")
     return work
 
 
 def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -> None:
     """What is remembered of joints, by body slot and by degree of freedom."""
     slots, dofs = model.body_count + 1, model.joint_dof_count
-    history.joint_force = wp.zeros(slots, dtype=wp.vec3)
-    history.left_q = wp.zeros(slots, dtype=wp.transform)
-    history.lost = wp.zeros(slots, dtype=wp.vec3)
-    history.acceleration = wp.zeros(slots, dtype=wp.spatial_vector)
+    data.allocate(history, slots, "joint_force", "left_q", "lost", "acceleration")
     history.joint_angle = wp.clone(rest_angle)
-    history.piece = wp.zeros(dofs, dtype=wp.vec3i)
-    history.joined_qd = wp.zeros((model.joint_count, 2), dtype=wp.spatial_vector)
-    history.axis_velocity = wp.zeros(dofs, dtype=float)
-    history.held_at = wp.zeros(dofs, dtype=wp.float64)
-    history.limit_force = wp.zeros(dofs, dtype=float)
-    history.friction_force = wp.zeros(dofs, dtype=float)
+    data.allocate(history, dofs, "piece", "axis_velocity", "held_at")
+    data.allocate(history, dofs, "limit_force", "friction_force")
+    data.allocate(history, (model.joint_count, 2), "joined_qd")
 
 
 def add_carrying(work: Any, history: Any, *, has_joints: bool, has_free: bool) -> bool:
@@ -287,14 +195,14 @@ def add_carrying(work: Any, history: Any, *, has_joints: bool, has_free: bool) -
         Whether something has been added.
     """
     slots = work.com.size
-    wanted: list[tuple[Any, str, Any]] = [(work, "gained", wp.spatial_vector)]
+    wanted: list[tuple[Any, str]] = [(work, "gained")]
     if has_joints:
-        wanted += [(work, "rounded", wp.spatial_vector), (history, "lost_turn", wp.quat)]
+        wanted += [(work, "rounded"), (history, "lost_turn")]
     if has_free:
-        wanted.append((history, "flights", data.Flight))
-    missing = [item for item in wanted if getattr(item[0], item[1]) is None]
-    for struct, name, dtype in missing:
-        setattr(struct, name, wp.zeros(slots, dtype=dtype))
+        wanted.append((history, "flights"))
+    missing = [(struct, name) for struct, name in wanted if getattr(struct, name) is None]
+    for struct, name in missing:
+        data.allocate(struct, slots, name)
     return bool(missing)
 
 
@@ -302,8 +210,8 @@ def add_dahl_history(history: Any, model: newton.Model) -> None:
     """What is remembered of Dahl friction, by joint."""
     is_rod = model.joint_type.numpy() == int(newton.JointType.ROD)
     unknown = np.where(is_rod[:, None], np.inf, np.zeros(3))
-    history.dahl_sigma = wp.zeros(model.joint_count, dtype=wp.vec3)
-    history.dahl_kappa = wp.array(unknown, dtype=wp.vec3)
+    data.allocate(history, model.joint_count, "dahl_sigma")
+    data.fill(history, dahl_kappa=unknown)
 
 
 def _held(model: newton.Model, joints: np.ndarray) -> np.ndarray:
@@ -327,32 +235,15 @@ def loop_work(model: newton.Model, topology: Topology, groups: np.ndarray) -> An
         sides[child[joint]].append(2 * i)
         if parent[joint] >= 0:
             sides[parent[joint]].append(2 * i + 1)
-    loops.world_start = wp.array(world_start, dtype=wp.int32)
-    loops.joints = wp.array(joints, dtype=wp.int32)
-    exact = np.isin(joints, [closure.joint for closure in topology.closures])
-    loops.is_exact = wp.array(exact, dtype=wp.bool)
-    loops.is_soft = wp.zeros(joints.size, dtype=wp.bool)
-    loops.body_start = wp.array(np.cumsum([0, *map(len, sides)]), dtype=wp.int32)
-    loops.items = wp.array(
-        np.concatenate([np.array(side, dtype=int) for side in sides]), dtype=wp.int32
-    )
-    loops.apart = wp.zeros(joints.size, dtype=wp.vec3)
-    loops.arms = wp.zeros(2 * joints.size, dtype=wp.vec3)
-    loops.misfit = wp.zeros(joints.size, dtype=wp.spatial_vector)
-    loops.recovered = wp.zeros(joints.size, dtype=float)
-    loops.closing = wp.zeros(joints.size, dtype=float)
-    loops.kept_force = wp.zeros(joints.size, dtype=wp.vec3)
-    loops.kept_torque = wp.zeros(joints.size, dtype=wp.vec3)
-    loops.reach = wp.zeros(joints.size, dtype=float)
-    loops.turn_reach = wp.zeros(joints.size, dtype=float)
-    loops.side = wp.zeros(joints.size, dtype=wp.int32)
-    loops.k_l = wp.zeros(joints.size, dtype=float)
-    loops.k_a = wp.zeros(joints.size, dtype=float)
-    loops.stop_side = wp.zeros(model.joint_dof_count, dtype=wp.int32)
-    loops.stop_steps = wp.zeros(model.joint_dof_count, dtype=wp.vec2)
-    loops.kept_stop = wp.zeros(model.joint_dof_count, dtype=float)
-    loops.coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
-    loops.start_coordinate = wp.zeros(model.joint_dof_count, dtype=wp.float64)
+    data.fill(loops, world_start=world_start, joints=joints)
+    data.fill(loops, is_exact=np.isin(joints, [closure.joint for closure in topology.closures]))
+    loops.body_start, loops.items = lists(sides)
+    data.allocate(loops, joints.size, "is_soft", "apart", "misfit", "recovered", "closing")
+    data.allocate(loops, joints.size, "kept_force", "kept_torque", "reach", "turn_reach", "side")
+    data.allocate(loops, joints.size, "k_l", "k_a")
+    data.allocate(loops, 2 * joints.size, "arms")
+    data.allocate(loops, model.joint_dof_count, "stop_side", "stop_steps", "kept_stop")
+    data.allocate(loops, model.joint_dof_count, "coordinate", "start_coordinate")
     return loops
 
 
@@ -371,11 +262,8 @@ def add_yielding(loops: Any, topology: Topology) -> None:
             law = closure.yielding
             rates[number[closure.joint]] = (*law.rates, law.turn, *law.mobility)
             impedance[number[closure.joint]] = law.impedance
-    loops.yielding = wp.array(rates, dtype=data.vec5)
-    loops.impedance = wp.array(impedance, dtype=data.vec5)
-    loops.gives = wp.zeros(count, dtype=wp.vec2)
-    loops.wanted = wp.zeros(count, dtype=wp.spatial_vector)
-    loops.span = wp.zeros(count, dtype=float)
+    data.fill(loops, yielding=rates, impedance=impedance)
+    data.allocate(loops, count, "gives", "wanted", "span")
 
 
 def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
@@ -468,28 +356,15 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
         end = closures[block.end - 1]
         block.gram = gram[closures[block.first].row]
         block.gram_end = gram[end.row + end.rows]
-    work.block_of = wp.array(block_of, dtype=wp.int32)
-    work.blocks = wp.array(blocks, dtype=data.ClosureBlock)
-    work.closures = wp.array(closures, dtype=data.Closure)
-    work.nodes = wp.array(nodes, dtype=data.ClosureNode)
+    data.fill(work, block_of=block_of, blocks=blocks, closures=closures, nodes=nodes)
     places = np.array([place for body in passing for place in body], dtype=np.int32).reshape(-1, 3)
-    for name, values in zip(("items", "slots", "next"), places.T, strict=True):
-        setattr(work, name, wp.array(values, dtype=wp.int32))
-    work.ends = wp.array(ends, dtype=wp.int32)
-    work.met = wp.zeros(int(starts[-1]), dtype=wp.spatial_vector)
-    work.way = wp.zeros(way_count, dtype=wp.spatial_vector)
-    work.misfit = wp.zeros(len(top), dtype=float)
-    work.direction = wp.zeros(len(top), dtype=wp.vec3)
-    work.whole = wp.zeros(len(top), dtype=float)
-    work.stopped = wp.zeros(len(top), dtype=float)
-    work.least = wp.zeros(len(top), dtype=float)
-    work.gives = wp.zeros(len(top), dtype=float)
-    work.held = wp.zeros(len(top), dtype=float)
-    work.most = wp.zeros(len(top), dtype=float)
-    work.loosened = wp.zeros(len(top), dtype=float)
-    work.multiplier = wp.zeros(len(top), dtype=wp.float64)
-    work.gram_row = wp.array(gram[:-1] - np.arange(len(top)), dtype=wp.int32)
-    work.gram = wp.zeros(int(gram[-1]), dtype=wp.float64)
+    data.fill(work, ends=ends, **dict(zip(("items", "slots", "next"), places.T, strict=True)))
+    data.allocate(work, int(starts[-1]), "met")
+    data.allocate(work, way_count, "way")
+    data.allocate(work, len(top), "misfit", "direction", "whole", "stopped", "least", "gives")
+    data.allocate(work, len(top), "held", "most", "loosened", "multiplier")
+    data.fill(work, gram_row=gram[:-1] - np.arange(len(top)))
+    data.allocate(work, int(gram[-1]), "gram")
 
 
 def sleep_work(
@@ -513,59 +388,48 @@ def sleep_work(
     slots, worlds = model.body_count + 1, int(topology.worlds.max(initial=0)) + 1
     sleep = data.SleepWork()
     tied = topology.tied(model)
-    sleep.tied = wp.array(np.append(tied, slots - 1), dtype=wp.int32)
-    for name in ("still", "quiet"):
-        setattr(sleep, name, wp.zeros(slots, dtype=float))
-    for name in ("woken", "met", "contacts", "end", "size", "place"):
-        setattr(sleep, name, wp.zeros(slots, dtype=wp.int32))
+    data.fill(sleep, tied=np.append(tied, slots - 1))
+    data.allocate(sleep, slots, "still", "quiet", "woken", "met", "contacts", "end", "size")
+    data.allocate(sleep, slots, "place", "blocks", "pose", "wrench")
     # the first step lists what is awake
     sleep.stirred = wp.ones(1, dtype=wp.int32)
-    sleep.marks = wp.zeros(1, dtype=wp.int32)
-    sleep.blocks = wp.zeros(slots, dtype=wp.int32)
-    sleep.block_start = wp.zeros(worlds + 1, dtype=wp.int32)
+    data.allocate(sleep, 1, "marks")
+    data.allocate(sleep, worlds + 1, "block_start")
     sleep.start = wp.full(slots, value=-1, dtype=wp.int32)
-    sleep.order = wp.zeros(slots - 1, dtype=wp.int32)
-    sleep.filled = wp.array([0, capacity, 0], dtype=wp.int32)
-    sleep.pose = wp.zeros(slots, dtype=wp.transform)
-    sleep.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
-    sleep.islands.parent = wp.zeros(slots, dtype=wp.int32)
-    sleep.islands.fixed = wp.zeros(slots, dtype=wp.int32)
+    data.allocate(sleep, slots - 1, "order")
+    data.fill(sleep, filled=[0, capacity, 0])
+    data.allocate(sleep.islands, slots, "parent", "fixed")
     sleep.gravity = wp.clone(model.gravity)
-    sleep.pull = wp.zeros(len(topology.tendons), dtype=float)
+    data.allocate(sleep, len(topology.tendons), "pull")
     if effects.joints:
-        sleep.joint_f = wp.zeros(model.joint_dof_count, dtype=float)
-        sleep.target_qd = wp.zeros(model.joint_dof_count, dtype=float)
-        sleep.target_q = wp.zeros(model.joint_coord_count, dtype=float)
+        data.allocate(sleep, model.joint_dof_count, "joint_f", "target_qd")
+        data.allocate(sleep, model.joint_coord_count, "target_q")
     if effects.loops:
         holders = np.full(worlds, -1)
         held = _held(model, topology.loops)
         holders[topology.worlds[held]] = held
-        sleep.loop_body = wp.array(holders, dtype=wp.int32)
+        data.fill(sleep, loop_body=holders)
         sleep.loop_start = loops.world_start
-        sleep.seen_loop_start = wp.zeros(slots, dtype=wp.int32)
+        data.allocate(sleep, slots, "seen_loop_start")
     if effects.closures:
         sleep.block_of = tree.closures.block_of
-        sleep.seen_block_of = wp.zeros(slots, dtype=wp.int32)
+        data.allocate(sleep, slots, "seen_block_of")
     return sleep
 
 
 def seen_work(slots: int, world_count: int, second_order: bool) -> tuple[Any, Any]:
     """What the solve sees in the place of what is by world: worlds and history, of islands."""
     worlds, history = data.WorldWork(), data.History()
-    for name in ("body_start", "bodies", "sweeps"):
-        setattr(worlds, name, wp.zeros(slots, dtype=wp.int32))
+    data.allocate(worlds, slots, "body_start", "bodies", "sweeps")
+    data.allocate(worlds, slots, "update", "settled", "pace", "step")
     # a body that is not listed makes no block
     worlds.block_end = wp.full(slots, value=-1, dtype=wp.int32)
     worlds.rank = wp.full(slots, value=slots - 1, dtype=wp.int32)
-    worlds.island_start = wp.zeros(world_count + 1, dtype=wp.int32)
+    data.allocate(worlds, world_count + 1, "island_start")
     # a thread of the CPU that finds nothing to do costs more than a body that sleeps
     worlds.threads = slots - 1 if wp.get_device().is_cuda else 1
-    for name in ("update", "settled", "pace", "step"):
-        setattr(worlds, name, wp.zeros(slots, dtype=float))
     if second_order:
-        history.slope_age = wp.zeros(slots, dtype=float)
-    for name in ("parity", "age", "smooth"):
-        setattr(history, name, wp.zeros(slots, dtype=wp.int32))
-    history.filling = wp.zeros((slots, 2), dtype=wp.int32)
-    history.step = wp.zeros(slots, dtype=float)
+        data.allocate(history, slots, "slope_age")
+    data.allocate(history, slots, "parity", "age", "smooth", "step")
+    data.allocate(history, (slots, 2), "filling")
     return worlds, history

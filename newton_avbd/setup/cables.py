@@ -76,14 +76,12 @@ class Cables:
             struct: Any = data.CableGuide
             self._guides: Any = np.zeros(count, dtype=struct.numpy_dtype())
             self._place_guides(solved)
-            work.guides = wp.array(self._guides, dtype=data.CableGuide)
+            data.fill(work, guides=self._guides)
             self._make_work(solved, topology)
             self.view = kernels.CableView()
             segments = model.tendon_segment_count
-            for name in ("left", "right"):
-                setattr(self.view, name, wp.zeros(segments, dtype=wp.vec3))
-            for name in ("length", "material_tension", "damping_tension"):
-                setattr(self.view, name, wp.zeros(segments, dtype=float))
+            data.allocate(self.view, segments, "left", "right", "length")
+            data.allocate(self.view, segments, "material_tension", "damping_tension")
             self._initial = _new_state(model)
             self._state = _new_state(model)
             self.total = wp.zeros(model.tendon_count, dtype=float)
@@ -142,24 +140,17 @@ class Cables:
         before = np.cumsum(rows) - rows
         world_of = world[order][firsts]
         worlds = int(topology.worlds.max(initial=0)) + 1
-        work.world_start = _new(np.searchsorted(world_of, np.arange(worlds + 1)))
-        work.world = _new(world_of)
-        work.cluster_start = _new(ends)
-        work.cables = _new(order)
-        work.size = _new(size)
+        data.fill(work, world_start=np.searchsorted(world_of, np.arange(worlds + 1)))
+        data.fill(work, world=world_of, cluster_start=ends, cables=order, size=size)
         first_segment = start[:-1] - np.arange(count)
         row = np.zeros(model.tendon_segment_count, dtype=int)
         for place, cable in enumerate(order):
             its = np.arange(self._counts[cable])
             opening = firsts[np.searchsorted(firsts, place, side="right") - 1]
             row[first_segment[cable] + its] = before[place] - before[opening] + its
-        work.row = _new(row)
-        work.first_row = _new(before[firsts])
-        work.matrix_start = _new(np.append(0, np.cumsum(size**2)))
-        work.guide_start = _new(start)
-        room = int(np.sum(size**2))
-        work.mobility = wp.zeros(room, dtype=wp.float64)
-        work.matrix = wp.zeros(room, dtype=wp.float64)
+        data.fill(work, row=row, first_row=before[firsts], guide_start=start)
+        data.fill(work, matrix_start=np.append(0, np.cumsum(size**2)))
+        data.allocate(work, int(np.sum(size**2)), "mobility", "matrix")
 
     def _place_guides(self, solved: Any) -> None:
         """Where the guides are on the bodies of the solver."""
@@ -185,34 +176,16 @@ class Cables:
     def _make_work(self, solved: Any, topology: Topology) -> None:
         """Buffers by guide, segment and body slot."""
         model, work = self._model, self.work
-        slots = solved.body_count + 1
-        by_guide = {"mu": float, "touched": wp.bool, "slip": wp.int32, "ratio": wp.float64}
-        by_segment = {
-            **dict.fromkeys(("active", "left", "right", "chain", "group"), wp.int32),
-            **dict.fromkeys(
-                ("compliance", "damping", "rest", "lost", "left_over", "tension", "before"), float
-            ),
-            **dict.fromkeys(("base_left", "base_right", "direction"), wp.vec3),
-            **dict.fromkeys(("spoke_left", "spoke_right"), wp.vec3),
-            **dict.fromkeys(("start", "misfit", "stretch", "weight", "load"), wp.float64),
-            **dict.fromkeys(("pull", "answer"), wp.float64),
-            **dict.fromkeys(("kept", "length"), float),
-            "slack": wp.bool,
-        }
-        by_slot = {
-            **dict.fromkeys(("wrench", "push", "update"), wp.spatial_vector),
-            **dict.fromkeys(("ll", "al", "aa"), wp.mat33),
-            "pulled": wp.bool,
-        }
-        for kinds, count in (
-            (by_guide, model.tendon_guide_count),
-            (by_segment, model.tendon_segment_count),
-            (by_slot, slots),
-            ({"way": wp.spatial_vector, "arm": wp.vec3}, 2 * model.tendon_segment_count),
-            ({"axis_push": float}, int(topology.axis_start[-1])),
-        ):
-            for name, dtype in kinds.items():
-                setattr(work, name, wp.zeros(count, dtype=dtype))
+        slots, segments = solved.body_count + 1, model.tendon_segment_count
+        data.allocate(work, model.tendon_guide_count, "mu", "touched", "slip", "ratio")
+        data.allocate(work, segments, "active", "left", "right", "chain", "group", "compliance")
+        data.allocate(work, segments, "damping", "rest", "lost", "left_over", "tension", "before")
+        data.allocate(work, segments, "base_left", "base_right", "spoke_left", "spoke_right")
+        data.allocate(work, segments, "direction", "start", "misfit", "stretch", "weight", "load")
+        data.allocate(work, segments, "pull", "answer", "kept", "length", "slack")
+        data.allocate(work, slots, "wrench", "push", "update", "ll", "al", "aa", "pulled")
+        data.allocate(work, 2 * segments, "way", "arm")
+        data.allocate(work, int(topology.axis_start[-1]), "axis_push")
 
     def _find_initial(self, launch: Launcher) -> None:
         """How the cables stand in the initial poses: authored lengths, and measured ones."""
@@ -393,19 +366,13 @@ class Cables:
         return view
 
 
-def _new(values: np.ndarray) -> wp.array:
-    return wp.array(values, dtype=wp.int32)
-
-
 def _new_state(model: newton.Model) -> Any:
     """Arrays of cables as a state has them."""
     state = kernels.CableState()
     segments = model.tendon_segment_count
-    state.is_known = wp.zeros(model.tendon_count, dtype=wp.bool)
-    state.is_placed = wp.zeros(model.world_count + 1, dtype=wp.bool)
-    state.rest = wp.zeros(segments, dtype=float)
-    state.left = wp.zeros(segments, dtype=wp.vec3)
-    state.right = wp.zeros(segments, dtype=wp.vec3)
+    data.allocate(state, model.tendon_count, "is_known")
+    data.allocate(state, model.world_count + 1, "is_placed")
+    data.allocate(state, segments, "rest", "left", "right")
     state.touched = wp.ones(model.tendon_guide_count, dtype=wp.bool)
     return state
 

@@ -130,32 +130,21 @@ def inner_work(
     slots, worlds = model.body_count + 1, int(groups.max(initial=0)) + 1
     inner = data.InnerWork()
     inner.accuracy, inner.budget = accuracy, budget
-    inner.pose = wp.zeros(slots, dtype=wp.transform)
-    inner.start = wp.zeros(slots, dtype=wp.transform)
-    inner.velocity = wp.zeros(slots, dtype=wp.spatial_vector)
-    inner.wrench = wp.zeros(slots, dtype=wp.spatial_vector)
-    inner.put = wp.zeros(slots, dtype=wp.spatial_vector)
-    inner.owned_end = wp.zeros(slots, dtype=wp.int32)
-    for name in ("steps", "rejected", "missed", "cause"):
-        setattr(inner, name, wp.zeros(worlds, dtype=wp.int32))
+    data.allocate(inner, slots, "pose", "start", "velocity", "wrench", "put", "owned_end")
+    data.allocate(inner, worlds, "steps", "rejected", "missed", "cause", "estimate", "spent")
     if pushing.size:
         of_joint = groups[model.joint_child.numpy()[pushing]]
         order = np.argsort(of_joint, kind="stable")
         start = np.searchsorted(of_joint[order], np.arange(worlds + 1))
-        inner.pushing = wp.array(pushing[order], dtype=wp.int32)
-        inner.pushing_start = wp.array(start, dtype=wp.int32)
+        data.fill(inner, pushing=pushing[order], pushing_start=start)
     inner.worst = wp.full(worlds, value=-1, dtype=wp.int32)
-    inner.estimate = wp.zeros(worlds, dtype=float)
-    inner.spent = wp.zeros(worlds, dtype=float)
     return inner
 
 
 def add_history(history: data.History, slots: int, worlds: int) -> None:
     """What error control keeps from step to step."""
-    history.change = wp.zeros(slots, dtype=wp.spatial_vector)
-    for name in ("wanted", "ratio", "saved"):
-        setattr(history, name, wp.zeros(worlds, dtype=float))
-    history.next_side = wp.zeros(worlds, dtype=wp.int32)
+    data.allocate(history, slots, "change")
+    data.allocate(history, worlds, "wanted", "ratio", "saved", "next_side")
 
 
 def overwritten(remembered: Iterable[tuple[str, wp.array]]) -> list[tuple[str, wp.array]]:
@@ -232,5 +221,4 @@ def add_memory(
     room = (table["size"] + 7) // 8 * 8
     inner.store = wp.empty(int(room.sum()), dtype=wp.uint8)
     table["copy"] = inner.store.ptr + np.cumsum(room) - room
-    inner.first = wp.array(np.searchsorted(owner, np.arange(worlds + 1)), dtype=wp.int32)
-    inner.segments = wp.array(table, dtype=data.Segment)
+    data.fill(inner, first=np.searchsorted(owner, np.arange(worlds + 1)), segments=table)

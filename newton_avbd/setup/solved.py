@@ -17,6 +17,7 @@ from ..model.welds import IDENTITY, Welds, multiply
 from ..rows.joint import PUSHED_AT_COM
 from ..step.links import gather_joints, weigh_bodies
 from .joined import JoinedModel
+from .views import indices
 
 
 def solved_model(joined: JoinedModel, welds: Welds) -> "SolvedModel | None":
@@ -115,14 +116,14 @@ class SolvedModel:
         body = np.append(welds.body, -1)
         self.joint_count = kept.size
         self.joint_label = [model.joint_label[joint] for joint in kept]
-        self.joint_child = _new(body[model.joint_child.numpy()[kept]])
-        self.joint_parent = _new(body[model.joint_parent.numpy()[kept]])
+        self.joint_child = indices(body[model.joint_child.numpy()[kept]])
+        self.joint_parent = indices(body[model.joint_parent.numpy()[kept]])
         for name in ("type", "X_p", "X_c", "enabled", "dof_dim", "mimic_coeffs", "mimic_joint"):
             setattr(self, f"joint_{name}", _taken(getattr(model, f"joint_{name}"), kept))
         for name in ("q_start", "qd_start"):
             # welds have no coordinates: what is left starts where it did
             starts = getattr(model, f"joint_{name}").numpy()
-            setattr(self, f"joint_{name}", _new(starts[np.append(kept, model.joint_count)]))
+            setattr(self, f"joint_{name}", indices(starts[np.append(kept, model.joint_count)]))
         if model.constraint_mimic_count:
             for name in ("joint0", "joint1"):
                 ends = getattr(model, f"constraint_mimic_{name}")
@@ -134,7 +135,7 @@ class SolvedModel:
             self.vbd = _Kept(model.vbd, kept)
         if welds.any and model.shape_count:
             shape_link = model.shape_body.numpy()
-            self.shape_body = _new(body[shape_link])
+            self.shape_body = indices(body[shape_link])
             frame = np.vstack([welds.frame, IDENTITY])
             self.shape_frame = wp.array(frame[shape_link].astype(np.float32), dtype=wp.transform)
 
@@ -145,28 +146,17 @@ class SolvedModel:
         member = np.flatnonzero(welds.body >= 0)
         member = member[np.argsort(welds.body[member], kind="stable")]
         size = np.bincount(welds.body[member], minlength=count)
-        links.body = _new(welds.body)
-        links.frame = wp.array(welds.frame.astype(np.float32), dtype=wp.transform)
-        links.arm = wp.zeros(welds.body.size, dtype=wp.vec3)
-        links.leader = _new(welds.leader)
-        links.members = _new(np.append(member, np.flatnonzero(welds.body < 0)))
-        links.member_start = _new(np.append(0, np.cumsum(size)))
-        links.joint = _new(welds.joint)
+        data.fill(links, body=welds.body, frame=welds.frame, leader=welds.leader, joint=welds.joint)
+        data.fill(links, members=np.append(member, np.flatnonzero(welds.body < 0)))
+        data.fill(links, member_start=np.append(0, np.cumsum(size)))
+        data.allocate(links, welds.body.size, "arm", "known_mass", "known_com", "known_inertia")
         if model.joint_count:
             links.enabled = self.joint_enabled
         if self._has_own_joints:
             links.parent_frame, links.child_frame = self.joint_X_p, self.joint_X_c
-        for name, dtype in (("mass", float), ("com", wp.vec3), ("inertia", wp.mat33)):
-            setattr(links, f"known_{name}", wp.zeros(welds.body.size, dtype=dtype))
-        for name, dtype in (
-            ("body_q", wp.transform),
-            ("body_qd", wp.spatial_vector),
-            ("body_f", wp.spatial_vector),
-            ("body_q_out", wp.transform),
-            ("body_qd_out", wp.spatial_vector),
-        ):
-            setattr(links, name, wp.zeros(count if welds.any else 0, dtype=dtype))
-        links.left_qd = wp.zeros(welds.body.size if welds.any else 0, dtype=wp.spatial_vector)
+        states = ("body_q", "body_qd", "body_f", "body_q_out", "body_qd_out")
+        data.allocate(links, count if welds.any else 0, *states)
+        data.allocate(links, welds.body.size if welds.any else 0, "left_qd")
         self.given = BodyState(links.body_q, links.body_qd, links.body_f)
         self.result = BodyState(links.body_q_out, links.body_qd_out, links.body_f)
         pushes: list[list[tuple[int, int, float]]] = [[] for _ in range(count)]
@@ -180,15 +170,13 @@ class SolvedModel:
                     if parent[joint] >= 0:
                         pushes[parent[joint]].append((joint, link, -1.0))
         flat = [item for items in pushes for item in items]
-        links.push_start = _new(np.append(0, np.cumsum([len(items) for items in pushes])))
-        links.push_joint = _new(np.array([joint for joint, _, _ in flat], dtype=int))
-        links.pushed = _new(np.array([link for _, link, _ in flat], dtype=int))
-        links.push_sign = wp.array([sign for _, _, sign in flat], dtype=float)
+        joints = [joint for joint, _, _ in flat]
+        data.fill(links, push_joint=joints, pushed=[link for _, link, _ in flat])
+        data.fill(links, push_sign=[sign for _, _, sign in flat])
+        data.fill(links, push_start=np.cumsum([0, *map(len, pushes)]))
         dof = self.joint_qd_start.numpy() if model.joint_count else np.zeros(1)
-        links.push_dof = _new(dof[[joint for joint, _, _ in flat]])
-        links.token_mass = wp.zeros(count, dtype=float)
-        links.token_moment = wp.zeros(count, dtype=float)
-        links.is_free = wp.zeros(count, dtype=wp.bool)
+        data.fill(links, push_dof=dof[joints])
+        data.allocate(links, count, "token_mass", "token_moment", "is_free")
         self.reread()
 
     def reread(self) -> None:
@@ -319,8 +307,8 @@ class SolvedModel:
         tied = np.flatnonzero(welds.weld >= 0)
         with wp.ScopedDevice(self._model.device):
             loads.link = wp.zeros(welds.body.size, dtype=wp.spatial_vector)
-            loads.order = _new(tied[np.argsort(-welds.depth[tied], kind="stable")])
-            loads.towards, loads.weld = _new(welds.towards), _new(welds.weld)
+            data.fill(loads, order=tied[np.argsort(-welds.depth[tied], kind="stable")])
+            data.fill(loads, towards=welds.towards, weld=welds.weld)
         return loads
 
 
@@ -355,11 +343,6 @@ class _Kept:
     def __getattr__(self, name: str) -> Any:
         value = getattr(self._authored, name)
         return _taken(value, self._kept) if name.startswith(("joint_", "dahl_")) else value
-
-
-def _new(values: np.ndarray) -> wp.array:
-    """An array of indices on the current device."""
-    return wp.array(values.astype(np.int32), dtype=wp.int32)
 
 
 def _taken(array: wp.array, items: np.ndarray) -> wp.array:

@@ -57,30 +57,23 @@ class TendonArrays:
             setattr(work, name, getattr(mujoco, f"tendon_{name}"))
         reflected = reflected_armature(model, pulling, tendon_count(model))
         if np.any(reflected):
-            work.armature = wp.array(mujoco.tendon_armature.numpy() + reflected, dtype=float)
+            data.fill(work, armature=mujoco.tendon_armature.numpy() + reflected)
         work.friction = mujoco.tendon_frictionloss
         work.limit_impedance = mujoco.tendon_solimp_limit
         work.ref = mujoco.dof_ref
-        work.is_limited = wp.array(is_limited(model, self._cords), dtype=wp.bool)
-        work.force_range = wp.array(force_ranges(model, self._cords), dtype=wp.vec2)
+        data.fill(work, is_limited=is_limited(model, self._cords))
+        data.fill(work, force_range=force_ranges(model, self._cords))
         self._make_paths(solved, topology)
-        for name in ("velocity", "start_velocity", "limit_velocity", "force"):
-            setattr(work, name, wp.zeros(count, dtype=float))
-        for name in ("start_length", "length", "held_at"):
-            setattr(work, name, wp.zeros(count, dtype=wp.float64))
-        work.coasting = wp.zeros(count, dtype=wp.vec2)
+        data.allocate(work, count, "velocity", "start_velocity", "limit_velocity", "force")
+        data.allocate(work, count, "start_length", "length", "held_at", "coasting")
         push = data.AxisPush()
         push.least, push.most = -np.inf, np.inf
-        work.push = wp.array([push] * count, dtype=data.AxisPush)
-        work.law = wp.zeros(count, dtype=data.AxisLaw)
-        work.pull = wp.zeros(count, dtype=wp.vec2)
-        work.piece = wp.zeros(count, dtype=wp.vec3i)
+        data.fill(work, push=[push] * count)
+        data.allocate(work, count, "law", "pull", "piece")
         moving = count if "second_order" in wanted else 0
-        work.motion = wp.zeros(moving, dtype=data.AxisMotion)
-        work.rate = wp.zeros(moving, dtype=data.AxisMotion)
-        work.input = wp.zeros(moving, dtype=data.AxisInput)
-        work.curvature = wp.zeros(int(topology.axis_start[-1]), dtype=float)
-        work.root_curvature = wp.zeros(solved.body_count + 1, dtype=wp.spatial_vector)
+        data.allocate(work, moving, "motion", "rate", "input")
+        data.allocate(work, int(topology.axis_start[-1]), "curvature")
+        data.allocate(work, solved.body_count + 1, "root_curvature")
         self._measure_reference()
         if "compliance" in wanted:
             self._make_limits(rows)
@@ -137,7 +130,7 @@ class TendonArrays:
         path = [element for cord in self._cords for element in cord.path]
         work.start = indices(np.cumsum([0, *(len(cord.path) for cord in self._cords)]))
         work.kind = indices(np.array([element.kind for element in path]))
-        work.value = wp.array([element.value for element in path], dtype=float)
+        data.fill(work, value=[element.value for element in path])
         index = np.array([element.index for element in path])
         is_joint = work.kind.numpy() == int(JOINT)
         is_shape = ~is_joint & (index >= 0)
@@ -165,16 +158,10 @@ class TendonArrays:
         work.coordinate = indices(coordinates_of(model, dof) if np.any(is_joint) else dof)
         work.link, work.body = indices(link), indices(body)
         work.link_frame, work.frame = (wp.array(each, dtype=wp.transform) for each in frames)
-        for name, dtype in (
-            *(("apart", wp.vec3), ("begun", wp.vec3), ("point", wp.vec3d)),
-            ("rotation", wp.quat),
-        ):
-            # one more, so that a geom at the end of all may look for a side site
-            setattr(work, name, wp.zeros(len(path) + 1, dtype=dtype))
-        work.outside = wp.zeros(len(path), dtype=wp.vec3d)
-        work.way = wp.zeros(len(path), dtype=wp.vec2i)
-        work.spans = wp.zeros(len(path), dtype=data.TendonSpan)
-        work.span_end = wp.zeros(len(self._cords), dtype=wp.int32)
+        # one more, so that a geom at the end of all may look for a side site
+        data.allocate(work, len(path) + 1, "apart", "begun", "point", "rotation")
+        data.allocate(work, len(path), "outside", "way", "spans")
+        data.allocate(work, len(self._cords), "span_end")
 
     def _measure_reference(self) -> None:
         """Lengths in the reference pose, and where the springs of joints are at rest."""
@@ -184,7 +171,7 @@ class TendonArrays:
         ):
             self._measure(state, state.joint_q, state.joint_qd)
             lengths = self.arrays.length.numpy().astype(np.float32)
-            setattr(self.arrays, name, wp.array(lengths, dtype=float))
+            data.fill(self.arrays, **{name: lengths})
         self.arrays.velocity.zero_()
 
     def _measure(self, state: newton.State, *coordinates: wp.array) -> None:
@@ -202,6 +189,6 @@ class TendonArrays:
         reference = mujoco.tendon_solref_limit.numpy()[rows].astype(float)
         reference[mujoco.tendon_solref_limit_mode.numpy()[rows] != _RAW] = _DEFAULT_REFERENCE
         rates = impedance_rates(reference, mujoco.tendon_solimp_limit.numpy()[rows])
-        self.arrays.limit_rates = wp.array(rates, dtype=wp.vec2)
+        data.fill(self.arrays, limit_rates=rates)
         mobility = mobility_along(self._model, self.moments(), self.inertia())[0]
-        self.arrays.limit_mobility = wp.array(np.maximum(mobility, 1.0e-15), dtype=float)
+        data.fill(self.arrays, limit_mobility=np.maximum(mobility, 1.0e-15))

@@ -15,16 +15,17 @@ from ..rows.joint import gimbal_joints, oblique_joints
 from ..step.joint_state import measure_joints
 
 
+def _take(struct: Any, source: Any, prefix: str, *names: str) -> None:
+    """Has arrays of a struct be those of the same names behind a prefix."""
+    for name in names:
+        setattr(struct, name, getattr(source, f"{prefix}{name}"))
+
+
 def body_model(model: newton.Model, free_joint: wp.array, free_dof: wp.array) -> Any:
     """Bodies, and each one's first joint that pushes it, with its degree of freedom, or -1."""
     bodies = data.BodyModel()
-    bodies.mass = model.body_mass
-    bodies.inertia = model.body_inertia
-    bodies.inv_mass = model.body_inv_mass
-    bodies.inv_inertia = model.body_inv_inertia
-    bodies.com = model.body_com
-    bodies.flags = model.body_flags
-    bodies.world = model.body_world
+    names = ("mass", "inertia", "inv_mass", "inv_inertia", "com", "flags", "world")
+    _take(bodies, model, "body_", *names)
     bodies.gravity = model.gravity
     bodies.free_joint = free_joint
     bodies.free_dof = free_dof
@@ -37,33 +38,16 @@ def joint_model(model: newton.Model) -> Any:
     """Joints."""
     joints = data.JointModel()
     if model.joint_count:
-        joints.type = model.joint_type
-        joints.parent = model.joint_parent
-        joints.child = model.joint_child
-        joints.parent_frame = model.joint_X_p
-        joints.child_frame = model.joint_X_c
-        joints.enabled = model.joint_enabled
-        joints.axis = model.joint_axis
-        joints.dof_start = model.joint_qd_start
-        joints.dof_dim = model.joint_dof_dim
-        joints.coord_start = model.joint_q_start
-        joints.target_mode = model.joint_target_mode
-        joints.target_ke = model.joint_target_ke
-        joints.target_kd = model.joint_target_kd
-        joints.limit_lower = model.joint_limit_lower
-        joints.limit_upper = model.joint_limit_upper
-        joints.limit_ke = model.joint_limit_ke
-        joints.limit_kd = model.joint_limit_kd
-        joints.rest_q = model.joint_rest_q
+        _take(joints, model, "joint_", "type", "parent", "child", "enabled", "axis", "dof_dim")
+        _take(joints, model, "joint_", "target_mode", "target_ke", "target_kd")
+        _take(joints, model, "joint_", "limit_lower", "limit_upper", "limit_ke", "limit_kd")
+        _take(joints, model, "joint_", "rest_q", "damping", "stiffness", "armature", "friction")
+        _take(joints, model, "joint_", "effort_limit", "velocity_limit")
+        joints.parent_frame, joints.child_frame = model.joint_X_p, model.joint_X_c
+        joints.dof_start, joints.coord_start = model.joint_qd_start, model.joint_q_start
         joints.mimic_coefficients = model.joint_mimic_coeffs
         if model.custom_frequency_counts.get("mujoco:equality_constraint", 0):
             joints.polynomials = model.mujoco.equality_constraint_polycoef
-        joints.damping = model.joint_damping
-        joints.stiffness = model.joint_stiffness
-        joints.armature = model.joint_armature
-        joints.friction = model.joint_friction
-        joints.effort_limit = model.joint_effort_limit
-        joints.velocity_limit = model.joint_velocity_limit
         for name, values in dahl_friction(model).items():
             setattr(joints, name, values)
     return joints
@@ -72,18 +56,12 @@ def joint_model(model: newton.Model) -> Any:
 def shape_model(model: newton.Model) -> Any:
     """Shapes and their materials."""
     shapes = data.ShapeModel()
-    shapes.body = model.shape_body
+    _take(shapes, model, "shape_", "body", "type", "scale")
     if hasattr(model, "shape_frame"):
         shapes.frame = model.shape_frame
-    shapes.type = model.shape_type
     shapes.pose = model.shape_transform
-    shapes.scale = model.shape_scale
-    shapes.mu = model.shape_material_mu
-    shapes.mu_torsional = model.shape_material_mu_torsional
-    shapes.mu_rolling = model.shape_material_mu_rolling
-    shapes.restitution = model.shape_material_restitution
-    shapes.ke = model.shape_material_ke
-    shapes.kd = model.shape_material_kd
+    material = ("mu", "mu_torsional", "mu_rolling", "restitution", "ke", "kd")
+    _take(shapes, model, "shape_material_", *material)
     return shapes
 
 
@@ -98,24 +76,15 @@ def contact_input(contacts: newton.Contacts, buffer: int, surfaces: wp.array | N
     source = data.ContactInput()
     source.buffer = buffer
     source.capacity = contacts.rigid_contact_max
-    source.count = contacts.rigid_contact_count
-    source.shape0 = contacts.rigid_contact_shape0
-    source.shape1 = contacts.rigid_contact_shape1
-    source.point0 = contacts.rigid_contact_point0
-    source.point1 = contacts.rigid_contact_point1
-    source.normal = contacts.rigid_contact_normal
-    source.margin0 = contacts.rigid_contact_margin0
-    source.margin1 = contacts.rigid_contact_margin1
     source.generation = contacts.contact_generation
+    _take(source, contacts, "rigid_contact_", "count", "shape0", "shape1", "point0", "point1")
+    _take(source, contacts, "rigid_contact_", "normal", "margin0", "margin1")
     if surfaces is not None:
         source.surface_velocity = surfaces
     if contacts.rigid_contact_friction is not None:
-        source.stiffness = contacts.rigid_contact_stiffness
-        source.damping = contacts.rigid_contact_damping
-        source.friction = contacts.rigid_contact_friction
+        _take(source, contacts, "rigid_contact_", "stiffness", "damping", "friction")
     if contacts.rigid_contact_match_index is not None:
-        source.match_index = contacts.rigid_contact_match_index
-        source.match_generation = contacts.rigid_contact_match_generation
+        _take(source, contacts, "rigid_contact_", "match_index", "match_generation")
     return source
 
 
