@@ -10,7 +10,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from newton_avbd.study.properties.property import DT, Catalog, Measure, Trial
+from newton_avbd.study.properties.property import DT, Catalog, Measure, Trial, after
 
 G = 9.81
 """Gravity where nothing else is said [m/s^2], along -z."""
@@ -72,13 +72,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     builder.gravity = (0.0, 0.0, 0.0)
     add_mass(builder, 1.0, 1.0, 1.0)
-
-    def measure(trial: Trial) -> float:
-        trial.push(force=(2.0 if authored else 0.0, 0.0, 0.0))
-        trial.run(0.5)
-        return trial.center()[0]
-
-    return measure
+    return after(0.5, lambda trial: trial.center()[0], push=(2.0 if authored else 0.0, 0.0, 0.0))
 
 
 @BODIES.declare(
@@ -94,12 +88,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
         builder.begin_world(gravity=(0.0, 0.0, -gravity))
         add_mass(builder, 1.0, 1.0, 1.0)
         builder.end_world()
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.center(1)[2]
-
-    return measure
+    return after(0.5, lambda trial: trial.center(1)[2])
 
 
 MOMENTS = np.array([0.1, 0.2, 0.25])
@@ -135,12 +124,9 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     builder.gravity = (0.0, 0.0, 0.0)
     add_mass(builder, *(MOMENTS if authored else np.full(3, 0.2)))
     builder.joint_qd[-3:] = list(map(float, SPIN))
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return 2.0 * math.acos(min(1.0, abs(float(free_top(0.5) @ trial.rotation()))))
-
-    return measure
+    return after(
+        0.5, lambda trial: 2.0 * math.acos(min(1.0, abs(float(free_top(0.5) @ trial.rotation()))))
+    )
 
 
 def add_fluid(builder: newton.ModelBuilder, density: float, viscosity: float) -> None:
@@ -166,12 +152,7 @@ SQUARE = 1.0 / 6.0
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     add_fluid(builder, 10.0 if authored else 0.0, 0.0)
     add_mass(builder, 1.0 / 12.0, 1.36 / 12.0, 1.64 / 12.0)
-
-    def measure(trial: Trial) -> float:
-        trial.run(4.0)
-        return -trial.velocity()[2]
-
-    return measure
+    return after(4.0, lambda trial: -trial.velocity()[2])
 
 
 @BODIES.declare(
@@ -187,12 +168,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     add_fluid(builder, 0.0, 0.1 if authored else 0.0)
     add_mass(builder, SQUARE, SQUARE, SQUARE)
     builder.joint_qd[-3:] = [0.0, 0.0, 1.0]
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.velocity()[5]
-
-    return measure
+    return after(0.5, lambda trial: trial.velocity()[5])
 
 
 def observed(trial: Trial, kind: str, seconds: float) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from newton import TendonGuide, TendonGuideType
 
-from newton_avbd.study.properties.property import Catalog, Measure, Trial
+from newton_avbd.study.properties.property import Catalog, Measure, after
 
 G = 9.81
 """Gravity [m/s^2], along -z."""
@@ -46,12 +46,7 @@ def over_roller(builder: newton.ModelBuilder, is_authored: bool, mu: float) -> M
         )
         end = TendonGuide(body=ends[1], compliance=STIFF)
         builder.add_tendon([TendonGuide(body=ends[0]), over, end])
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.velocity(ends[0])[2] / 0.5
-
-    return measure
+    return after(0.5, lambda trial: trial.velocity(ends[0])[2] / 0.5)
 
 
 @CABLES.declare(
@@ -99,12 +94,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     if authored:
         builder.add_tendon([TendonGuide(body=-1), TendonGuide(body=light)])
         builder.add_tendon([TendonGuide(body=light), TendonGuide(body=heavy)])
-
-    def measure(trial: Trial) -> float:
-        trial.run(1.0)
-        return -2.0 - trial.center(heavy)[2]
-
-    return measure
+    return after(1.0, lambda trial: -2.0 - trial.center(heavy)[2])
 
 
 @CABLES.declare(
@@ -119,12 +109,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     if authored:
         end = TendonGuide(body=body, compliance=1.0e-4, damping=200.0)
         builder.add_tendon([TendonGuide(body=-1), end])
-
-    def measure(trial: Trial) -> float:
-        trial.run(1.0)
-        return -1.0 - trial.center(body)[2]
-
-    return measure
+    return after(1.0, lambda trial: -1.0 - trial.center(body)[2])
 
 
 @CABLES.declare(
@@ -147,12 +132,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
                 TendonGuide(body=body, compliance=STIFF),
             ]
         )
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.velocity(pulley)[2] / 0.5
-
-    return measure
+    return after(0.5, lambda trial: trial.velocity(pulley)[2] / 0.5)
 
 
 @CABLES.declare(
@@ -166,12 +146,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     body = weight(builder, 1.0, 0.0, -0.2)
     if authored:
         builder.add_tendon([TendonGuide(body=-1), TendonGuide(body=body, rest_length=1.0)])
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.6)
-        return max(trial.center(body)[2] for _ in trial.steps(1.0))
-
-    return measure
+    return after(0.6, lambda trial: max(trial.center(body)[2] for _ in trial.steps(1.0)))
 
 
 @CABLES.declare(
@@ -188,9 +163,4 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
         through = TendonGuide(body=-1, guide_type=pinhole, mu=0.1, compliance=STIFF)
         end = TendonGuide(body=ends[1], compliance=STIFF)
         builder.add_tendon([TendonGuide(body=ends[0]), through, end])
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.velocity(ends[0])[2] / 0.5
-
-    return measure
+    return after(0.5, lambda trial: trial.velocity(ends[0])[2] / 0.5)

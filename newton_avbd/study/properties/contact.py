@@ -10,7 +10,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from newton_avbd.study.properties.property import Catalog, Measure, Trial
+from newton_avbd.study.properties.property import Catalog, Measure, Trial, after
 
 G = 9.81
 """Gravity [m/s^2], along -z."""
@@ -95,12 +95,10 @@ def bouncing(e: float, height: float) -> Any:
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     bouncing(0.5, 1.0)(builder, authored)
-
-    def measure(trial: Trial) -> float:
-        trial.run(math.sqrt(2.0 / G) + 0.03)
-        return max(trial.center()[2] - RADIUS for _ in trial.steps(0.4))
-
-    return measure
+    return after(
+        math.sqrt(2.0 / G) + 0.03,
+        lambda trial: max(trial.center()[2] - RADIUS for _ in trial.steps(0.4)),
+    )
 
 
 def _settling() -> float:
@@ -143,12 +141,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     e = 1.0 if authored else 0.0
     for x, speed in ((0.0, 1.0), (2.5 * RADIUS, 0.0), (4.5 * RADIUS, 0.0)):
         add_sphere(builder, 0.0, x=x, velocity=(speed, 0.0, 0.0), restitution=e, mu=0.0)
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.3)
-        return trial.velocity(2)[0]
-
-    return measure
+    return after(0.3, lambda trial: trial.velocity(2)[0])
 
 
 def stops(trial: Trial, component: int, start: float, seconds: float = 0.8) -> float:
@@ -362,12 +355,7 @@ def _creep(ke: float, kd: float, time: float) -> float:
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     add_heavy_point(builder, **({"ke": 500.0, "kd": 50.0} if authored else {}))
-
-    def measure(trial: Trial) -> float:
-        trial.run(1.5)
-        return sag(trial)
-
-    return measure
+    return after(1.5, sag)
 
 
 @CONTACTS.declare(
@@ -394,12 +382,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     add_heavy_point(builder, ke=100.0, kd=40.0 if authored else 0.0)
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.2)
-        return sag(trial)
-
-    return measure
+    return after(0.2, sag)
 
 
 @CONTACTS.declare(

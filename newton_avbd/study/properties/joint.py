@@ -12,7 +12,7 @@ import numpy as np
 import warp as wp
 from newton import JointTargetMode
 
-from newton_avbd.study.properties.property import DT, Catalog, Measure, Trial
+from newton_avbd.study.properties.property import DT, Catalog, Measure, Trial, after
 
 G = 9.81
 """Gravity where there is any [m/s^2], along -z."""
@@ -60,13 +60,7 @@ def add_hinge(builder: newton.ModelBuilder, q: float = 0.0, qd: float = 0.0, **d
 
 def moved(seconds: float, force: float = 0.0, component: int = 0) -> Measure:
     """Measure of how far the first body has come along an axis after a time under a joint force."""
-
-    def measure(trial: Trial) -> float:
-        trial.drive(force)
-        trial.run(seconds)
-        return trial.center()[component]
-
-    return measure
+    return after(seconds, lambda trial: trial.center()[component], drive=force)
 
 
 @JOINTS.declare(
@@ -108,12 +102,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     weightless(builder)
     add_hinge(builder, qd=2.0, friction=2.0 if authored else 0.0)
-
-    def measure(trial: Trial) -> float:
-        trial.run(1.4)
-        return trial.turn()
-
-    return measure
+    return after(1.4, Trial.turn)
 
 
 @JOINTS.declare(
@@ -126,12 +115,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     weightless(builder)
     add_slider(builder, qd=1.0, damping=2.0 if authored else 0.0)
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.velocity()[0]
-
-    return measure
+    return after(0.5, lambda trial: trial.velocity()[0])
 
 
 @JOINTS.declare(
@@ -210,13 +194,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     weightless(builder)
     add_slider(builder, **({"velocity_limit": 1.0} if authored else {}))
-
-    def measure(trial: Trial) -> float:
-        trial.drive(10.0)
-        trial.run(0.5)
-        return trial.velocity()[0]
-
-    return measure
+    return after(0.5, lambda trial: trial.velocity()[0], drive=10.0)
 
 
 def in_mode(
@@ -389,13 +367,7 @@ for _kind in ("PRISMATIC", "REVOLUTE", "D6"):
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     add_pair(builder, "PRISMATIC", authored)
-
-    def measure(trial: Trial) -> float:
-        trial.drive(2.0, 1)
-        trial.run(0.5)
-        return trial.center()[0]
-
-    return measure
+    return after(0.5, lambda trial: trial.center()[0], drive=2.0, dof=1)
 
 
 def quarter_period(inertia: float, torque: float, angle: float = 0.1) -> float:
@@ -457,13 +429,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
         </worldbody>{weld if authored else ""}</mujoco>"""
     )
     weightless(builder)
-
-    def measure(trial: Trial) -> float:
-        trial.drive(2.0)
-        trial.run(0.5)
-        return trial.center(1)[0]
-
-    return measure
+    return after(0.5, lambda trial: trial.center(1)[0], drive=2.0)
 
 
 @JOINTS.declare(
@@ -570,13 +536,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
         builder.add_articulation(joints)
         builder.add_articulation([builder.add_joint_free(load)])
         place(builder, (0.5, 0.0, 0.0))
-
-    def measure(trial: Trial) -> float:
-        trial.push(force=(2.0, 0.0, 0.0))
-        trial.run(0.5)
-        return trial.center(1)[0] - 0.5
-
-    return measure
+    return after(0.5, lambda trial: trial.center(1)[0] - 0.5, push=(2.0, 0.0, 0.0))
 
 
 @JOINTS.declare(
@@ -671,13 +631,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     gantry(builder, authored, 0.0)
-
-    def measure(trial: Trial) -> float:
-        trial.push(force=(0.0, 3.0, 0.0))
-        trial.run(0.5)
-        return trial.center()[1]
-
-    return measure
+    return after(0.5, lambda trial: trial.center()[1], push=(0.0, 3.0, 0.0))
 
 
 @JOINTS.declare(
@@ -743,13 +697,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     base, load = add_link(builder), add_link(builder)
     free = builder.add_joint_free(base)
     builder.add_articulation([free, builder.add_joint_prismatic(base, load, axis=(1.0, 0.0, 0.0))])
-
-    def measure(trial: Trial) -> float:
-        trial.drive(1.0 if authored else 0.0, dof=6)
-        trial.run(0.5)
-        return trial.center()[0]
-
-    return measure
+    return after(0.5, lambda trial: trial.center()[0], drive=1.0 if authored else 0.0, dof=6)
 
 
 @JOINTS.declare(
@@ -762,13 +710,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     weightless(builder)
     add_hinge(builder)
-
-    def measure(trial: Trial) -> float:
-        trial.drive(2.0 if authored else 0.0)
-        trial.run(0.5)
-        return trial.turn()
-
-    return measure
+    return after(0.5, Trial.turn, drive=2.0 if authored else 0.0)
 
 
 @JOINTS.declare(
@@ -784,10 +726,4 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     quarter = wp.quat_from_axis_angle(wp.vec3(0.0, 0.0, 1.0), 0.5 * math.pi)
     turned = wp.transform(wp.vec3(0.0, 0.0, 0.0), quarter)
     hang(builder, True, "ball", inertia=1.0, parent_xform=turned, child_xform=turned)
-
-    def measure(trial: Trial) -> float:
-        trial.drive(2.0 if authored else 0.0)
-        trial.run(0.5)
-        return trial.turn()
-
-    return measure
+    return after(0.5, Trial.turn, drive=2.0 if authored else 0.0)

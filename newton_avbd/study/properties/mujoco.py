@@ -10,7 +10,7 @@ import newton
 from newton.solvers import SolverMuJoCo
 from numpy.polynomial import Polynomial
 
-from newton_avbd.study.properties.property import Catalog, Measure, Trial
+from newton_avbd.study.properties.property import Catalog, Measure, Trial, after
 
 G = 9.81
 """Gravity [m/s^2], along -z."""
@@ -49,11 +49,10 @@ def slowed(
         read(builder, authored if is_authored else plain)
         builder.joint_qd[-6:] = velocity
 
-        def measure(trial: Trial) -> float:
-            trial.run(SECONDS)
-            return (speed - trial.velocity()[component]) / SECONDS * per_slowing
-
-        return measure
+        return after(
+            SECONDS,
+            lambda trial: (speed - trial.velocity()[component]) / SECONDS * per_slowing,
+        )
 
     return build
 
@@ -153,12 +152,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     read(builder, sliders('<joint joint1="up" polycoef="0"/>' * authored))
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.center(0)[2]
-
-    return measure
+    return after(0.5, lambda trial: trial.center(0)[2])
 
 
 @MUJOCO.declare(
@@ -172,12 +166,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     gravcomp = 'gravcomp="0.5"' if authored else ""
     body = f'<body {gravcomp}><freejoint/><geom size=".1" mass="1"/></body>'
     read(builder, f"<mujoco><worldbody>{body}</worldbody></mujoco>")
-
-    def measure(trial: Trial) -> float:
-        trial.run(0.5)
-        return trial.center()[2]
-
-    return measure
+    return after(0.5, lambda trial: trial.center()[2])
 
 
 ATTRIBUTES: dict[str, tuple[str, str]] = {

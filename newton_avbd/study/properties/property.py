@@ -202,6 +202,30 @@ Measure = Callable[[Trial], float]
 """Simulates, and returns the value that the closed form predicts."""
 
 
+def after(
+    seconds: float, value: Measure, *, drive: float = 0.0, dof: int = 0, push: Any = None
+) -> Measure:
+    """Measure of a value after a time.
+
+    Args:
+        seconds: The time [s].
+        value: What is then read off the trial.
+        drive: Force of the joints' degree of freedom ``dof`` meanwhile [N or N m].
+        dof: That degree of freedom.
+        push: Force on the first body meanwhile [N]; None for none.
+    """
+
+    def measure(trial: Trial) -> float:
+        if drive:
+            trial.drive(drive, dof)
+        if push is not None:
+            trial.push(force=push)
+        trial.run(seconds)
+        return value(trial)
+
+    return measure
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What a solver made of a property.
