@@ -4,6 +4,7 @@
 """``newton-avbd accuracy``: what accuracy costs in time, for SolverAVBD and its peers."""
 
 import argparse
+import contextlib
 import dataclasses
 import json
 import sys
@@ -24,7 +25,7 @@ from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 from newton_avbd.study.mujoco.native import silence
 
 from ..io.options import check_writable, make_folder
-from ..io.output import length, table, tables_beside, write_json
+from ..io.output import length, table, tables_beside, write_json, writing
 from ..io.terminal import (
     gathered_prints,
     gathered_warnings,
@@ -68,7 +69,7 @@ def main(args: argparse.Namespace) -> int:
     scenes = [ACCURACY_SCENES[name] for name in names]
     silence()
     make_folder(args.output)
-    try:
+    with writing(args.output) if args.output else contextlib.nullcontext():
         with pinned() as core:
             machine = describe_machine(core)
             results = Results(machine, QUICK if args.quick else FULL, args.output)
@@ -85,8 +86,6 @@ def main(args: argparse.Namespace) -> int:
             text = accuracy_page.page(machine, results.effort.name, scenes, points)
             (args.output / "results.md").write_text(text)
             print(f"wrote {args.output / 'results.md'}", file=sys.stderr)
-    except OSError as error:
-        raise UserError(f"cannot write to {args.output}: {error}") from error
     return interruption.status(0)
 
 
@@ -106,10 +105,8 @@ def _control(args: argparse.Namespace) -> int:
         print(text)
         if args.output:
             file = args.output / "control.json"
-            try:
+            with writing(args.output):
                 file.write_text(json.dumps([dataclasses.asdict(one) for one in found], indent=1))
-            except OSError as error:
-                raise UserError(f"cannot write to {args.output}: {error}") from error
             print(f"wrote {file}", file=sys.stderr)
     return interruption.status(0)
 
@@ -145,10 +142,8 @@ def _ask(args: argparse.Namespace) -> int:
         write_json(args.json, _as_json(question, prices, points))
     if args.output and points:
         file = args.output / f"{Path(scene.name).stem}.svg"
-        try:
+        with writing(args.output):
             accuracy_page.write_plot(question.scene, points, file)
-        except OSError as error:
-            raise UserError(f"cannot write to {args.output}: {error}") from error
         print(f"wrote {file}", file=sys.stderr)
     return interruption.status(0)
 

@@ -24,7 +24,7 @@ from newton_avbd.measure.state import Probe, deepest_penetration, distances
 from newton_avbd.study.bench.run import describe_machine
 
 from ..io.options import check_writable, device_notes, use_device
-from ..io.output import length, table, tables_beside, write_json
+from ..io.output import length, table, tables_beside, write_json, writing
 from ..io.terminal import (
     Interruption,
     gathered_prints,
@@ -210,9 +210,11 @@ def main(args: argparse.Namespace) -> int:
     if args.json:
         write_json(args.json, dataclasses.asdict(comparison))
     if args.png:
-        _write(args.png, _picture(comparison, kind))
+        with writing(args.png):
+            args.png.write_bytes(_picture(comparison, kind))
     if args.html:
-        _write(args.html, _page(comparison).encode())
+        with writing(args.html):
+            args.html.write_bytes(_page(comparison).encode())
     return interruption.status(0)
 
 
@@ -411,18 +413,6 @@ def _picture(comparison: Comparison, kind: str) -> bytes:
     image = io.BytesIO()
     _draw(comparison).savefig(image, format=kind, dpi=120)
     return image.getvalue()
-
-
-def _write(path: Path, content: bytes) -> None:
-    """Write a file.
-
-    Raises:
-        UserError: It cannot be written.
-    """
-    try:
-        path.write_bytes(content)
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error}") from error
 
 
 def _draw(comparison: Comparison) -> "Figure":

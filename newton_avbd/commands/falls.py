@@ -21,7 +21,7 @@ from newton_avbd.study.falls.run import Fall, Setup, run_falls
 from newton_avbd.study.falls.scene import bare, starts
 
 from ..io.options import make_folder
-from ..io.output import length, table
+from ..io.output import length, table, writing
 from ..io.terminal import interruptible, show, showing
 from .robots import chosen_robots, show_trial, silence
 
@@ -153,10 +153,8 @@ def _save(folder: Path | None, fall: Fall, setup: Setup, args: argparse.Namespac
         return
     name = Path(fall.robot).stem if _is_file(fall.robot) else fall.robot.replace("/", "_")
     path = folder / f"{name}-{fall.start.kind}-{fall.start.seed}.json"
-    try:
+    with writing(folder):
         path.write_text(json.dumps(entry, indent=1) + "\n")
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error}") from error
     print(f"  {what}; newton-avbd falls --replay {path}", flush=True)
 
 

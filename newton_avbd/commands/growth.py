@@ -6,12 +6,12 @@
 import argparse
 import json
 
-from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.errors import require
 from newton_avbd.study.bench import growth
 from newton_avbd.study.bench.run import chosen, describe_machine, pinned
 
 from ..io.options import make_folder, use_device
-from ..io.output import table
+from ..io.output import table, writing
 from ..io.terminal import interruptible, progress
 
 
@@ -45,13 +45,11 @@ def main(args: argparse.Namespace) -> int:
     print(f"\nGrowth from {growth.LARGE:,} bodies on, as a power of the bodies:")
     print(table(growth.exponents(points)))
     if args.output:
-        try:
+        with writing(args.output):
             text = json.dumps(growth.as_json(machine, points), indent=1)
             (args.output / "growth.json").write_text(text + "\n")
             for quantity in growth.QUANTITIES:
                 growth.write_plot(points, quantity, args.output / f"{quantity}.svg")
-        except OSError as error:
-            raise UserError(f"cannot write to {args.output}: {error}") from error
     return interruption.status(0)
 
 

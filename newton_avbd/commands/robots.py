@@ -16,7 +16,7 @@ from tempfile import TemporaryDirectory
 import newton
 
 from newton_avbd.io.converted import as_usd, can_convert, require_converters
-from newton_avbd.io.errors import UserError, require
+from newton_avbd.io.errors import require
 from newton_avbd.io.robots import (
     SOURCES,
     Robot,
@@ -38,6 +38,8 @@ from newton_avbd.study.robots.page import (
 from newton_avbd.study.robots.run import Record
 from newton_avbd.study.robots.trial import Report, try_robot
 
+from ..io.options import make_folder
+from ..io.output import writing
 from ..io.terminal import gathered_warnings, interruptible, say_notes, show, showing
 from . import view
 
@@ -61,7 +63,7 @@ def main(args: argparse.Namespace) -> int:
         stem = "robots_usd"
     if args.output:
         require("pyglet", "PIL")
-        _make_folder(args.output)
+        make_folder((args.output / picture("")).parent)
     known = read_reports(args.output, stem) if args.output else {}
     reports: list[Report] = []
     with interruptible() as interruption, TemporaryDirectory() as folder:
@@ -135,22 +137,13 @@ def _losses(notes: list[str], file: str) -> list[str]:
     ]
 
 
-def _make_folder(output: Path) -> None:
-    try:
-        (output / picture("")).parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UserError(f"cannot write to {output}: {error}") from error
-
-
 def _write(output: Path, reports: list[Report], stem: str) -> None:
     from newton_avbd.study.bench.run import pinned
 
     with pinned() as core:
         machine = describe_machine(core)
-    try:
+    with writing(output):
         write_page(output, reports, machine, stem)
-    except OSError as error:
-        raise UserError(f"cannot write to {output}: {error}") from error
 
 
 def _draw(robot: Robot, record: Record, path: Path) -> None:

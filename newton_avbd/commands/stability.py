@@ -7,14 +7,14 @@ import argparse
 import sys
 from collections.abc import Iterable, Iterator
 
-from newton_avbd.io.errors import UserError, require, unknown
+from newton_avbd.io.errors import require, unknown
 from newton_avbd.study.stability.case import Case, Outcome, try_case
 from newton_avbd.study.stability.cases import CASES, GROUPS
 from newton_avbd.study.stability.long_run import IN_GRAPH, LONG_RUNS, run_long
 from newton_avbd.study.stability.page import line, write_page
 
 from ..io.options import make_folder, use_device
-from ..io.output import length
+from ..io.output import length, writing
 from ..io.terminal import interruptible, progress, say
 
 
@@ -48,10 +48,8 @@ def main(args: argparse.Namespace) -> int:
             say(line(case, outcome))
             outcomes.append(outcome)
     if args.output:
-        try:
+        with writing(args.output):
             print(f"wrote {write_page(outcomes, args.output)}", file=sys.stderr)
-        except OSError as error:
-            raise UserError(f"cannot write to {args.output}: {error}") from error
     ours = [outcome for outcome in outcomes if outcome.solver == "avbd"]
     failed = any(outcome.failures(CASES[outcome.case].bounds) for outcome in ours)
     return interruption.status(int(failed))

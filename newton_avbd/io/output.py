@@ -6,7 +6,7 @@
 import contextlib
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,20 @@ def tables_beside(path: Path | None) -> contextlib.AbstractContextManager[object
     return contextlib.nullcontext()
 
 
+@contextlib.contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Say which file or folder it is that a block cannot write.
+
+    Raises:
+        UserError: It cannot.
+    """
+    try:
+        yield
+    except OSError as error:
+        to = "to " if path.is_dir() else ""
+        raise UserError(f"cannot write {to}{path}: {error}") from error
+
+
 def write_json(path: Path, document: Any) -> None:
     """Write what a command measured.
 
@@ -37,10 +51,8 @@ def write_json(path: Path, document: Any) -> None:
     if path == STANDARD_OUTPUT:
         sys.stdout.write(text)
         return
-    try:
+    with writing(path):
         path.write_text(text)
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error}") from error
 
 
 def table(rows: Sequence[Sequence[str]]) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from newton_avbd.io.errors import UserError, unknown
 from newton_avbd.io.options import check_writable
-from newton_avbd.io.output import STANDARD_OUTPUT, tables_beside, write_json
+from newton_avbd.io.output import STANDARD_OUTPUT, tables_beside, write_json, writing
 from newton_avbd.io.terminal import interruptible, progress, say
 from newton_avbd.settings import SCENE_SETTINGS
 from newton_avbd.study.bench.run import describe_machine
@@ -101,7 +101,8 @@ def main(args: argparse.Namespace) -> int:
     if args.json == STANDARD_OUTPUT:
         write_json(args.json, _entries(known))
     if args.output:
-        _write(args.output, page(_in_order(known)))
+        with writing(args.output):
+            args.output.write_text(page(_in_order(known)))
     return interruption.status(0)
 
 
@@ -191,18 +192,6 @@ def _read(path: Path | None) -> dict[tuple[str, str], Outcome]:
     except (OSError, ValueError, TypeError) as error:
         raise UserError(f"cannot read {path}: {error}") from error
     return {(entry.property, entry.solver): entry for entry in entries}
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file.
-
-    Raises:
-        UserError: It cannot be written.
-    """
-    try:
-        path.write_text(text)
-    except OSError as error:
-        raise UserError(f"cannot write {path}: {error}") from error
 
 
 def _row(cells: list[str]) -> str:
