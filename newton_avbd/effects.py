@@ -6,7 +6,6 @@ import dataclasses
 import operator
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import newton
 import numpy as np
@@ -14,6 +13,7 @@ import numpy as np
 from .model.callers import find_callers
 from .model.topology import Topology
 from .rows.joint import JointKinds
+from .settings import Settings
 
 _MOST_NAMES = 3
 """Labels that a reason names."""
@@ -391,16 +391,7 @@ class Effects:
         cls,
         model: newton.Model,
         topology: Topology,
-        *,
-        piles: bool,
-        compliance: bool,
-        ramp: bool,
-        friction_mix: str,
-        angular_friction: bool | None,
-        second_order: bool,
-        fourth_order: bool,
-        sleeping: bool,
-        adaptive: bool = False,
+        settings: Settings,
         without: frozenset[str] = frozenset(),
     ) -> tuple["Effects", "Callers"]:
         """Reads from the model which effects it calls for; copies model arrays to the host.
@@ -408,43 +399,23 @@ class Effects:
         Args:
             model: The model.
             topology: How its joints link its bodies.
-            piles: Whether free bodies in contact are solved at once.
-            compliance: Whether contacts give way.
-            ramp: Whether penalties grow.
-            friction_mix: How friction coefficients mix.
-            angular_friction: Whether torsional and rolling friction is asked for; None where only
-                MuJoCo's condim asks for it.
-            second_order: Whether the scheme is of second order in time.
-            fourth_order: Whether it is of fourth order where nothing but joints holds bodies.
-            sleeping: Whether islands at rest are to sleep.
-            adaptive: Whether an accuracy was asked for.
+            settings: The solver's.
             without: Effects that are to be left out.
 
         Returns:
             The effects, and what calls for each.
         """
-        callers = find_callers(
-            model,
-            topology,
-            piles=piles,
-            compliance=compliance,
-            ramp=ramp,
-            angular_friction=angular_friction,
-            second_order=second_order,
-            fourth_order=fourth_order,
-            adaptive=adaptive,
-            left_out=without,
-        )
+        callers = find_callers(model, topology, settings, without)
         flags = {name: found.size > 0 for name, found in callers.items() if name != "joints"}
         effects = cls(
             **flags,
             kinds=JointKinds.of_model(model),
-            compliance=compliance,
-            second_order=second_order,
-            ramp=ramp,
-            sleeping=sleeping,
-            adaptive=adaptive,
-            friction_mix=friction_mix,
+            compliance=settings.compliant_contacts,
+            second_order=settings.second_order,
+            ramp=settings.ramp,
+            sleeping=settings.sleeping,
+            adaptive=settings.accuracy is not None,
+            friction_mix=settings.friction_mix_mode or "geometric_average",
             on_gpu=model.device.is_cuda,
         )
         return effects.leaving_out(without), Callers.of_items(model, callers)
@@ -454,7 +425,7 @@ class Effects:
         gone = names.union(*(_IMPLIED.get(name, ()) for name in names))
         if self.actuators and "effort_limits" not in names:
             gone -= {"effort_limits"}  # actuators have limits, too
-        return dataclasses.replace(self, **_all(gone, False))
+        return dataclasses.replace(self, **dict.fromkeys(gone, False))
 
     @property
     def joints(self) -> bool:
@@ -768,8 +739,3 @@ class SceneEffects(Mapping[str, Effect]):
             f"{name:<{widths[0]}}  {on:<{widths[1]}}  {size:>{widths[2]}}  {why}"
             for name, on, size, why in rows
         )
-
-
-def _all(names: Iterable[str], value: bool) -> dict[str, Any]:
-    """The same for all names, as keyword arguments."""
-    return dict.fromkeys(names, value)

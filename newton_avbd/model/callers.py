@@ -9,6 +9,7 @@ import numpy as np
 
 from ..attributes import authored_fluid, break_limits, dahl_friction
 from ..rows.joint import NO_LIMIT, PUSHED_AT_COM
+from ..settings import Settings
 from .actuators import Actuators, compensated_links, compensating_axes, passed_limits
 from .condim import Condims
 from .limits import has_authored_limit
@@ -32,14 +33,7 @@ of inertia is below this share of what its mass would have at the surface of its
 def find_callers(
     model: newton.Model,
     topology: Topology,
-    *,
-    piles: bool,
-    compliance: bool,
-    ramp: bool,
-    angular_friction: bool | None,
-    second_order: bool,
-    fourth_order: bool,
-    adaptive: bool,
+    settings: Settings,
     left_out: frozenset[str],
 ) -> dict[str, np.ndarray]:
     """Indices of what calls for each effect; copies model arrays to the host.
@@ -47,14 +41,7 @@ def find_callers(
     Args:
         model: The model.
         topology: How its joints link its bodies.
-        piles: Whether free bodies in contact are solved at once.
-        compliance: Whether contacts give way.
-        ramp: Whether penalties grow.
-        angular_friction: Whether torsional and rolling friction is asked for; None where only
-            MuJoCo's condim asks for it.
-        second_order: Whether the scheme is of second order in time.
-        fourth_order: Whether it is of fourth order where nothing but joints holds bodies.
-        adaptive: Whether an accuracy was asked for.
+        settings: The solver's.
         left_out: Effects that are to be left out.
     """
     user_model = getattr(model, "user_model", model)
@@ -63,7 +50,7 @@ def find_callers(
     if "actuators" in left_out:
         actuators.drives.clear()  # they go on as drives
     callers = {
-        **_of_shapes(model, condims, angular_friction),
+        **_of_shapes(model, condims, settings.angular_friction),
         **_of_bodies(model, topology),
         **_of_links(model, topology),
         **_of_axes(model, actuators),
@@ -74,22 +61,23 @@ def find_callers(
         without |= {"pairs", "piles", "mixing"}
     if callers["friction"].size == 0:
         without |= {"put_bodies"}
-    if ramp:
+    if settings.ramp:
         without |= {"angular_friction", "restitution", "floating", "light_links"}
         without |= {"piles", "mixing"}
-    if compliance:
+    if settings.compliant_contacts:
         without |= {"restitution"}
     else:
         without |= {"limit_impedance"}
-    if not piles:
+    if settings.blocks == "body":
         without |= {"piles"}
     callers["fourth_order"] = callers["joints"]
-    if not fourth_order:
+    if not settings.fourth_order:
         without |= {"fourth_order"}
     # contacts are off by more than rounding, and settle by what it leaves; a cable is as taut
     # as rounding of the poses that it ties; drag and inner steps need states of their own
     others = ("contact", "cables", "servos", "fluid")
-    if adaptive or not second_order or any(callers[name].size for name in others):
+    is_carried = settings.second_order and settings.accuracy is None
+    if not is_carried or any(callers[name].size for name in others):
         without |= {"carried_rounding"}
     return callers | dict.fromkeys(without, np.zeros(0, dtype=int))
 

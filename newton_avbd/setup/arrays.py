@@ -323,20 +323,8 @@ class SolverArrays:
             cabled=cabled,
             has_tendons="tendons" not in self._without,
         )
-        flags, callers = Effects.of_model(
-            solved,
-            topology,
-            piles=self.settings.blocks == "articulation",
-            compliance=self.settings.compliant_contacts,
-            ramp=self.settings.ramp,
-            friction_mix=self.settings.friction_mix_mode or "geometric_average",
-            angular_friction=self.settings.angular_friction,
-            second_order=self.settings.second_order,
-            fourth_order=self.settings.fourth_order,
-            sleeping=self.settings.sleeping,
-            adaptive=self.settings.accuracy is not None,
-            without=self._without,
-        )
+        settings, without = self.settings, self._without
+        flags, callers = Effects.of_model(solved, topology, settings, without=without)
         if flags.adaptive:
             inner_steps.check_effects(flags)
         if flags.cables and (flags.sleeping or flags.ramp):

@@ -46,19 +46,6 @@ REFERENCE_BUDGET = 20.0
 
 
 @dataclass(frozen=True)
-class ControlScene:
-    """A scene that is simulated with an accuracy.
-
-    Attributes:
-        name: What the table calls it.
-        find: Finds the scene; its error is a length [m].
-    """
-
-    name: str
-    find: Callable[[], AccuracyScene]
-
-
-@dataclass(frozen=True)
 class Outcome:
     """What an accuracy led to on a scene.
 
@@ -150,30 +137,27 @@ def _turn() -> float:
     return radius * float(np.linalg.norm(SPIN)) * ACCURACY_SCENES["top"].seconds
 
 
-CONTROL_SCENES: dict[str, ControlScene] = {
-    scene.name: scene
-    for scene in (
-        ControlScene("projectile", partial(_in_metres, "projectile")),
-        ControlScene("oscillator", partial(_in_metres, "oscillator")),
-        ControlScene("top", lambda: _in_metres("top", _turn())),
-        ControlScene("pendulum_2", partial(_in_metres, "pendulum_2", 2.0 * pendulums.LENGTH)),
-        ControlScene("pendulum_3", partial(_in_metres, "pendulum_3", 3.0 * pendulums.LENGTH)),
-        ControlScene("pendulum_8", partial(_in_metres, "pendulum_8", 8.0 * pendulums.LENGTH)),
-        ControlScene("cartpole", partial(_asked, "cartpole", robots.add_cartpole, 1.0)),
-        ControlScene("legs", partial(_asked, "legs", add_swinging_quadruped, 0.5)),
-        ControlScene("incline", partial(_in_metres, "incline")),
-        ControlScene("sliding", partial(_in_metres, "sliding")),
-        ControlScene("skidding", partial(_in_metres, "skidding")),
-        ControlScene("tipping", partial(_in_metres, "tipping")),
-        ControlScene("landing", partial(_in_metres, "landing")),
-        ControlScene("bounce", partial(_in_metres, "bounce")),
-        ControlScene("rolling", _rolling),
-        ControlScene("stack", partial(_in_metres, "stack", 0.5)),
-        ControlScene("ant", partial(_asked, "ant", robots.add_ant, 1.0)),
-        ControlScene("quadruped", partial(_asked, "quadruped", robots.add_quadruped, 1.0)),
-    )
+CONTROL_SCENES: dict[str, Callable[[], AccuracyScene]] = {
+    "projectile": partial(_in_metres, "projectile"),
+    "oscillator": partial(_in_metres, "oscillator"),
+    "top": lambda: _in_metres("top", _turn()),
+    "pendulum_2": partial(_in_metres, "pendulum_2", 2.0 * pendulums.LENGTH),
+    "pendulum_3": partial(_in_metres, "pendulum_3", 3.0 * pendulums.LENGTH),
+    "pendulum_8": partial(_in_metres, "pendulum_8", 8.0 * pendulums.LENGTH),
+    "cartpole": partial(_asked, "cartpole", robots.add_cartpole, 1.0),
+    "legs": partial(_asked, "legs", add_swinging_quadruped, 0.5),
+    "incline": partial(_in_metres, "incline"),
+    "sliding": partial(_in_metres, "sliding"),
+    "skidding": partial(_in_metres, "skidding"),
+    "tipping": partial(_in_metres, "tipping"),
+    "landing": partial(_in_metres, "landing"),
+    "bounce": partial(_in_metres, "bounce"),
+    "rolling": _rolling,
+    "stack": partial(_in_metres, "stack", 0.5),
+    "ant": partial(_asked, "ant", robots.add_ant, 1.0),
+    "quadruped": partial(_asked, "quadruped", robots.add_quadruped, 1.0),
 }
-"""Scenes by name."""
+"""What finds the scenes, whose errors are lengths [m], by the names that the table has."""
 
 
 def outcomes(names: Iterable[str], *, repeats: int = REPEATS) -> Iterator[Outcome]:
@@ -187,7 +171,7 @@ def outcomes(names: Iterable[str], *, repeats: int = REPEATS) -> Iterator[Outcom
         An outcome for each scene and accuracy that single precision can tell.
     """
     for name in names:
-        scene = CONTROL_SCENES[name].find()
+        scene = CONTROL_SCENES[name]()
         if scene.frames < 2:
             continue
         worker = runner(scene, "avbd")
