@@ -203,7 +203,7 @@ def test_the_variants_hold_all_effects() -> None:
     ],
 )
 def test_a_large_world_compiles_for_gpus(variant: str, arch: int, tmp_path: Path) -> None:
-    kernel = make_colored(LARGE_VARIANTS[variant]).sweeps.sweep_color
+    kernel = make_colored(LARGE_VARIANTS[variant]).sweep_color
     compiles(kernel, tmp_path, arch, to_ptx=False)
 
 

@@ -11,56 +11,42 @@ launches that are left return at once.
 
 import functools
 import hashlib
-from dataclasses import dataclass
+from types import SimpleNamespace
 
 from ..effects import Effects
 from ..step.kernels import in_module, uncollected
-from .colored_energy import EnergyKernels, make_colored_energy
-from .colored_impacts import ImpactKernels, make_colored_impacts
-from .colored_joints import JointKernels, make_colored_joints
-from .colored_motion import MotionKernels, make_colored_motion
-from .colored_recovery import RecoveryKernels, make_colored_recovery
-from .colored_rows import RowKernels, make_colored_rows
-from .colored_second_order import SecondOrderKernels, make_colored_second_order
-from .colored_sweeps import SweepKernels, make_colored_sweeps
+from .colored_energy import make_colored_energy
+from .colored_impacts import make_colored_impacts
+from .colored_joints import make_colored_joints
+from .colored_motion import make_colored_motion
+from .colored_recovery import make_colored_recovery
+from .colored_rows import make_colored_rows
+from .colored_second_order import make_colored_second_order
+from .colored_sweeps import make_colored_sweeps
 from .joining import join_at_once
 from .stages import make_stages
 
 
-@dataclass(frozen=True)
-class Colored:
-    """Kernels of a large world; None for effects that the scene does without."""
-
-    rows: RowKernels
-    impacts: ImpactKernels | None
-    second_order: SecondOrderKernels | None
-    joints: JointKernels
-    sweeps: SweepKernels
-    motion: MotionKernels
-    recovery: RecoveryKernels
-    energy: EnergyKernels | None
-
-
 @functools.cache
 @uncollected()
-def make_colored(effects: Effects) -> Colored:
-    """The kernels of a large world, in one module, which compiles at once."""
+def make_colored(effects: Effects) -> SimpleNamespace:
+    """The kernels of a large world by name, in one module, which compiles at once.
+
+    None stands for those of effects that the scene does without; of a file that is all for an
+    effect there are none at all.
+    """
     stages = make_stages(effects, join_at_once)
-    kernel = in_module(f"{__name__}_{hashlib.sha256(repr(effects).encode()).hexdigest()[:8]}")
-    impacts = second_order = energy = None
+    digest = hashlib.sha256(repr(effects).encode()).hexdigest()[:8]
+    kernel, kernels = in_module(f"{__name__}_{digest}")
     if effects.restitution:
-        impacts = make_colored_impacts(stages.impacts, kernel)
+        make_colored_impacts(stages.impacts, kernel)
     if effects.second_order:
-        second_order = make_colored_second_order(effects, stages, kernel)
+        make_colored_second_order(effects, stages, kernel)
     if effects.balanced:
-        energy = make_colored_energy(effects, stages.energy, kernel)
-    return Colored(
-        make_colored_rows(effects, kernel),
-        impacts,
-        second_order,
-        make_colored_joints(effects, stages, kernel),
-        make_colored_sweeps(effects, stages, kernel),
-        make_colored_motion(effects, stages, kernel),
-        make_colored_recovery(effects, stages, kernel),
-        energy,
-    )
+        make_colored_energy(effects, stages.energy, kernel)
+    make_colored_rows(effects, kernel)
+    make_colored_joints(effects, stages, kernel)
+    make_colored_sweeps(effects, stages, kernel)
+    make_colored_motion(effects, stages, kernel)
+    make_colored_recovery(effects, stages, kernel)
+    return kernels

@@ -9,8 +9,6 @@ and an island of n bodies, which mostly follow each other, takes about the root 
 after the other.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Balance, Solver, Step
@@ -22,26 +20,6 @@ from ..step.kernels import KernelDecorator
 from ..step.scale import is_unsettled
 from ..step.slowing import drop_tensions
 from .joining import root_of
-
-
-@dataclass(frozen=True)
-class EnergyKernels:
-    """Kernels in the order in which they run; None for those of effects that the scene has not."""
-
-    measure_moves: wp.Kernel
-    find_unbalanced: wp.Kernel
-    begin_balances: wp.Kernel
-    join_bodies: wp.Kernel | None
-    join_clusters: wp.Kernel | None
-    add_all_cables: wp.Kernel | None
-    add_bodies: wp.Kernel
-    add_runs: wp.Kernel
-    add_lanes: wp.Kernel
-    add_momenta: wp.Kernel
-    settle_islands: wp.Kernel
-    slow_bodies: wp.Kernel
-    slow_all_rotors: wp.Kernel | None
-    drop_all_tensions: wp.Kernel | None
 
 
 @wp.func
@@ -71,9 +49,7 @@ def next_moving(first: int, end: int, s: wp.ref[Solver]) -> int:
     return place
 
 
-def make_colored_energy(
-    effects: Effects, energy: EnergyFunctions, kernel: KernelDecorator
-) -> EnergyKernels:
+def make_colored_energy(effects: Effects, energy: EnergyFunctions, kernel: KernelDecorator) -> None:
     """Kernels that bound the energy of islands, made by a decorator.
 
     Args:
@@ -138,7 +114,7 @@ def make_colored_energy(
                 join_closures(s[0].worlds.rank[body], s[0])
 
     @kernel(not effects.islands and effects.cables)
-    def join_clusters(s: wp.array[Solver]):
+    def join_cabled(s: wp.array[Solver]):
         """Makes one island of bodies that cables pull; one thread a cluster of cables."""
         join_cluster(wp.tid(), s[0])
 
@@ -290,20 +266,3 @@ def make_colored_energy(
             cables = s[0].tree.cables
             for i in range(cables.world_start[world], cables.world_start[world + 1]):
                 drop_tensions(i, s[0])
-
-    return EnergyKernels(
-        measure_moves,
-        find_unbalanced,
-        begin_balances,
-        join_bodies,
-        join_clusters,
-        add_all_cables,
-        add_bodies,
-        add_runs,
-        add_lanes,
-        add_momenta,
-        settle_islands,
-        slow_bodies,
-        slow_all_rotors,
-        drop_all_tensions,
-    )

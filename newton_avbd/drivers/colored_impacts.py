@@ -11,8 +11,6 @@ likewise of those that are left (Jones, Plassmann, 1993). A sweep goes wave by w
 Gauss-Seidel sweep, in the order of the waves.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import RowWork, Solver
@@ -35,17 +33,6 @@ _STILL = wp.constant(-1)
 """Wave of a body that strikes none in the round."""
 _WAITING = wp.constant(-2)
 """Wave of a body that has none yet."""
-
-
-@dataclass(frozen=True)
-class ImpactKernels:
-    """Kernels in the order of the step."""
-
-    begin_rounds: wp.Kernel
-    find_impacts: wp.Kernel
-    strike_worlds: wp.Kernel
-    end_rounds: wp.Kernel
-    leave_impacts: wp.Kernel
 
 
 @wp.func
@@ -118,7 +105,7 @@ def divide(
     return waves
 
 
-def make_colored_impacts(impacts: ImpactFunctions, kernel: KernelDecorator) -> ImpactKernels:
+def make_colored_impacts(impacts: ImpactFunctions, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     end_body_rounds = impacts.end_rounds
 
@@ -192,7 +179,3 @@ def make_colored_impacts(impacts: ImpactFunctions, kernel: KernelDecorator) -> I
         world = s[0].worlds.of_body[body]
         if s[0].colors.has_impacts[world] == 1:
             leave_impacts(body, s[0].colors.scale[world], s[0])
-
-    return ImpactKernels(
-        begin_all_rounds, find_impacts, strike_worlds, end_rounds, leave_all_impacts
-    )

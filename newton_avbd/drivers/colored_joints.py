@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Large worlds: joints and cables at the start of the step."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step
@@ -12,17 +10,6 @@ from ..step.cables import begin_cluster
 from ..step.distances import reach_farther
 from ..step.kernels import KernelDecorator
 from .stages import Stages
-
-
-@dataclass(frozen=True)
-class JointKernels:
-    """Kernels in the order of the step; None for those of effects that the scene does without."""
-
-    measure_joints: wp.Kernel | None
-    measure_loops: wp.Kernel | None
-    widen_loops: wp.Kernel | None
-    place_joints: wp.Kernel | None
-    begin_clusters: wp.Kernel | None
 
 
 @wp.func
@@ -35,7 +22,7 @@ def loop_world(i: int, s: wp.ref[Solver]) -> int:
     return s.worlds.of_body[s.joints.parent[joint]]
 
 
-def make_colored_joints(effects: Effects, stages: Stages, kernel: KernelDecorator) -> JointKernels:
+def make_colored_joints(effects: Effects, stages: Stages, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     block_start = stages.block_start
     measure_blocks, measure_loop = block_start.measure_blocks, block_start.measure_loop
@@ -94,11 +81,3 @@ def make_colored_joints(effects: Effects, stages: Stages, kernel: KernelDecorato
         if s[0].colors.is_finite[world] == 1:
             if begin_cluster(cluster, s[0]):
                 s[0].colors.is_open[world] = 1
-
-    return JointKernels(
-        measure_joints,
-        measure_loops,
-        widen_loops,
-        place_joints,
-        begin_clusters,
-    )

@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Large worlds after the sweeps of the motion: the forces that they keep, and velocities."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step
@@ -19,21 +17,7 @@ from .joining import join_at_once
 from .stages import Stages
 
 
-@dataclass(frozen=True)
-class MotionKernels:
-    """Kernels in the order of the step; None for those of effects that the scene does without."""
-
-    remember: wp.Kernel
-    join_clusters: wp.Kernel | None
-    break_trees: wp.Kernel | None
-    break_loops: wp.Kernel | None
-    end_velocities: wp.Kernel
-    align_spins: wp.Kernel | None
-    end_armatures: wp.Kernel | None
-    end_loop_armatures: wp.Kernel | None
-
-
-def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorator) -> MotionKernels:
+def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     remember_rows = stages.remember_rows
     join_cluster, join_closures = stages.join_cluster, stages.join_closures
@@ -173,14 +157,3 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
                 step,
                 s[0],
             )
-
-    return MotionKernels(
-        remember,
-        join_clusters,
-        break_trees,
-        break_loops,
-        end_velocities,
-        align_spins,
-        end_armatures,
-        end_loop_armatures,
-    )

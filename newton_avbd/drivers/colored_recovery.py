@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recovery of large worlds, in which old errors go without entering velocities, and poses."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step
@@ -27,21 +25,7 @@ from .colored_sweeps import count_sweeps, is_settled, last_moved
 from .stages import Stages
 
 
-@dataclass(frozen=True)
-class RecoveryKernels:
-    """Kernels in the order of the step; None for those of effects that the scene does without."""
-
-    end_sweeps: wp.Kernel
-    keep_loops: wp.Kernel | None
-    close_joints: wp.Kernel | None
-    give_loops_back: wp.Kernel | None
-    give_cables_back: wp.Kernel | None
-    end_poses: wp.Kernel
-
-
-def make_colored_recovery(
-    effects: Effects, stages: Stages, kernel: KernelDecorator
-) -> RecoveryKernels:
+def make_colored_recovery(effects: Effects, stages: Stages, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     count_passes, is_astray = make_count_passes(effects), stages.energy.is_astray
     put_together = stages.trees.put_together
@@ -147,12 +131,3 @@ def make_colored_recovery(
                 report_held(s[0].worlds, world)
                 s[0].history.age[world] = 0
             s[0].history.parity[world] = 1 - s[0].history.parity[world]
-
-    return RecoveryKernels(
-        end_sweeps,
-        keep_loops,
-        close_joints,
-        give_loops_back,
-        give_cables_back,
-        end_poses,
-    )

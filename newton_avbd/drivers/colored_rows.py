@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Large worlds: the scale of the step, and the rows of contacts."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step, WorldScale
@@ -14,18 +12,6 @@ from ..step.kernels import KernelDecorator, absent
 from ..step.scale import LONGER, STRUCK_FACTOR, make_measure_world, sweeps_at_age
 from ..step.weights import make_weigh
 from .coloring import is_owner, sort_part
-
-
-@dataclass(frozen=True)
-class RowKernels:
-    """Kernels in the order of the step; None for those of effects that the scene does without."""
-
-    measure_lanes: wp.Kernel
-    begin_step: wp.Kernel
-    build_rows: wp.Kernel
-    recall_rows: wp.Kernel
-    weigh: wp.Kernel | None
-    penalise: wp.Kernel
 
 
 @wp.func
@@ -52,7 +38,7 @@ def recall(body: int, side: int, static_slot: int, s: wp.ref[Solver]):
                         s.rows.spin[row].torque = torque
 
 
-def make_colored_rows(effects: Effects, kernel: KernelDecorator) -> RowKernels:
+def make_colored_rows(effects: Effects, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     measure_world = make_measure_world(effects)
     is_world_finite = make_is_world_finite(effects)
@@ -158,12 +144,3 @@ def make_colored_rows(effects: Effects, kernel: KernelDecorator) -> RowKernels:
         depth = penalise_rows(world, body, scale, step, s[0])
         if depth > s[0].colors.deepest[world]:
             wp.atomic_max(s[0].colors.deepest, world, depth)
-
-    return RowKernels(
-        measure_lanes,
-        begin_step,
-        build_rows,
-        recall_rows,
-        weigh,
-        penalise,
-    )

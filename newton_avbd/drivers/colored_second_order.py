@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Large worlds: the order of a step, and what it keeps of motions for the next one."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step
@@ -19,26 +17,7 @@ from .colored_joints import loop_world
 from .stages import Stages
 
 
-@dataclass(frozen=True)
-class SecondOrderKernels:
-    """Kernels in the order of the step; None for those of effects that the scene does without."""
-
-    find_flying: wp.Kernel
-    find_jumps: wp.Kernel
-    find_loop_jumps: wp.Kernel | None
-    find_jerks: wp.Kernel | None
-    order_worlds: wp.Kernel
-    start_bodies: wp.Kernel
-    lead_all_rows: wp.Kernel
-    remember_loops: wp.Kernel | None
-    find_jerked: wp.Kernel | None
-    remember_motions: wp.Kernel
-    remember_states: wp.Kernel
-
-
-def make_colored_second_order(
-    effects: Effects, stages: Stages, kernel: KernelDecorator
-) -> SecondOrderKernels:
+def make_colored_second_order(effects: Effects, stages: Stages, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     orders = stages.second_order
     begin_order, body_jumps, loop_jumps = orders.begin_body, orders.body_jumps, orders.loop_jumps
@@ -106,7 +85,7 @@ def make_colored_second_order(
         scale = s[0].colors.scale[s[0].worlds.of_body[body]]
         start_body(body, scale, step.body_qd, s[0])
 
-    @kernel()
+    @kernel(effects.contact)
     def lead_all_rows(s: wp.array[Solver]):
         """Likewise the rows that a body owns; one thread a body."""
         body = wp.tid()
@@ -157,17 +136,3 @@ def make_colored_second_order(
                 remember_led(body, qd, scale, s[0].history)
             elif not is_flying(body, s[0].history):
                 remember_state(world, body, q, qd, scale, s[0])
-
-    return SecondOrderKernels(
-        find_flying,
-        find_jumps,
-        find_loop_jumps,
-        find_jerks,
-        order_worlds,
-        start_bodies,
-        lead_all_rows,
-        remember_loops,
-        find_jerked,
-        remember_motions,
-        remember_states,
-    )

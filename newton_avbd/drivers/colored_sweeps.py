@@ -2,8 +2,6 @@
 # SPDX-License-Identifier: Apache-2.0
 """Large worlds: sweeps, color by color."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import ColorWork, Solver, Step, WorldScale
@@ -13,18 +11,6 @@ from ..step.kernels import KernelDecorator
 from ..step.scale import is_struck, last_update, stiffens
 from .colored_joints import loop_world
 from .stages import Stages
-
-
-@dataclass(frozen=True)
-class SweepKernels:
-    """Kernels in the order of the step; None for those of effects that the scene does without."""
-
-    assemble: wp.Kernel
-    sweep_color: wp.Kernel
-    sweep_loops: wp.Kernel | None
-    solve_clusters: wp.Kernel | None
-    begin_round: wp.Kernel
-    stiffen: wp.Kernel | None
 
 
 @wp.func
@@ -65,7 +51,7 @@ def last_moved(world: int, moved: wp.array2d[float]) -> float:
     return wp.where(sweeps > 0, moved[sweeps, world], 0.0)
 
 
-def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorator) -> SweepKernels:
+def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     begin_body, sweep_block = stages.begin_body, stages.sweep_block
     loop_wrench, solve_cluster = stages.loops.loop_wrench, stages.solve_cluster
@@ -189,12 +175,3 @@ def make_colored_sweeps(effects: Effects, stages: Stages, kernel: KernelDecorato
         scale = s[0].colors.scale[world]
         if s[0].colors.begin[world] == begin and stiffens(s[0].colors.moved[begin, world], scale):
             stiffen_rows(body, scale, s[0].rows)
-
-    return SweepKernels(
-        assemble,
-        sweep_color,
-        sweep_loops,
-        solve_clusters,
-        begin_round,
-        stiffen,
-    )

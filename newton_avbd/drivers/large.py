@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Callable
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,14 +19,7 @@ from ..rows.contact import RECOVERY
 from ..step.scale import COLD_FACTOR, JOINT_PASSES, LONGER, LOOP_PASSES, STRUCK_FACTOR
 from . import coloring, joining, scan
 from .barrier import block_size
-from .colored import Colored, make_colored
-from .colored_energy import EnergyKernels
-from .colored_impacts import ImpactKernels
-from .colored_joints import JointKernels
-from .colored_motion import MotionKernels
-from .colored_rows import RowKernels
-from .colored_second_order import SecondOrderKernels
-from .colored_sweeps import SweepKernels
+from .colored import make_colored
 from .coloring import COLORS, PASSES
 from .launch import Launcher
 
@@ -212,26 +206,24 @@ class LargeWorlds:
         kernels = make_colored(effects)
 
         self._color_blocks(launch, step, lanes, places)
-        self._build_rows(launch, kernels.rows, step, views)
+        self._build_rows(launch, kernels, step, views)
         # without a contact buffer nothing bounces
-        impacts = kernels.impacts if places else None
-        if impacts is not None:
-            self._strike(launch, impacts, step, views)
-        if kernels.second_order is not None:
-            self._order_step(launch, kernels.second_order, effects, step, lanes)
-        self._begin_joints(launch, kernels.joints, effects, step, lanes)
-        sweep = functools.partial(self._sweep, launch, kernels.sweeps, step, lanes)
-        self._move(launch, kernels.sweeps, sweep, iterations, step, lanes)
+        has_impacts = effects.restitution and places > 0
+        if has_impacts:
+            self._strike(launch, kernels, step, views)
+        if effects.second_order:
+            self._order_step(launch, kernels, step, lanes)
+        self._begin_joints(launch, kernels, step, lanes)
+        sweep = functools.partial(self._sweep, launch, kernels, step, lanes)
+        self._move(launch, kernels, sweep, iterations, step, lanes)
         self._keep_forces(launch, kernels, effects, step, views)
-        self._end_velocities(launch, kernels.motion, impacts, effects, step, lanes)
+        self._end_velocities(launch, kernels, has_impacts, step, lanes)
         self._recover(launch, kernels, sweep, effects, step, views)
-        if kernels.energy is not None:
-            bound = functools.partial(
-                self._bound_energy, launch, kernels.energy, effects, step, lanes
-            )
+        if effects.balanced:
+            bound = functools.partial(self._bound_energy, launch, kernels, step, lanes)
             self._launch_if(colors.is_excessive, bound)
-        if kernels.second_order is not None:
-            launch(kernels.second_order.remember_states, self._body_count, [step, lanes])
+        if effects.second_order:
+            launch(kernels.remember_states, self._body_count, [step, lanes])
 
     def _color_blocks(self, launch: Launcher, step: Any, lanes: data.Context, places: int) -> None:
         """Which blocks touch, and in what order they move."""
@@ -247,7 +239,9 @@ class LargeWorlds:
         self._scan(launch, colors.table, (COLORS + 1) * lane_count, colors.start)
         launch(coloring.list_colors, lane_count, [self._turns.rank, lanes])
 
-    def _build_rows(self, launch: Launcher, kernels: RowKernels, step: Any, views: _Views) -> None:
+    def _build_rows(
+        self, launch: Launcher, kernels: SimpleNamespace, step: Any, views: _Views
+    ) -> None:
         """Rows: linearised at state_in, warm-started from the last step."""
         bodies, lanes, by_rank = self._body_count, views.lanes, views.by_rank
         launch(kernels.measure_lanes, self._lanes, [step, views.measured])
@@ -256,64 +250,45 @@ class LargeWorlds:
         self._scan(launch, self.colors.count, bodies, views.whole.rows.owned_start)
         launch(kernels.build_rows, bodies, [step, by_rank])
         launch(kernels.recall_rows, bodies, [by_rank])
-        if kernels.weigh is not None:
-            launch(kernels.weigh, bodies, [lanes])
+        launch(kernels.weigh, bodies, [lanes])
         launch(kernels.penalise, bodies, [step, lanes])
 
-    def _strike(self, launch: Launcher, kernels: ImpactKernels, step: Any, views: _Views) -> None:
+    def _strike(self, launch: Launcher, kernels: SimpleNamespace, step: Any, views: _Views) -> None:
         """What bounces: the speed after each impact."""
         bodies, block = self._body_count, block_size(self._device)
         wave = self._islands.bodies  # of no use before the sweeps have ended
-        launch(kernels.begin_rounds, bodies, [step.body_qd, views.whole.rows])
+        launch(kernels.begin_all_rounds, bodies, [step.body_qd, views.whole.rows])
         launch(kernels.find_impacts, bodies, [views.lanes])
         launch(kernels.strike_worlds, self._world_count * block, [block, wave, views.by_rank])
         launch(kernels.end_rounds, bodies, [views.lanes])
 
     def _order_step(
-        self,
-        launch: Launcher,
-        kernels: SecondOrderKernels,
-        effects: Effects,
-        step: Any,
-        lanes: data.Context,
+        self, launch: Launcher, kernels: SimpleNamespace, step: Any, lanes: data.Context
     ) -> None:
         """Second order: which worlds go on as they went, and where their bodies start."""
         bodies = self._body_count
         launch(kernels.find_flying, bodies, [step, lanes])
         launch(kernels.find_jumps, bodies, [step, lanes])
-        if effects.loops:
-            launch(kernels.find_loop_jumps, self._loop_count, [lanes])
-        if effects.cables:
-            launch(kernels.find_jerks, self._cluster_count, [lanes])
+        launch(kernels.find_loop_jumps, self._loop_count, [lanes])
+        launch(kernels.find_jerks, self._cluster_count, [lanes])
         launch(kernels.order_worlds, self._world_count, [lanes])
         launch(kernels.start_bodies, bodies, [step, lanes])
-        if effects.contact:
-            launch(kernels.lead_all_rows, bodies, [lanes])
+        launch(kernels.lead_all_rows, bodies, [lanes])
 
     def _begin_joints(
-        self,
-        launch: Launcher,
-        kernels: JointKernels,
-        effects: Effects,
-        step: Any,
-        lanes: data.Context,
+        self, launch: Launcher, kernels: SimpleNamespace, step: Any, lanes: data.Context
     ) -> None:
         """How joints stand, the guess of increments, and tensions of cables."""
-        if effects.joints:
-            launch(kernels.measure_joints, self._body_count, [step, lanes])
-        if effects.loops:
-            launch(kernels.measure_loops, self._loop_count, [step, lanes])
-        if effects.loops and effects.kinds.distances:
-            launch(kernels.widen_loops, self._loop_count, [lanes])
-        if effects.joints:
-            launch(kernels.place_joints, self._body_count, [lanes])
-        if effects.cables:
-            launch(kernels.begin_clusters, self._cluster_count, [lanes])
+        launch(kernels.measure_joints, self._body_count, [step, lanes])
+        launch(kernels.measure_loops, self._loop_count, [step, lanes])
+        launch(kernels.widen_loops, self._loop_count, [lanes])
+        launch(kernels.place_joints, self._body_count, [lanes])
+        launch(kernels.begin_clusters, self._cluster_count, [lanes])
 
     def _sweep(
         self,
         launch: Launcher,
-        kernels: SweepKernels,
+        kernels: SimpleNamespace,
         step: Any,
         lanes: data.Context,
         first: int,
@@ -330,28 +305,17 @@ class LargeWorlds:
         for sweep in range(first, end):
             for color in range(COLORS + 1):
                 count = threads if color < COLORS else 1
-                launch(
-                    kernels.sweep_color,
-                    count,
-                    [sweep, color, count, recovery, most, moved, step, lanes],
-                )
-            if kernels.sweep_loops is not None:
-                launch(
-                    kernels.sweep_loops,
-                    self._loop_count,
-                    [sweep, recovery, moved, most, step, lanes],
-                )
-            if kernels.solve_clusters is not None:
-                launch(
-                    kernels.solve_clusters,
-                    self._cluster_count,
-                    [sweep, recovery, most, moved, lanes],
-                )
+                given = [sweep, color, count, recovery, most, moved, step, lanes]
+                launch(kernels.sweep_color, count, given)
+            given = [sweep, recovery, moved, most, step, lanes]
+            launch(kernels.sweep_loops, self._loop_count, given)
+            given = [sweep, recovery, most, moved, lanes]
+            launch(kernels.solve_clusters, self._cluster_count, given)
 
     def _move(
         self,
         launch: Launcher,
-        kernels: SweepKernels,
+        kernels: SimpleNamespace,
         sweep: Callable[..., None],
         iterations: int,
         step: Any,
@@ -364,8 +328,7 @@ class LargeWorlds:
             sweep(begin, end, 0.0, colors.most, colors.moved)
 
         def sweep_again(begin: int) -> None:
-            if kernels.stiffen is not None:
-                launch(kernels.stiffen, bodies, [begin, lanes])
+            launch(kernels.stiffen, bodies, [begin, lanes])
             launch(kernels.assemble, bodies, [begin, step, lanes])
             sweep_on(begin, begin + iterations)
 
@@ -381,53 +344,45 @@ class LargeWorlds:
         self.may_be_cold = False
 
     def _keep_forces(
-        self, launch: Launcher, kernels: Colored, effects: Effects, step: Any, views: _Views
+        self, launch: Launcher, kernels: SimpleNamespace, effects: Effects, step: Any, views: _Views
     ) -> None:
         """What rows and loops push with, for the next step; islands keep their momentum."""
-        bodies, lanes, motion = self._body_count, views.lanes, kernels.motion
-        launch(motion.remember, bodies, [step, lanes])
-        if kernels.second_order is not None and effects.loops:
-            launch(kernels.second_order.remember_loops, self._loop_count, [lanes])
-        if kernels.second_order is not None and effects.cables:
-            launch(kernels.second_order.find_jerked, self._cluster_count, [lanes])
-        if motion.join_clusters is not None:
-            launch(motion.join_clusters, self._cluster_count, [lanes])
+        bodies, lanes = self._body_count, views.lanes
+        launch(kernels.remember, bodies, [step, lanes])
+        if effects.second_order:
+            launch(kernels.remember_loops, self._loop_count, [lanes])
+            launch(kernels.find_jerked, self._cluster_count, [lanes])
+        launch(kernels.join_clusters, self._cluster_count, [lanes])
         if effects.islands:
             launch(joining.find_roots, bodies, [lanes])
             launch(joining.count_members, bodies, [lanes])
             self._scan(launch, self.colors.count, bodies, self._islands.body_start)
             launch(joining.list_members, bodies, [views.islands])
             launch(joining.keep_island, bodies, [effects.pairs, views.islands])
-        if effects.breaking:
-            launch(motion.break_trees, bodies, [step, lanes])
-            if effects.loops:
-                launch(motion.break_loops, self._loop_count, [lanes])
+        launch(kernels.break_trees, bodies, [step, lanes])
+        launch(kernels.break_loops, self._loop_count, [lanes])
 
     def _end_velocities(
         self,
         launch: Launcher,
-        kernels: MotionKernels,
-        impacts: ImpactKernels | None,
-        effects: Effects,
+        kernels: SimpleNamespace,
+        has_impacts: bool,
         step: Any,
         lanes: data.Context,
     ) -> None:
         """Velocities; bodies that bounce leave their impacts."""
         bodies = self._body_count
         launch(kernels.end_velocities, bodies, [step, lanes])
-        if effects.spinning:
-            launch(kernels.align_spins, bodies, [step, lanes])
-        if impacts is not None:
-            launch(impacts.leave_impacts, bodies, [lanes])
-        if effects.axis_rates:
-            launch(kernels.end_armatures, bodies, [step, lanes])
-            if effects.loops:
-                launch(kernels.end_loop_armatures, self._loop_count, [step, lanes])
+        launch(kernels.align_spins, bodies, [step, lanes])
+        if has_impacts:
+            launch(kernels.leave_all_impacts, bodies, [lanes])
+        launch(kernels.end_armatures, bodies, [step, lanes])
+        launch(kernels.end_loop_armatures, self._loop_count, [step, lanes])
 
     def _recover(
         self,
         launch: Launcher,
-        kernels: Colored,
+        kernels: SimpleNamespace,
         sweep: Callable[..., None],
         effects: Effects,
         step: Any,
@@ -435,59 +390,45 @@ class LargeWorlds:
     ) -> None:
         """Recovery: old errors go, without entering the velocity; then poses."""
         bodies, lanes, colors = self._body_count, views.lanes, self.colors
-        recovery = kernels.recovery
 
         def recover(first: int, end: int) -> None:
             sweep(first, end, float(RECOVERY), colors.passes, colors.recovered)
 
-        launch(recovery.end_sweeps, self._world_count, [lanes])
-        if kernels.second_order is not None:
-            launch(kernels.second_order.remember_motions, bodies, [lanes])
-        if effects.loops:
-            launch(recovery.keep_loops, self._loop_count, [lanes])
+        launch(kernels.end_sweeps, self._world_count, [lanes])
+        if effects.second_order:
+            launch(kernels.remember_motions, bodies, [lanes])
+        launch(kernels.keep_loops, self._loop_count, [lanes])
         if effects.joints or not effects.compliance:
             recover(0, 1)
         if effects.joints:
             passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
             self._launch_if(colors.is_apart, lambda: recover(1, passes))
-            launch(recovery.close_joints, bodies, [step, lanes])
-        if effects.loops:
-            launch(recovery.give_loops_back, self._loop_count, [lanes])
-        if effects.cables:
-            launch(recovery.give_cables_back, self._cluster_count, [lanes])
-        launch(recovery.end_poses, bodies, [step, lanes])
+        launch(kernels.close_joints, bodies, [step, lanes])
+        launch(kernels.give_loops_back, self._loop_count, [lanes])
+        launch(kernels.give_cables_back, self._cluster_count, [lanes])
+        launch(kernels.end_poses, bodies, [step, lanes])
         if effects.turning_islands:
             launch(joining.keep_island_spin, bodies, [step, views.islands])
 
     def _bound_energy(
-        self,
-        launch: Launcher,
-        kernels: EnergyKernels,
-        effects: Effects,
-        step: Any,
-        lanes: data.Context,
+        self, launch: Launcher, kernels: SimpleNamespace, step: Any, lanes: data.Context
     ) -> None:
         """Slows islands that did not settle down to the energy that they may have."""
         bodies, lane_count, count = self._body_count, self._lanes, self._world_count
         launch(kernels.measure_moves, lane_count, [lanes])
         launch(kernels.find_unbalanced, count, [lanes])
         launch(kernels.begin_balances, bodies, [lanes])
-        if kernels.join_bodies is not None:
-            launch(kernels.join_bodies, bodies, [bodies, lanes])
-        if kernels.join_clusters is not None:
-            launch(kernels.join_clusters, self._cluster_count, [lanes])
-        if effects.cables:
-            launch(kernels.add_all_cables, count, [lanes])
+        launch(kernels.join_bodies, bodies, [bodies, lanes])
+        launch(kernels.join_cabled, self._cluster_count, [lanes])
+        launch(kernels.add_all_cables, count, [lanes])
         launch(kernels.add_bodies, bodies, [step, lanes])
         launch(kernels.add_runs, lane_count, [lanes])
         launch(kernels.add_lanes, count, [lanes])
         launch(kernels.add_momenta, lane_count, [step, lanes])
         launch(kernels.settle_islands, count, [lanes])
         launch(kernels.slow_bodies, bodies, [step, lanes])
-        if effects.axis_rates:
-            launch(kernels.slow_all_rotors, bodies, [step, lanes])
-        if effects.cables:
-            launch(kernels.drop_all_tensions, count, [lanes])
+        launch(kernels.slow_all_rotors, bodies, [step, lanes])
+        launch(kernels.drop_all_tensions, count, [lanes])
 
     def _launch_if(
         self, condition: wp.array, launches: Callable[[], None], *, is_due: bool = True

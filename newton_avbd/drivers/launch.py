@@ -45,7 +45,7 @@ class Launcher:
 
     def __call__(
         self,
-        kernel: wp.Kernel,
+        kernel: wp.Kernel | None,
         dim: int,
         arguments: list,
         workers: Workers | None = None,
@@ -54,9 +54,10 @@ class Launcher:
         """Launches ``kernel`` with ``dim`` threads; arguments are compared by identity.
 
         With ``workers`` they share them. A GPU takes ``block`` threads as a block. Without threads
-        there is nothing to launch, as over the contacts of a buffer that can hold none.
+        there is nothing to launch, as over the contacts of a buffer that can hold none, nor without
+        a kernel, whose effect the scene does without.
         """
-        if dim == 0:
+        if dim == 0 or kernel is None:
             return
         recorded = self._recorded.setdefault(kernel, {})
         known = recorded.get(dim)
@@ -149,11 +150,12 @@ class Compiler(Launcher):
 
     def __call__(
         self,
-        kernel: wp.Kernel,
+        kernel: wp.Kernel | None,
         dim: int,
         arguments: list,
         workers: Workers | None = None,
         block: int = BLOCK,
     ) -> None:
         """Makes ``kernel`` ready for ``dim`` threads."""
-        self._pack(kernel, dim, arguments, block)
+        if kernel is not None:
+            self._pack(kernel, dim, arguments, block)

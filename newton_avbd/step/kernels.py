@@ -5,6 +5,7 @@
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
@@ -41,21 +42,26 @@ KERNEL: dict[str, Any] = {
 out what a kernel is made of once for each block size, that of a CPU being 1."""
 
 
-KernelDecorator = Callable[..., Callable[[Callable], Any]]
+KernelDecorator = Callable[..., Callable[[Callable], None]]
 """Makes a kernel of a function, or None where it is called with False: the scene does without."""
 
 
-def in_module(name: str) -> KernelDecorator:
-    """Decorator of kernels that are all in the module of this name."""
+def in_module(name: str) -> tuple[KernelDecorator, SimpleNamespace]:
+    """Decorator of kernels that are all in the module of this name, and what it makes, by name."""
     module = wp.get_module(name)
     module.options |= KERNEL["module_options"]
+    made = SimpleNamespace()
 
-    def kernel(is_called_for: bool = True) -> Callable[[Callable], wp.Kernel | None]:
-        if not is_called_for:
-            return lambda function: None
-        return wp.kernel(enable_backward=False, module=module)
+    def kernel(is_called_for: bool = True) -> Callable[[Callable], None]:
+        def make(function: Callable) -> None:
+            found = None
+            if is_called_for:
+                found = wp.kernel(enable_backward=False, module=module)(function)
+            setattr(made, function.__name__, found)
 
-    return kernel
+        return make
+
+    return kernel, made
 
 
 @contextmanager

@@ -107,13 +107,14 @@ class _Recorder(Launcher):
 
     def __call__(
         self,
-        kernel: wp.Kernel,
+        kernel: wp.Kernel | None,
         dim: int,
         arguments: list,
         workers: Workers | None = None,
         block: int = BLOCK,
     ) -> None:
-        self.kernels.append(kernel)
+        if kernel is not None:
+            self.kernels.append(kernel)
 
 
 def _assembler() -> str:
