@@ -6,6 +6,7 @@ import dataclasses
 import operator
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import newton
 import numpy as np
@@ -425,7 +426,8 @@ class Effects:
         gone = names.union(*(_IMPLIED.get(name, ()) for name in names))
         if self.actuators and "effort_limits" not in names:
             gone -= {"effort_limits"}  # actuators have limits, too
-        return dataclasses.replace(self, **dict.fromkeys(gone, False))
+        off: dict[str, Any] = dict.fromkeys(gone, False)
+        return dataclasses.replace(self, **off)
 
     @property
     def joints(self) -> bool:

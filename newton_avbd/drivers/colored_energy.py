@@ -13,9 +13,10 @@ import warp as wp
 
 from ..data import Balance, Solver, Step
 from ..effects import Effects
+from ..functions import Functions
 from ..step.balance import add_cables, add_momentum, add_tendons, combined, combined_momentum
 from ..step.bodies import moved_by
-from ..step.energy import NEARLY, EnergyFunctions
+from ..step.energy import NEARLY
 from ..step.kernels import KernelDecorator
 from ..step.scale import is_unsettled
 from ..step.slowing import drop_tensions
@@ -49,7 +50,7 @@ def next_moving(first: int, end: int, s: wp.ref[Solver]) -> int:
     return place
 
 
-def make_colored_energy(effects: Effects, energy: EnergyFunctions, kernel: KernelDecorator) -> None:
+def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecorator) -> None:
     """Kernels that bound the energy of islands, made by a decorator.
 
     Args:

@@ -14,10 +14,10 @@ Gauss-Seidel sweep, in the order of the waves.
 import warp as wp
 
 from ..data import RowWork, Solver
+from ..functions import Functions
 from ..step.impacts import (
     ROUNDS,
     SETTLE,
-    ImpactFunctions,
     begin_impacts,
     begin_rounds,
     continue_impacts,
@@ -105,7 +105,7 @@ def divide(
     return waves
 
 
-def make_colored_impacts(impacts: ImpactFunctions, kernel: KernelDecorator) -> None:
+def make_colored_impacts(impacts: Functions, kernel: KernelDecorator) -> None:
     """The kernels, made by the decorator ``kernel``."""
     end_body_rounds = impacts.end_rounds
 

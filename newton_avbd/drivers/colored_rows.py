@@ -43,7 +43,7 @@ def make_colored_rows(effects: Effects, kernel: KernelDecorator) -> None:
     measure_world = make_measure_world(effects)
     is_world_finite = make_is_world_finite(effects)
     linearise_rows = make_linearise_rows(effects)
-    penalise_rows = make_rows(effects)[1]
+    penalise_rows = make_rows(effects).penalise_rows
     weigh_blocks = make_weigh(effects) if effects.light_links else absent
 
     @kernel()

@@ -7,36 +7,37 @@ from dataclasses import dataclass
 import warp as wp
 
 from ..effects import Effects
+from ..functions import Functions
 from ..step.beginning import make_begin_body, make_coasting
-from ..step.block_start import BlockStartFunctions, make_block_start
-from ..step.breaking import BreakFunctions, make_break_joints
+from ..step.block_start import make_block_start
+from ..step.breaking import make_break_joints
 from ..step.cables import make_join, make_solve_cluster
-from ..step.closures import ClosureFunctions, make_closures, make_join_closures
-from ..step.ending import EndFunctions, make_end, make_remember
-from ..step.energy import EnergyFunctions, make_energy
+from ..step.closures import make_closures, make_join_closures
+from ..step.ending import make_end, make_remember
+from ..step.energy import make_energy
 from ..step.gathering import make_assemble, make_contact_law, make_gather
-from ..step.impacts import ImpactFunctions, make_impacts
+from ..step.impacts import make_impacts
 from ..step.kernels import ABSENT, absent
-from ..step.loops import LoopFunctions, make_loops
+from ..step.loops import make_loops
 from ..step.piles import PileFunctions, make_piles
-from ..step.second_order import SecondOrderFunctions, make_second_order
+from ..step.second_order import make_second_order
 from ..step.sweeps import make_sweep, make_sweep_block
-from ..step.trees import TreeFunctions, make_trees
+from ..step.trees import make_trees
 
 
 @dataclass(frozen=True)
 class Stages:
     """Device functions of the stages of a step; absent those of effects that a scene has not."""
 
-    second_order: SecondOrderFunctions
-    impacts: ImpactFunctions
-    loops: LoopFunctions
-    closures: ClosureFunctions
-    trees: TreeFunctions
+    second_order: Functions
+    impacts: Functions
+    loops: Functions
+    closures: Functions
+    trees: Functions
     piles: PileFunctions
     solve_cluster: wp.Function
     """Finds the tensions of a cluster of cables."""
-    block_start: BlockStartFunctions
+    block_start: Functions
     begin_body: wp.Function
     """Sums the block of a body, or puts the body to its target."""
     sweep_block: wp.Function
@@ -47,9 +48,9 @@ class Stages:
     """Makes one island of bodies that cables pull."""
     join_closures: wp.Function
     """Makes one island of bodies that tendons pull, or mimics tie."""
-    breaking: BreakFunctions
-    end: EndFunctions
-    energy: EnergyFunctions
+    breaking: Functions
+    end: Functions
+    energy: Functions
 
 
 def make_stages(effects: Effects, join: wp.Function) -> Stages:

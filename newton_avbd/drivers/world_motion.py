@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A world after the sweeps of its motion: the forces that it keeps, and velocities."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..step.anchors import parent_slot
 from ..step.bodies import body_at
 from ..step.cables import has_jerked
@@ -21,16 +20,7 @@ from ..step.tendons import end_tendons
 from .stages import Stages
 
 
-@dataclass(frozen=True)
-class WorldMotion:
-    """Device functions in the order of the step."""
-
-    keep_forces: wp.Function
-    break_joints: wp.Function
-    end_velocities: wp.Function
-
-
-def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
+def make_world_motion(effects: Effects, stages: Stages) -> Functions:
     """Device functions that read forces and velocities off what the sweeps have found."""
     written_side = make_written_side(effects)
     remember_motions = stages.second_order.remember_motions
@@ -188,4 +178,4 @@ def make_world_motion(effects: Effects, stages: Stages) -> WorldMotion:
         if wp.static(effects.axis_rates):
             end_armatures(world, scale, body_qd, step, s)
 
-    return WorldMotion(keep_forces, break_joints, end_velocities)
+    return together(keep_forces, break_joints, end_velocities)

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The recovery of a world, in which old errors go without entering velocities, and its poses."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..step.anchors import is_linked
 from ..step.bodies import body_at
 from ..step.cables import give_back
@@ -17,16 +16,7 @@ from ..step.second_order import lead_spin
 from .stages import Stages
 
 
-@dataclass(frozen=True)
-class WorldRecovery:
-    """Device functions in the order of the step."""
-
-    begin_recovery: wp.Function
-    end_recovery: wp.Function
-    end_poses: wp.Function
-
-
-def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
+def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
     """Device functions before and after the sweeps of the recovery."""
     count_passes = make_count_passes(effects)
     put_together = stages.trees.put_together
@@ -128,4 +118,4 @@ def make_world_recovery(effects: Effects, stages: Stages) -> WorldRecovery:
         if wp.static(effects.second_order):
             remember_states(world, scale, step, s)
 
-    return WorldRecovery(begin_recovery, end_recovery, end_poses)
+    return together(begin_recovery, end_recovery, end_poses)

@@ -2,38 +2,26 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stages of a step of fourth order of a world."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..step.anchors import is_linked
 from ..step.bodies import body_at
-from ..step.runge_kutta import RESOLVED, SHARED, RungeKuttaFunctions
-from ..step.stage_end import StageEndFunctions
-from ..step.stage_forces import StageForceFunctions
+from ..step.runge_kutta import RESOLVED, SHARED
 
 APART = wp.constant(1.0e-5)
 """How far from its pose a body may be placed by its coordinates [m a meter from the origin, or
 rad]: ten times what rounds."""
 
 
-@dataclass(frozen=True)
-class WorldStages:
-    """Device functions of all bodies of a world."""
-
-    place_world: wp.Function
-    substitute_world: wp.Function
-    take_stages: wp.Function
-
-
 def make_world_stages(
     effects: Effects,
-    rk: RungeKuttaFunctions,
-    forces: StageForceFunctions,
-    ending: StageEndFunctions,
-) -> WorldStages:
+    rk: Functions,
+    forces: Functions,
+    ending: Functions,
+) -> Functions:
     """Device functions of the stages, by those of a body."""
     place_body, advance_body, differs_by = rk.place_body, rk.advance_body, rk.differs_by
     eliminate_stage, substitute_stage = forces.eliminate_stage, forces.substitute_stage
@@ -152,4 +140,4 @@ def make_world_stages(
                     advance_body(body, weight, ahead, s)
         return True
 
-    return WorldStages(place_world, substitute_world, take_stages)
+    return together(place_world, substitute_world, take_stages)

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """A world before its sweeps: contacts, then joints, then the blocks of both."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..step.anchors import is_linked
 from ..step.bodies import body_at
 from ..step.cables import begin_cluster
@@ -21,20 +20,11 @@ from ..step.weights import make_weigh
 from .stages import Stages
 
 
-@dataclass(frozen=True)
-class WorldStart:
-    """Device functions in the order of the step."""
-
-    begin_world: wp.Function
-    build_rows: wp.Function
-    begin_joints: wp.Function
-    begin_sweeps: wp.Function
-
-
-def make_world_start(effects: Effects, stages: Stages) -> WorldStart:
+def make_world_start(effects: Effects, stages: Stages) -> Functions:
     """Device functions of a world's step up to its first sweep."""
     measure_world = make_measure_world(effects)
-    find_rows, penalise_rows = make_rows(effects)
+    rows = make_rows(effects)
+    find_rows, penalise_rows = rows.find_rows, rows.penalise_rows
     weigh_blocks = make_weigh(effects) if effects.light_links else absent
     written_side = make_written_side(effects)
     find_impacts = stages.impacts.find_impacts
@@ -152,4 +142,4 @@ def make_world_start(effects: Effects, stages: Stages) -> WorldStart:
             sweeps = sweeps_at_age(s.history.age[world], sweeps, scale)
         return sweeps
 
-    return WorldStart(begin_world, build_rows, begin_joints, begin_sweeps)
+    return together(begin_world, build_rows, begin_joints, begin_sweeps)

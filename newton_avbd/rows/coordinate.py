@@ -3,12 +3,12 @@
 """Coordinates of a joint along its free axes, by where its anchors are, and their velocities."""
 
 import functools
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..algebra.so3 import angle_of
 from ..data import JointModel
+from ..functions import Functions, together
 from .angle import counted, turn_about, wrapped
 from .euler import make_euler, nearest_angles
 from .free_axes import LEAST_SPREAD, make_free_axes
@@ -16,18 +16,8 @@ from .joint import BALL, ROD, JointKinds, is_skew, linear_axis, make_counts
 from .rod import rod_turn
 
 
-@dataclass(frozen=True)
-class CoordinateFunctions:
-    """Device functions of coordinates, compiled for the kinds of joints that a scene has."""
-
-    angles: wp.Function
-    coordinate: wp.Function
-    velocity: wp.Function
-    advance: wp.Function
-
-
 @functools.cache
-def make_joint_coordinates(kinds: JointKinds) -> CoordinateFunctions:
+def make_joint_coordinates(kinds: JointKinds) -> Functions:
     """Device functions: coordinates of joints, their velocities, and how far a turn takes one."""
     counts = make_counts(kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -145,4 +135,4 @@ def make_joint_coordinates(kinds: JointKinds) -> CoordinateFunctions:
         relative = wp.spatial_vector(wp.vec3(0.0), turn)
         return wp.float64(velocity(joints, joint, dof, q_p, q_c, known, relative))
 
-    return CoordinateFunctions(angles, coordinate, velocity, advance)
+    return together(angles, coordinate, velocity, advance)

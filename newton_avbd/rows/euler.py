@@ -8,12 +8,12 @@ the pole, where the first and the last axis are parallel, more.
 
 import functools
 import math
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..algebra.so3 import rotation_vector
 from ..data import JointModel
+from ..functions import Functions, together
 from .angle import reduced, wrapped
 from .joint import SKEW, JointKinds, is_skew, make_counts
 
@@ -100,21 +100,8 @@ def beyond_limits(joints: wp.ref[JointModel], first: int, angles: wp.vec3) -> fl
     return wp.max(wp.max(wp.max(lower - angles), wp.max(angles - upper)), 0.0)
 
 
-@dataclass(frozen=True)
-class EulerFunctions:
-    """Device functions of Euler angles, compiled for the kinds of joints that a scene has."""
-
-    euler_axes: wp.Function
-    euler_middle: wp.Function
-    middle_axis: wp.Function
-    is_led: wp.Function
-    known_angles: wp.Function
-    gimbal_tilt: wp.Function
-    chain_angles: wp.Function
-
-
 @functools.cache
-def make_euler(kinds: JointKinds) -> EulerFunctions:
+def make_euler(kinds: JointKinds) -> Functions:
     """Device functions: the Euler axes of a joint, and the angles that a gimbal keeps."""
     counts = make_counts(kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -228,6 +215,6 @@ def make_euler(kinds: JointKinds) -> EulerFunctions:
             out += wp.transpose(axes) * (wp.inverse(square) * left)
         return out
 
-    return EulerFunctions(
+    return together(
         euler_axes, euler_middle, middle_axis, is_led, known_angles, gimbal_tilt, chain_angles
     )

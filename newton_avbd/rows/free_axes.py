@@ -3,11 +3,11 @@
 """Where the free axes of a joint point, and what a generalized force along one of them turns."""
 
 import functools
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..data import JointModel
+from ..functions import Functions, together
 from .euler import make_euler
 from .joint import BALL, ROD, JointKinds, is_skew, linear_axis, make_counts
 
@@ -30,17 +30,8 @@ def across_first(axis: wp.vec3, first: wp.vec3) -> float:
     return wp.max(1.0 - along * along, 0.0) + 1.0e-6
 
 
-@dataclass(frozen=True)
-class FreeAxisFunctions:
-    """Device functions of free axes, compiled for the kinds of joints that a scene has."""
-
-    angular_axis: wp.Function
-    torque_axis: wp.Function
-    axis_of: wp.Function
-
-
 @functools.cache
-def make_free_axes(kinds: JointKinds) -> FreeAxisFunctions:
+def make_free_axes(kinds: JointKinds) -> Functions:
     """Device functions: the angular axes of joints, and the directions of forces along axes."""
     counts = make_counts(kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -117,4 +108,4 @@ def make_free_axes(kinds: JointKinds) -> FreeAxisFunctions:
             return linear_axis(joints, joint, dof, q_p)
         return torque_axis(joints, joint, dof - linear, q_p, q_c, known, LOOP_SPREAD)
 
-    return FreeAxisFunctions(angular_axis, torque_axis, axis_of)
+    return together(angular_axis, torque_axis, axis_of)

@@ -34,6 +34,7 @@ import warp as wp
 
 from ..algebra.so3 import rotation_vector
 from ..data import JointModel
+from ..functions import Functions, together
 
 JointType = newton.JointType
 
@@ -197,17 +198,8 @@ class JointKinds:
         )
 
 
-@dataclass(frozen=True)
-class CountFunctions:
-    """Device functions that count axes, compiled for the kinds of joints that a scene has."""
-
-    linear_count: wp.Function
-    angular_count: wp.Function
-    is_gimbal: wp.Function
-
-
 @functools.cache
-def make_counts(kinds: JointKinds) -> CountFunctions:
+def make_counts(kinds: JointKinds) -> Functions:
     """Device functions: how many axes a joint leaves free, a number where all have as many."""
     linear, angular = kinds.linear, kinds.angular
 
@@ -232,4 +224,4 @@ def make_counts(kinds: JointKinds) -> CountFunctions:
         """Whether a joint has three Euler axes."""
         return angular_count(joints, joint) == 3 and has_axes(joints, joint)
 
-    return CountFunctions(linear_count, angular_count, is_gimbal)
+    return together(linear_count, angular_count, is_gimbal)

@@ -3,30 +3,18 @@
 """What a joint locks: by how much its anchor frames part, and in which directions they may not."""
 
 import functools
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..algebra.so3 import rotation_vector, turned_from
 from ..data import JointModel
+from ..functions import Functions, together
 from .euler import make_euler
 from .joint import CONNECT, JointKinds, is_point, linear_axis, make_counts
 
 
-@dataclass(frozen=True)
-class LockFunctions:
-    """Device functions of what joints lock, compiled for the kinds of joints that a scene has."""
-
-    linear_misfit: wp.Function
-    angular_misfit: wp.Function
-    locked_shift: wp.Function
-    locked_turn: wp.Function
-    linear_lock: wp.Function
-    angular_lock: wp.Function
-
-
 @functools.cache
-def make_locks(kinds: JointKinds) -> LockFunctions:
+def make_locks(kinds: JointKinds) -> Functions:
     """Device functions: misfits, what of a motion is locked, and the projections to that."""
     linear, angular = kinds.linear, kinds.angular
     counts = make_counts(kinds)
@@ -164,6 +152,6 @@ def make_locks(kinds: JointKinds) -> LockFunctions:
                 return wp.outer(middle, middle)
         return wp.mat33(0.0)
 
-    return LockFunctions(
+    return together(
         linear_misfit, angular_misfit, locked_shift, locked_turn, linear_lock, angular_lock
     )

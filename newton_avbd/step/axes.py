@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The law of an axis for the effects of a scene: what of :mod:`.rows.axis` acts there."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import AxisLaw, ControlInput, History, JointModel
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.axis import (
     LEAN,
     LEAN_RATE,
@@ -33,19 +32,7 @@ from ..rows.axis import (
 from ..rows.joint import NO_LIMIT
 
 
-@dataclass(frozen=True)
-class AxisFunctions:
-    """Device functions of what acts along axes, compiled for what a scene has."""
-
-    linear_force: wp.Function
-    limited_drive: wp.Function
-    compliant_limit: wp.Function
-    stops: wp.Function
-    law_of: wp.Function
-    next_piece: wp.Function
-
-
-def make_axis(effects: Effects) -> AxisFunctions:
+def make_axis(effects: Effects) -> Functions:
     """Device functions: the law F(q) of an axis, and its solution."""
     next_piece = make_next_piece(
         friction=effects.joint_friction,
@@ -235,4 +222,6 @@ def make_axis(effects: Effects) -> AxisFunctions:
                 law.piece = wp.vec3i(side, limit_at(law, held_step(law)), slip)
         return law
 
-    return AxisFunctions(linear_force, limited_drive, compliant_limit, stops, law_of, next_piece)
+    return together(
+        linear_force, limited_drive, compliant_limit, stops, law_of, next_piece=next_piece
+    )

@@ -7,32 +7,22 @@ measured by is in :mod:`.step.joint_start`.
 """
 
 import math
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..algebra.so3 import exp_quat
 from ..data import Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from .anchors import ROUNDING, is_linked, parent_slot
 from .beginning import is_tree, make_coasting
 from .bodies import body_at, has_rows
 from .loops import has_outer_loops, other_end
 from .rotations import begin_turn
 from .slopes import begin_axis, make_inputs
-from .trees import TreeFunctions
 
 UNKNOWN = wp.constant(math.inf)
 """Velocity of a joint's coordinate that no step has followed: disabled, or without armature."""
-
-
-@dataclass(frozen=True)
-class BlockStartFunctions:
-    """Device functions in the order of the step, compiled for the effects of a scene."""
-
-    measure_blocks: wp.Function
-    measure_loop: wp.Function
-    place_blocks: wp.Function
 
 
 def make_begin_armature(effects: Effects, measure_velocity: wp.Function) -> wp.Function:
@@ -125,11 +115,11 @@ def make_parabola_of_tree(effects: Effects) -> wp.Function:
 
 def make_block_start(
     effects: Effects,
-    trees: TreeFunctions,
+    trees: Functions,
     begin_loop: wp.Function,
     begin_closures: wp.Function,
     begin_tendons: wp.Function,
-) -> BlockStartFunctions:
+) -> Functions:
     """Device functions that measure joints at the start of a step, and guess where it ends.
 
     Args:
@@ -142,7 +132,8 @@ def make_block_start(
     coasting_increment = make_coasting(effects)
     measure_start, measure_guess = trees.measure_start, trees.measure_guess
     begin_armature = make_begin_armature(effects, trees.measure_velocity)
-    begin_inputs, resists_everywhere = make_inputs(effects)[:2]
+    inputs = make_inputs(effects)
+    begin_inputs, resists_everywhere = inputs.begin_inputs, inputs.resists_everywhere
     may_be_exact = effects.second_order and (effects.drives or effects.pushed_axes)
     may_be_exact = may_be_exact and not effects.cables and not effects.tendons
     parabola_of_tree = make_parabola_of_tree(effects)
@@ -305,4 +296,4 @@ def make_block_start(
                     measure_guess(body, scale.static_slot, s)
         return is_open
 
-    return BlockStartFunctions(measure_blocks, measure_loop, place_blocks)
+    return together(measure_blocks, measure_loop, place_blocks)

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints that break under what they carry; from the next step on they are as if disabled."""
 
-from typing import NamedTuple
-
 import warp as wp
 
 from ..blocks.tree import handed_down
 from ..data import Solver, Step
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.lock import make_locks
 from .anchors import anchor_arm, anchor_rotation, is_linked
 from .eliminate import held_by_loops
@@ -39,14 +38,7 @@ def break_joint(joint: int, force: wp.vec3, torque: wp.vec3, s: wp.ref[Solver]):
         s.history.broken[joint] = True
 
 
-class BreakFunctions(NamedTuple):
-    """Device functions that break joints, after the sweeps."""
-
-    break_blocks: wp.Function
-    break_loop: wp.Function
-
-
-def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
+def make_break_joints(effects: Effects, gather: wp.Function) -> Functions:
     """Device functions for the joints of trees, and for one outside of them.
 
     Args:
@@ -110,4 +102,4 @@ def make_break_joints(effects: Effects, gather: wp.Function) -> BreakFunctions:
         if s.loops.k_l[i] > 0.0:
             break_joint(joint, s.history.loop_force[i], s.history.loop_torque[i], s)
 
-    return BreakFunctions(break_blocks, break_loop)
+    return together(break_blocks, break_loop)

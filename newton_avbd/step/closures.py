@@ -6,12 +6,11 @@ What they are is in :mod:`.step.loop_rows`, :mod:`.step.strings`, :mod:`.step.mi
 :mod:`.step.tendons`, how they are eliminated in :mod:`.blocks.closure`.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import BodyWork, Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.joint import is_string, make_counts
 from .anchors import parent_slot
 from .kernels import ABSENT, absent
@@ -56,18 +55,7 @@ def make_join_closures(effects: Effects, join: wp.Function) -> wp.Function:
     return join_closures
 
 
-@dataclass(frozen=True)
-class ClosureFunctions:
-    """Device functions of closures, compiled for the joints of a scene."""
-
-    begin_closures: wp.Function
-    begin_rows: wp.Function
-    keep_forces: wp.Function
-    begin_tendons: wp.Function
-    settle_tendons: wp.Function
-
-
-def make_closures(effects: Effects) -> ClosureFunctions:
+def make_closures(effects: Effects) -> Functions:
     """Device functions of what ties the bodies of a block, beside the joints of its tree."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -216,10 +204,10 @@ def make_closures(effects: Effects) -> ClosureFunctions:
                     mismatch = wp.max(mismatch, off)
         return mismatch
 
-    return ClosureFunctions(
-        mimics.begin_closures,
+    return together(
         begin_rows,
         keep_forces,
-        tendons.begin_tendons,
-        tendons.settle_tendons,
+        begin_closures=mimics.begin_closures,
+        begin_tendons=tendons.begin_tendons,
+        settle_tendons=tendons.settle_tendons,
     )

@@ -22,6 +22,7 @@ from ..data import (
     WorldWork,
 )
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import condim as condim_rows
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
@@ -438,7 +439,7 @@ def braces_tree(row: ContactRow, s: wp.ref[Solver]) -> bool:
 
 
 @functools.cache
-def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
+def make_rows(effects: Effects) -> Functions:
     """Device functions that build the rows of a body, and give them their penalties."""
     mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
     mixed_by_condim = condim_rows.make_mixed_friction(effects.friction_mix, effects.contact_pairs)
@@ -615,7 +616,7 @@ def make_rows(effects: Effects) -> tuple[wp.Function, wp.Function]:
         else:
             recall_multipliers(world, body, s)
 
-    return find_rows, penalise_rows
+    return together(find_rows, penalise_rows)
 
 
 MOST_STIFFENED = wp.constant(1.0e3)

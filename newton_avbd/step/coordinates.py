@@ -3,12 +3,12 @@
 """Coordinates of joints, measured from the poses of their bodies, with revolutions counted."""
 
 import functools
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..data import Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.angle import counted
 from ..rows.coordinate import make_joint_coordinates
 from ..rows.euler import make_euler
@@ -21,20 +21,8 @@ HINGE_NEAR = wp.constant(0.1)
 """Sine of half the turn of a hinge in a step up to which a series tells the turn."""
 
 
-@dataclass(frozen=True)
-class CoordinateFunctions:
-    """Device functions of the coordinates of joints in trees."""
-
-    tilt_beyond: wp.Function
-    read_coordinates: wp.Function
-    measure_coordinates: wp.Function
-    measure_moved: wp.Function
-    measure_guess: wp.Function
-    count_turns: wp.Function
-
-
 @functools.cache
-def make_coordinates(effects: Effects) -> CoordinateFunctions:
+def make_coordinates(effects: Effects) -> Functions:
     """Device functions that measure the coordinates of joints."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -194,7 +182,7 @@ def make_coordinates(effects: Effects) -> CoordinateFunctions:
                 index = nonnegative(s.joints.dof_start[joint] + dof)
                 s.history.joint_angle[index] = s.history.joint_angle[index] + about
 
-    return CoordinateFunctions(
+    return together(
         tilt_beyond,
         read_coordinates,
         measure_coordinates,

@@ -26,7 +26,7 @@ body's own. It only brakes, as if they were always at rest at the start of a ste
 
 def make_measure_axis(effects: Effects) -> wp.Function:
     """Device function: an axis of a joint in the block of its child."""
-    ahead_along = make_inputs(effects)[2]
+    ahead_along = make_inputs(effects).ahead_along
     angular_axis = make_free_axes(effects.kinds).angular_axis
 
     @wp.func
@@ -138,7 +138,8 @@ def make_measure_axis(effects: Effects) -> wp.Function:
 
 def make_eliminate_axes(effects: Effects) -> wp.Function:
     """Device function: takes the free axes of a body's joint out of its block."""
-    ahead_along, keep_input = make_inputs(effects)[2:]
+    inputs = make_inputs(effects)
+    ahead_along, keep_input = inputs.ahead_along, inputs.keep_input
     measure_axis = make_measure_axis(effects)
     add_forces = make_add_forces(effects)
     measure_ball_and_rod = make_ball_and_rod(effects)

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a step does after its sweeps: it keeps what rows push with, then velocities, then poses."""
 
-from typing import NamedTuple
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_inertia
 from ..blocks.body import carried_roll, origin_shift, renormalised, rolled, turned
 from ..data import History, Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from ..rows import spin as spin_rows
@@ -117,15 +116,7 @@ def make_remember(
     return remember_rows
 
 
-class EndFunctions(NamedTuple):
-    """Device functions in the order of the step, compiled for the effects of a scene."""
-
-    end_velocity: wp.Function
-    end_armature: wp.Function
-    end_pose: wp.Function
-
-
-def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
+def make_end(effects: Effects, count_turns: wp.Function) -> Functions:
     """Device functions that read velocities and poses off increments.
 
     ``count_turns`` remembers turns of a body's joint that its pose does not tell.
@@ -343,4 +334,4 @@ def make_end(effects: Effects, count_turns: wp.Function) -> EndFunctions:
             report_held(s.worlds, s.worlds.of_body[body])
         return pose
 
-    return EndFunctions(end_velocity, end_armature, end_pose)
+    return together(end_velocity, end_armature, end_pose)

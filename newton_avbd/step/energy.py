@@ -16,12 +16,11 @@ What a body adds to the sums is in :mod:`.step.body_energy`, what becomes of its
 :mod:`.step.slowing`.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Balance, IslandWork, Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.contact import is_pushing
 from ..rows.euler import make_euler
 from ..rows.joint import make_counts
@@ -57,17 +56,8 @@ def keep_start(world: int, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solve
         s.islands.start_qd[body] = body_qd[body]
 
 
-@dataclass(frozen=True)
-class GainFunctions:
+def make_gains(effects: Effects) -> Functions:
     """Device functions: which worlds may gain energy in a step that has settled."""
-
-    may_body_gain: wp.Function
-    is_astray: wp.Function
-    gains_settled: wp.Function
-
-
-def make_gains(effects: Effects) -> GainFunctions:
-    """Generates the functions for a scene's effects."""
     is_gimbal = make_counts(effects.kinds).is_gimbal
     euler = make_euler(effects.kinds)
     is_led, known_angles = euler.is_led, euler.known_angles
@@ -146,21 +136,11 @@ def make_gains(effects: Effects) -> GainFunctions:
                     return True
         return False
 
-    return GainFunctions(may_body_gain, is_astray, gains_settled)
+    return together(may_body_gain, is_astray, gains_settled)
 
 
-@dataclass(frozen=True)
-class JoinFunctions:
-    """Device functions that make islands, where contacts have not called for them."""
-
-    begin_balance: wp.Function
-    join_joints: wp.Function
-    join_closures: wp.Function
-    join_cluster: wp.Function
-
-
-def make_join_bodies(effects: Effects, join: wp.Function) -> JoinFunctions:
-    """Generates the functions for a scene's effects.
+def make_join_bodies(effects: Effects, join: wp.Function) -> Functions:
+    """Device functions that make islands, where contacts have not called for them.
 
     Args:
         effects: Effects of the scene.
@@ -188,28 +168,12 @@ def make_join_bodies(effects: Effects, join: wp.Function) -> JoinFunctions:
                     join(body, parent, HELD, s)
 
     join_closures = make_join_closures(effects, join)
-    return JoinFunctions(begin_balance, join_joints, join_closures, make_join(join))
+    return together(
+        begin_balance, join_joints, join_closures=join_closures, join_cluster=make_join(join)
+    )
 
 
-@dataclass(frozen=True)
-class EnergyFunctions:
-    """Device functions, compiled for the effects of a scene."""
-
-    bound_world: wp.Function
-    may_body_gain: wp.Function
-    is_astray: wp.Function
-    gains_settled: wp.Function
-    begin_balance: wp.Function
-    join_joints: wp.Function
-    join_closures: wp.Function
-    join_cluster: wp.Function
-    add_body: wp.Function
-    settle_island: wp.Function
-    slow_body: wp.Function
-    slow_rotors: wp.Function
-
-
-def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFunctions:
+def make_energy(effects: Effects, join: wp.Function = join_islands) -> Functions:
     """Device functions that bound the energy of islands.
 
     Args:
@@ -308,17 +272,4 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> EnergyFun
             for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
                 drop_tensions(i, s)
 
-    return EnergyFunctions(
-        bound_world,
-        gains.may_body_gain,
-        gains.is_astray,
-        gains_settled,
-        begin_balance,
-        join_joints,
-        join_closures,
-        join_cluster,
-        add_body,
-        settle_island,
-        slow_body,
-        slow_rotors,
-    )
+    return together(bound_world, gains, islands, slowing, add_body=add_body)

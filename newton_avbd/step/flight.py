@@ -5,13 +5,12 @@
 They take the trapezoidal rule, and the implicit midpoint rule for their spin where that is slow.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat
 from ..data import BodyWork, History, Solver, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from .beginning import is_in_tree
 from .bodies import mean_spin, takes_midpoint
@@ -40,16 +39,8 @@ def is_flying(body: int, history: wp.ref[History]) -> bool:
     return history.flying[body] != 0
 
 
-@dataclass(frozen=True)
-class FlightFunctions:
-    """Device functions of flying bodies, compiled for a scene's effects."""
-
-    will_fly: wp.Function
-    fly_body: wp.Function
-
-
-def make_flight(effects: Effects) -> FlightFunctions:
-    """Generates the functions for a scene's effects."""
+def make_flight(effects: Effects) -> Functions:
+    """Device functions of bodies that fly."""
 
     @wp.func
     def will_fly(
@@ -120,4 +111,4 @@ def make_flight(effects: Effects) -> FlightFunctions:
         s.work.target[body] = target
         s.work.increment[body] = target
 
-    return FlightFunctions(will_fly, fly_body)
+    return together(will_fly, fly_body)

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Joints of a world that did not settle: closed, and put back to their limits, body by body."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat, rotation_vector
 from ..data import Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import axis as axis_rows
 from ..rows.euler import make_euler
 from ..rows.free_axes import make_free_axes
@@ -19,15 +18,7 @@ from .bodies import body_at, nonnegative
 from .coordinates import make_coordinates
 
 
-@dataclass(frozen=True)
-class ForwardFunctions:
-    """Device functions that place bodies by their joints; parents go first."""
-
-    put_together: wp.Function
-    stop_coordinates: wp.Function
-
-
-def make_forward_kinematics(effects: Effects) -> ForwardFunctions:
+def make_forward_kinematics(effects: Effects) -> Functions:
     """Device functions that close joints, and have their limits hold."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -122,4 +113,4 @@ def make_forward_kinematics(effects: Effects) -> ForwardFunctions:
             if s.work.inv_mass[body] > 0.0:
                 put_back(body, static_slot, s)
 
-    return ForwardFunctions(put_together, stop_coordinates)
+    return together(put_together, stop_coordinates)

@@ -13,12 +13,11 @@ whose velocity at the start of the step is v + a h/2. So the time and the speed 
 known, and where the rebound's parabola ends: ``release_impacts`` puts the bodies there.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import BodyWork, ContactRow, Impact, RowWork, ShapeModel, Solver, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from .bodies import body_at
 from .loops import has_loops
@@ -309,18 +308,8 @@ def leave_impacts(body: int, scale: WorldScale, s: wp.ref[Solver]):
         s.history.gained[body] = share * s.model.gravity[s.model.world[body]]
 
 
-@dataclass(frozen=True)
-class ImpactFunctions:
+def make_impacts(effects: Effects) -> Functions:
     """Device functions that make of a world's impacts what restitution says."""
-
-    find_impacts: wp.Function
-    end_rounds: wp.Function
-    release_impacts: wp.Function
-    restore_impacts: wp.Function
-
-
-def make_impacts(effects: Effects) -> ImpactFunctions:
-    """Generates the functions for a scene's effects."""
 
     @wp.func
     def is_joined(slot: int, s: wp.ref[Solver]) -> bool:
@@ -427,4 +416,4 @@ def make_impacts(effects: Effects) -> ImpactFunctions:
                     behind = wp.spatial_vector(wp.spatial_top(behind), wp.vec3(0.0))
                     s.work.target[body] = s.work.target[body] + behind
 
-    return ImpactFunctions(find_impacts, end_rounds, release_impacts, restore_impacts)
+    return together(find_impacts, end_rounds, release_impacts, restore_impacts)

@@ -3,13 +3,13 @@
 """How joints of trees stand at the start of a step: misfit, coordinates, velocities of these."""
 
 import functools
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..blocks import tree as algebra
 from ..data import Solver, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.coordinate import make_joint_coordinates
 from ..rows.euler import beyond_limits, make_euler, other_solution
 from ..rows.joint import BALL, is_skew, make_counts
@@ -29,18 +29,8 @@ from .coordinates import make_coordinates
 from .slopes import begin_axis
 
 
-@dataclass(frozen=True)
-class JointStartFunctions:
-    """Device functions of joints at the start of a step."""
-
-    measure_misfit: wp.Function
-    read_start: wp.Function
-    measure_start: wp.Function
-    measure_velocity: wp.Function
-
-
 @functools.cache
-def make_joint_start(effects: Effects) -> JointStartFunctions:
+def make_joint_start(effects: Effects) -> Functions:
     """Device functions that measure joints at the start of a step."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -209,4 +199,4 @@ def make_joint_start(effects: Effects) -> JointStartFunctions:
                 s.joints, joint, dof, q_p, q_c, known, relative
             )
 
-    return JointStartFunctions(measure_misfit, read_start, measure_start, measure_velocity)
+    return together(measure_misfit, read_start, measure_start, measure_velocity)

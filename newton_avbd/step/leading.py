@@ -5,14 +5,13 @@
 The weights are those of :mod:`.step.slopes`.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_by
 from ..blocks.body import target_translation
 from ..data import Solver, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from .bodies import body_at, spin_momentum, target_turn
 from .body_actuators import servo_input
@@ -33,17 +32,8 @@ def beyond_rounding(change: wp.vec3, move: wp.vec3) -> wp.vec3:
     return wp.where(wp.length_sq(change) > least * least, change, wp.vec3(0.0))
 
 
-@dataclass(frozen=True)
-class LeadingFunctions:
+def make_leading(effects: Effects) -> Functions:
     """Device functions in the order in which they run."""
-
-    begin_body: wp.Function
-    start_body: wp.Function
-    lead_rows: wp.Function
-
-
-def make_leading(effects: Effects) -> LeadingFunctions:
-    """Generates the functions for a scene's effects."""
     flight = make_flight(effects)
     will_fly, fly_body = flight.will_fly, flight.fly_body
     feel_drag = make_feel_drag(effects)
@@ -210,4 +200,4 @@ def make_leading(effects: Effects) -> LeadingFunctions:
                 slid -= wp.dot(row.normal, slid) * row.normal
                 s.rows.drift[i] = (scale.step / scale.h) * s.rows.drift[i] - slid
 
-    return LeadingFunctions(begin_body, start_body, lead_rows)
+    return together(begin_body, start_body, lead_rows)

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Free axes of a joint outside of trees: their coordinates, and what acts along them."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, Step
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import axis as axis_rows
 from ..rows.contact import PENALTY
 from ..rows.coordinate import make_joint_coordinates
@@ -38,19 +37,10 @@ class BallAway:
     """From where its spring is at rest."""
 
 
-@dataclass(frozen=True)
-class LoopAxisFunctions:
-    """Device functions of free axes, compiled for the joints of a scene."""
-
-    away_of: wp.Function
-    coordinate_of: wp.Function
-    axis_force: wp.Function
-    count_turns: wp.Function
-
-
-def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
-    """Generates the functions for a scene's effects."""
-    ahead_along, keep_input = make_inputs(effects)[2:]
+def make_loop_axes(effects: Effects) -> Functions:
+    """Device functions of the free axes of joints outside of trees."""
+    inputs = make_inputs(effects)
+    ahead_along, keep_input = inputs.ahead_along, inputs.keep_input
     linear_count = make_counts(effects.kinds).linear_count
     known_angles = make_euler(effects.kinds).known_angles
     coordinates = make_joint_coordinates(effects.kinds)
@@ -207,4 +197,4 @@ def make_loop_axes(effects: Effects) -> LoopAxisFunctions:
             ):
                 s.history.joint_angle[dof] = s.loops.coordinate[dof]
 
-    return LoopAxisFunctions(away_of, coordinate_of, axis_force, count_turns)
+    return together(away_of, coordinate_of, axis_force, count_turns)

@@ -16,13 +16,12 @@ How a joint stands at the start of a step is in :mod:`.step.loop_start`, what ac
 axes in :mod:`.step.loop_axes`, the law of a DISTANCE joint in :mod:`.step.distances`.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..blocks.tree import geometric_stiffness
 from ..data import LoopWork, Solver, Step
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.contact import PENALTY
 from ..rows.coordinate import make_joint_coordinates
 from ..rows.euler import make_euler
@@ -67,18 +66,7 @@ def ties(i: int, s: wp.ref[Solver]) -> bool:
     return s.joints.enabled[joint]
 
 
-@dataclass(frozen=True)
-class LoopFunctions:
-    """Device functions of joints outside of trees, compiled for the joints of a scene."""
-
-    begin_loop: wp.Function
-    loop_wrench: wp.Function
-    loop_curvature: wp.Function
-    keep_motion: wp.Function
-    give_back_forces: wp.Function
-
-
-def make_loops(effects: Effects) -> LoopFunctions:
+def make_loops(effects: Effects) -> Functions:
     """Device functions: how a joint stands, its wrench on its child, its share of a block."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -280,4 +268,6 @@ def make_loops(effects: Effects) -> LoopFunctions:
                 s.history.limit_force[dof] = s.loops.kept_stop[dof]
         count_turns(i, s)
 
-    return LoopFunctions(begin_loop, loop_wrench, loop_curvature, keep_motion, give_back_forces)
+    return together(
+        loop_wrench, loop_curvature, keep_motion, give_back_forces, begin_loop=begin_loop
+    )

@@ -2,12 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Equations between coordinates of joints: mimic joints, and equality constraints of MuJoCo's."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Closure, JointModel, Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from .anchors import ROUNDING, is_linked
 from .islands import HELD
 
@@ -153,15 +152,7 @@ def make_join_mimics(join: wp.Function) -> wp.Function:
     return join_mimics
 
 
-@dataclass(frozen=True)
-class MimicFunctions:
-    """Device functions of mimics, compiled for the effects of a scene."""
-
-    begin_closures: wp.Function
-    mimic_rows: wp.Function
-
-
-def make_mimics(effects: Effects) -> MimicFunctions:
+def make_mimics(effects: Effects) -> Functions:
     """Device functions: how mimics stand at the start of the step, and their rows."""
 
     @wp.func
@@ -221,4 +212,4 @@ def make_mimics(effects: Effects) -> MimicFunctions:
                 left -= closures.misfit[closure.row + dof]
             closures.multiplier[closure.row + dof] = wp.float64(left)
 
-    return MimicFunctions(begin_closures, mimic_rows)
+    return together(begin_closures, mimic_rows)

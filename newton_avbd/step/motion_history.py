@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """What a step of second order leaves to the next one: rates and slopes, and what pushed."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat, turned_by, turned_inertia
 from ..data import History, Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.contact import is_pushing
 from ..rows.joint import make_counts
 from .anchors import is_linked
@@ -61,19 +60,8 @@ def remember_loop(i: int, scale: WorldScale, s: wp.ref[Solver]):
         )
 
 
-@dataclass(frozen=True)
-class MotionHistoryFunctions:
+def make_motion_history(effects: Effects) -> Functions:
     """Device functions that remember bodies, and worlds of one thread."""
-
-    slips_otherwise: wp.Function
-    remember_motion: wp.Function
-    remember_motions: wp.Function
-    remember_state: wp.Function
-    remember_states: wp.Function
-
-
-def make_motion_history(effects: Effects) -> MotionHistoryFunctions:
-    """Generates the functions for a scene's effects."""
     may_be_taut = effects.loops or effects.closures or effects.cables or effects.tendons
     linear_count = make_counts(effects.kinds).linear_count
 
@@ -225,6 +213,6 @@ def make_motion_history(effects: Effects) -> MotionHistoryFunctions:
                         world, body, step.body_q_out[body], step.body_qd_out[body], scale, s
                     )
 
-    return MotionHistoryFunctions(
+    return together(
         slips_otherwise, remember_motion, remember_motions, remember_state, remember_states
     )

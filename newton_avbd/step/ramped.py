@@ -2,26 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """The seed document's sweep, ``formulation="ramp"``: penalties that grow, and no multipliers."""
 
-from typing import NamedTuple
-
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
 from ..data import Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from ..rows import ramp as ramp_rows
 from .drag import resistance
 
 
-class RampedFunctions(NamedTuple):
-    """Device functions of a sweep, compiled for the effects of a scene."""
-
-    sweep_body_ramped: wp.Function
-    sweep_duals_ramped: wp.Function
-
-
-def make_ramped(effects: Effects) -> RampedFunctions:
+def make_ramped(effects: Effects) -> Functions:
     """Device functions that sweep as the seed document does."""
 
     @wp.func
@@ -77,4 +69,4 @@ def make_ramped(effects: Effects) -> RampedFunctions:
                 row.k_n, ramp_rows.penetration(row, u), s.rows.stiffness[i]
             )
 
-    return RampedFunctions(sweep_body_ramped, sweep_duals_ramped)
+    return together(sweep_body_ramped, sweep_duals_ramped)

@@ -15,13 +15,12 @@ Rotations of roots and of ball joints go by the rotation vector u of the step, u
 friction that holds is met within it, or a spring, damper or drive is too stiff for it.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat
 from ..data import Solver, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from .anchors import is_linked, make_anchors_of
 from .block_start import make_begin_armature
 from .bodies import nonnegative
@@ -57,21 +56,7 @@ def rate_of_root(body: int, s: wp.ref[Solver]) -> wp.spatial_vector:
     return wp.spatial_vector(wp.spatial_top(velocity), inverse_dexp(u, wp.spatial_bottom(velocity)))
 
 
-@dataclass(frozen=True)
-class RungeKuttaFunctions:
-    """Device functions in the order of a step."""
-
-    begin_body: wp.Function
-    measure_body: wp.Function
-    start_from: wp.Function
-    begin_axes: wp.Function
-    give_up: wp.Function
-    place_body: wp.Function
-    advance_body: wp.Function
-    differs_by: wp.Function
-
-
-def make_start(effects: Effects) -> tuple[wp.Function, ...]:
+def make_start(effects: Effects) -> Functions:
     """Device functions: where a body starts, and where another kind of step goes on from."""
     axes = make_stage_axes(effects)
     is_ball, axis_count = axes.is_ball, axes.axis_count
@@ -163,10 +148,10 @@ def make_start(effects: Effects) -> tuple[wp.Function, ...]:
             for k in range(first, first + axis_count(body, s)):
                 s.tree.coordinate[k] = s.tree.start_coordinate[k]
 
-    return begin_body, measure_body, start_from, begin_axes, give_up
+    return together(begin_body, measure_body, start_from, begin_axes, give_up)
 
 
-def make_runge_kutta(effects: Effects) -> RungeKuttaFunctions:
+def make_runge_kutta(effects: Effects) -> Functions:
     """Device functions of a body in a step of fourth order."""
     axes = make_stage_axes(effects)
     is_ball, axis_count = axes.is_ball, axes.axis_count
@@ -247,4 +232,4 @@ def make_runge_kutta(effects: Effects) -> RungeKuttaFunctions:
         moved = energy_of(mass, inertia, motion)
         return energy_of(mass, inertia, change), energy_of(mass, inertia, gained), moved
 
-    return RungeKuttaFunctions(*make_start(effects), place_body, advance_body, differs_by)
+    return together(place_body, advance_body, differs_by, make_start(effects))

@@ -25,12 +25,11 @@ Each part has a file: whether a motion is smooth (:mod:`.step.smoothness`), wher
 (:mod:`.step.leading`, :mod:`.step.flight`), and what it leaves (:mod:`.step.motion_history`).
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Solver, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from .bodies import body_at, spin_momentum
 from .islands import is_free_island
 from .leading import make_leading
@@ -119,27 +118,8 @@ def make_order_world(effects: Effects) -> wp.Function:
     return order_world
 
 
-@dataclass(frozen=True)
-class SecondOrderFunctions:
-    """Device functions of the second-order scheme, compiled for a scene's effects."""
-
-    begin_step: wp.Function
-    begin_body: wp.Function
-    body_jumps: wp.Function
-    loop_jumps: wp.Function
-    goes_on: wp.Function
-    order_world: wp.Function
-    start_body: wp.Function
-    lead_rows: wp.Function
-    slips_otherwise: wp.Function
-    remember_motion: wp.Function
-    remember_motions: wp.Function
-    remember_state: wp.Function
-    remember_states: wp.Function
-
-
-def make_second_order(effects: Effects) -> SecondOrderFunctions:
-    """Generates the functions for a scene's effects."""
+def make_second_order(effects: Effects) -> Functions:
+    """Device functions of steps of second order."""
     smoothness = make_smoothness(effects)
     is_smooth, goes_on = smoothness.is_smooth, smoothness.goes_on
     order_world = make_order_world(effects)
@@ -178,18 +158,4 @@ def make_second_order(effects: Effects) -> SecondOrderFunctions:
                     lead_rows(world, body_at(i, s.worlds), out, s)
         return out
 
-    return SecondOrderFunctions(
-        begin_step,
-        begin_body,
-        smoothness.body_jumps,
-        smoothness.loop_jumps,
-        goes_on,
-        order_world,
-        start_body,
-        lead_rows,
-        motion_history.slips_otherwise,
-        motion_history.remember_motion,
-        motion_history.remember_motions,
-        motion_history.remember_state,
-        motion_history.remember_states,
-    )
+    return together(begin_step, order_world, smoothness, leading, motion_history)

@@ -5,12 +5,11 @@
 They stand in a list (``SleepWork.order``), each with the records of its contacts.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import History, RowWork, Solver, Step, WorldWork
 from ..effects import Effects
+from ..functions import Functions, together
 
 AWAKE = wp.constant(-1)
 """Island of a body that is awake."""
@@ -36,17 +35,8 @@ def forget_rows(body: int, rows: wp.ref[RowWork]):
     rows.other_end[body] = rows.other_start[body]
 
 
-@dataclass(frozen=True)
-class SleeperFunctions:
-    """Device functions of bodies that sleep, compiled for the effects of a scene."""
-
-    close_gaps: wp.Function
-    wake_islands: wp.Function
-    put_to_sleep: wp.Function
-
-
-def make_sleepers(effects: Effects) -> SleeperFunctions:
-    """Generates the functions for a scene's effects."""
+def make_sleepers(effects: Effects) -> Functions:
+    """Device functions of bodies that sleep."""
 
     @wp.func
     def move_records(
@@ -136,4 +126,4 @@ def make_sleepers(effects: Effects) -> SleeperFunctions:
         s.sleep.filled[0] = s.sleep.filled[0] + 1
         s.sleep.filled[1] = end
 
-    return SleeperFunctions(close_gaps, wake_islands, put_to_sleep)
+    return together(close_gaps, wake_islands, put_to_sleep)

@@ -18,6 +18,7 @@ import warp as wp
 
 from ..data import AxisInput, AxisMotion, History, Solver, Step, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.axis import drive_change, most_effort
 from ..rows.joint import BALL
 
@@ -183,7 +184,7 @@ def change_within(last: AxisInput, change: float, least: float, most: float, res
     return wp.vec2(after - before, share)
 
 
-def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
+def make_inputs(effects: Effects) -> Functions:
     """Device functions: what a controller pushes along the axes of a joint, in second order.
 
     That is ``joint_f``, what actuators push with whatever the motion is, and the targets of drives,
@@ -285,4 +286,4 @@ def make_inputs(effects: Effects) -> tuple[wp.Function, ...]:
             history.input[dof].mobility = inv_h2 / inertia
             history.input[dof].bound_force = bound_force
 
-    return begin_inputs, resists_everywhere, ahead_along, keep_input
+    return together(begin_inputs, resists_everywhere, ahead_along, keep_input)

@@ -2,14 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 """How an island is slowed down to the motion that its energy balance leaves it."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat
 from ..blocks.body import origin_shift, renormalised
 from ..data import BodyModel, Solver, Step
 from ..effects import Effects
+from ..functions import Functions, together
 from .anchors import is_linked
 from .balance import counts_here, place_from, settle
 from .cable_segments import end_segment, first_segment, slot_at
@@ -56,16 +55,7 @@ def drop_tensions(cluster: int, s: wp.ref[Solver]):
                             cables.tension[seg] = 0.0
 
 
-@dataclass(frozen=True)
-class SlowingFunctions:
-    """Device functions in the order in which they run."""
-
-    settle_island: wp.Function
-    slow_body: wp.Function
-    slow_rotors: wp.Function
-
-
-def make_slowing(effects: Effects) -> SlowingFunctions:
+def make_slowing(effects: Effects) -> Functions:
     """Device functions that decide how an island moves on, and let its bodies do so."""
 
     @wp.func
@@ -146,4 +136,4 @@ def make_slowing(effects: Effects) -> SlowingFunctions:
                     if counts_here(item, joint, s):
                         scale_rotors(joint, share, step, s)
 
-    return SlowingFunctions(settle_island, slow_body, slow_rotors)
+    return together(settle_island, slow_body, slow_rotors)

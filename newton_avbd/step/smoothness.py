@@ -6,12 +6,11 @@ Before a step: whether a velocity is about to jump, and whether the state and wh
 that the last step left. After it: whether it changed nothing, or was too long for the motion.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import History, Solver, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from ..rows.contact import is_pushing
 from ..rows.euler import make_euler
@@ -256,18 +255,8 @@ def is_beyond(world: int, dof: int, at: wp.float64, s: wp.ref[Solver]) -> bool:
     return goes_to < lower or goes_to > s.joints.limit_upper[dof] + LIMIT_JOLT
 
 
-@dataclass(frozen=True)
-class SmoothnessFunctions:
+def make_smoothness(effects: Effects) -> Functions:
     """Device functions that look at bodies, at joints, and at a world before its step."""
-
-    body_jumps: wp.Function
-    loop_jumps: wp.Function
-    is_smooth: wp.Function
-    goes_on: wp.Function
-
-
-def make_smoothness(effects: Effects) -> SmoothnessFunctions:
-    """Generates the functions for a scene's effects."""
     is_gimbal = make_counts(effects.kinds).is_gimbal
     euler = make_euler(effects.kinds)
     is_led, known_angles = euler.is_led, euler.known_angles
@@ -370,4 +359,4 @@ def make_smoothness(effects: Effects) -> SmoothnessFunctions:
                 return False
         return is_continued(body, body_qd, scale, s)
 
-    return SmoothnessFunctions(body_jumps, loop_jumps, is_smooth, goes_on)
+    return together(body_jumps, loop_jumps, is_smooth, goes_on)

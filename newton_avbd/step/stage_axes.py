@@ -3,13 +3,13 @@
 """Entries of joints in ``tree.axes``, as steps of fourth order count them."""
 
 import functools
-from dataclasses import dataclass
 
 import warp as wp
 
 from ..algebra.so3 import exp_quat
 from ..data import Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.joint import BALL, make_counts
 from .bodies import nonnegative
 
@@ -29,16 +29,8 @@ def ball_rotation(body: int, first: int, s: wp.ref[Solver]) -> wp.quat:
     return exp_quat(ball_turn(first, s)) * s.tree.runge_kutta.ball_start[body]
 
 
-@dataclass(frozen=True)
-class StageAxisFunctions:
-    """Device functions that tell joints apart."""
-
-    is_ball: wp.Function
-    axis_count: wp.Function
-
-
 @functools.cache
-def make_stage_axes(effects: Effects) -> StageAxisFunctions:
+def make_stage_axes(effects: Effects) -> Functions:
     """Device functions: whether a joint is a ball, and how many axes a body's joint has."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -56,4 +48,4 @@ def make_stage_axes(effects: Effects) -> StageAxisFunctions:
         joint = nonnegative(s.tree.joint[body])
         return linear_count(s.joints, joint) + angular_count(s.joints, joint)
 
-    return StageAxisFunctions(is_ball, axis_count)
+    return together(is_ball, axis_count)

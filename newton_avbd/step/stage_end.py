@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The end of a step of fourth order: whether it may stand, and what it leaves."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import exp_quat, rotation_between
 from ..data import Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from ..rows.joint import NO_LIMIT
 from .anchors import is_linked, make_frames_of
@@ -21,18 +20,7 @@ BESIDE = wp.constant(1.0e-5)
 """How close to a limit a coordinate counts as held by it [m or rad]."""
 
 
-@dataclass(frozen=True)
-class StageEndFunctions:
-    """Device functions in the order of a step."""
-
-    allows_axes: wp.Function
-    allows_rows: wp.Function
-    end_body: wp.Function
-    leave_body: wp.Function
-    leave_joint: wp.Function
-
-
-def make_stage_end(effects: Effects) -> StageEndFunctions:
+def make_stage_end(effects: Effects) -> Functions:
     """Device functions of a body after the stages of a step."""
     axes = make_stage_axes(effects)
     is_ball, axis_count = axes.is_ball, axes.axis_count
@@ -166,4 +154,4 @@ def make_stage_end(effects: Effects) -> StageEndFunctions:
                 if other >= 0:
                     s.history.joined_qd[joint, end] = body_qd_out[other]
 
-    return StageEndFunctions(allows_axes, allows_rows, end_body, leave_body, leave_joint)
+    return together(allows_axes, allows_rows, end_body, leave_body, leave_joint)

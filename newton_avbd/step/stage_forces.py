@@ -9,7 +9,6 @@ energy: the momentum stays, and the energy does not grow.
 """
 
 import functools
-from dataclasses import dataclass
 
 import warp as wp
 
@@ -19,6 +18,7 @@ from ..blocks import tree as algebra
 from ..blocks.tree import Block, seen_from
 from ..data import Solver, Step
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import axis as axis_rows
 from ..rows.euler import NEAR_POLE
 from ..rows.free_axes import across_first
@@ -33,14 +33,6 @@ STIFF = wp.constant(2.0)
 """Most that springs and dampers of an axis, h^2 k + h d, may be of the inertia that it moves: from
 2.8 on a Runge-Kutta step of fourth order is unstable. Axes together, and those on a light parent,
 are stiffer than one whose parent is fixed; what then grows is noticed by how far stages differ."""
-
-
-@dataclass(frozen=True)
-class StageForceFunctions:
-    """Device functions that find the accelerations of a world's bodies."""
-
-    eliminate_stage: wp.Function
-    substitute_stage: wp.Function
 
 
 def make_push_along(effects: Effects) -> wp.Function:
@@ -102,7 +94,7 @@ def make_push_along(effects: Effects) -> wp.Function:
 
 
 @functools.cache
-def make_stage_forces(effects: Effects) -> StageForceFunctions:
+def make_stage_forces(effects: Effects) -> Functions:
     """Device functions: the accelerations of the bodies of trees."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -264,4 +256,4 @@ def make_stage_forces(effects: Effects) -> StageForceFunctions:
             motion += gained * wp.spatial_vector(axis.linear, axis.angular)
         s.tree.update[body] = motion + s.tree.closing[body]
 
-    return StageForceFunctions(eliminate_stage, substitute_stage)
+    return together(eliminate_stage, substitute_stage)

@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Limits of a joint that closes a loop of a tree: a row along an axis while a stop holds it."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..blocks.closure import SELF_STRESS
 from ..data import Closure, Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.contact import PENALTY
 from ..rows.coordinate import make_joint_coordinates
 from ..rows.euler import make_euler
@@ -32,15 +31,7 @@ they free, to what it pushes with beyond the motion's push: a mechanism at a dea
 where the stop wants it, and would be thrown about."""
 
 
-@dataclass(frozen=True)
-class StopRowFunctions:
-    """Device functions of the rows of stops, compiled for the joints of a scene."""
-
-    stop_rows: wp.Function
-    keep_stops: wp.Function
-
-
-def make_stop_rows(effects: Effects) -> StopRowFunctions:
+def make_stop_rows(effects: Effects) -> Functions:
     """Device functions: the rows of a joint's stops, and what they push with."""
     counts = make_counts(effects.kinds)
     linear_count, angular_count = counts.linear_count, counts.angular_count
@@ -151,4 +142,4 @@ def make_stop_rows(effects: Effects) -> StopRowFunctions:
             s.history.limit_force[index] = push
         return missed
 
-    return StopRowFunctions(stop_rows, keep_stops)
+    return together(stop_rows, keep_stops)

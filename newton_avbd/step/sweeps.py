@@ -82,7 +82,8 @@ def make_sweep_world(
     solve_cluster: wp.Function,
 ) -> wp.Function:
     """Device function: one sweep over a world."""
-    sweep_body_ramped, sweep_duals_ramped = make_ramped(effects)
+    ramped = make_ramped(effects)
+    sweep_body_ramped, sweep_duals_ramped = ramped.sweep_body_ramped, ramped.sweep_duals_ramped
 
     @wp.func(inline=effects.inline)
     def sweep_world(

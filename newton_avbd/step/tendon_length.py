@@ -2,13 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Where a tendon runs, how long it is, and how its length changes with the bodies."""
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..algebra.so3 import turned_from
 from ..data import BodyModel, Solver
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows.joint import make_counts
 from ..rows.path import CYLINDER, JOINT, PULLEY, SPHERE, double, find_path
 from .anchors import anchor_arm, anchor_rotation, is_linked, is_put, joint_shift
@@ -60,15 +59,7 @@ def begin_points(i: int, s: wp.ref[Solver]):
                 tendons.begun[k] = tendons.begun[k] - wp.spatial_top(ahead) - turned
 
 
-@dataclass(frozen=True)
-class LengthFunctions:
-    """Device functions of lengths of tendons, compiled for the effects of a scene."""
-
-    find_length: wp.Function
-    pull_along: wp.Function
-
-
-def make_length(effects: Effects) -> LengthFunctions:
+def make_length(effects: Effects) -> Functions:
     """Device functions: the length of a tendon where its bodies are, and its slope."""
     linear_count = make_counts(effects.kinds).linear_count
 
@@ -156,4 +147,4 @@ def make_length(effects: Effects) -> LengthFunctions:
                         mobility += mobility_of(tendons.body[k], way, h, s.model)
         return mobility
 
-    return LengthFunctions(find_length, pull_along)
+    return together(find_length, pull_along)

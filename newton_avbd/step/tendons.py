@@ -14,12 +14,11 @@ Where it runs is in :mod:`.step.tendon_length`, what turns as bodies move in
 :mod:`.step.tendon_curvature`.
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..data import Closure, Solver, TendonModel, TreeWork, WorldScale
 from ..effects import Effects
+from ..functions import Functions, together
 from ..rows import axis as axis_rows
 from ..rows.path import JOINT, meets_kink
 from ..rows.tendon import linear_pull, range_of, tendon_law
@@ -98,16 +97,7 @@ def end_input(i: int, moved: float, whole: float, h: float, tendons: wp.ref[Tend
     tendons.input[i].share = share
 
 
-@dataclass(frozen=True)
-class TendonFunctions:
-    """Device functions of tendons in the order of the step, compiled for the effects of a scene."""
-
-    begin_tendons: wp.Function
-    tendon_row: wp.Function
-    settle_tendons: wp.Function
-
-
-def make_tendons(effects: Effects) -> TendonFunctions:
+def make_tendons(effects: Effects) -> Functions:
     """Device functions: how tendons stand, the row of one, and what the rows have found."""
     lengths = make_length(effects)
     find_length, pull_along = lengths.find_length, lengths.pull_along
@@ -315,7 +305,7 @@ def make_tendons(effects: Effects) -> TendonFunctions:
                 largest = wp.max(largest, off)
         return largest
 
-    return TendonFunctions(begin_tendons, tendon_row, settle_tendons)
+    return together(begin_tendons, tendon_row, settle_tendons)
 
 
 @wp.func

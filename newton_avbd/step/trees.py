@@ -7,31 +7,16 @@ Each part has a file: how joints stand at the start of a step (:mod:`.step.joint
 (:mod:`.step.spin_alignment`, :mod:`.step.forward_kinematics`).
 """
 
-from dataclasses import dataclass
-
 import warp as wp
 
 from ..effects import Effects
+from ..functions import Functions, together
 from .coordinates import make_coordinates
 from .forward_kinematics import make_forward_kinematics
 from .gathering import ContactLaw
 from .joint_start import make_joint_start
 from .spin_alignment import make_align_spins
 from .sweep_tree import make_sweep_tree
-
-
-@dataclass(frozen=True)
-class TreeFunctions:
-    """Device functions of trees, compiled for the joints of a scene."""
-
-    measure_start: wp.Function
-    measure_velocity: wp.Function
-    measure_guess: wp.Function
-    count_turns: wp.Function
-    align_spins: wp.Function
-    sweep_tree: wp.Function
-    put_together: wp.Function
-    stop_coordinates: wp.Function
 
 
 def make_trees(
@@ -41,7 +26,7 @@ def make_trees(
     begin_rows: wp.Function,
     keep_forces: wp.Function,
     settle_tendons: wp.Function,
-) -> TreeFunctions:
+) -> Functions:
     """Device functions: how joints stand, and one Newton iteration on a tree.
 
     Args:
@@ -56,13 +41,6 @@ def make_trees(
     start = make_joint_start(effects)
     forward = make_forward_kinematics(effects)
     sweep_tree = make_sweep_tree(effects, law, gather, begin_rows, keep_forces, settle_tendons)
-    return TreeFunctions(
-        start.measure_start,
-        start.measure_velocity,
-        coordinates.measure_guess,
-        coordinates.count_turns,
-        make_align_spins(effects),
-        sweep_tree,
-        forward.put_together,
-        forward.stop_coordinates,
+    return together(
+        start, coordinates, forward, align_spins=make_align_spins(effects), sweep_tree=sweep_tree
     )
