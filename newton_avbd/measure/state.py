@@ -74,6 +74,21 @@ def kinetic_energy(bodies: Bodies, body_q: Array, body_qd: Array) -> Array:
     return np.where(bodies.moving, energy, 0.0)
 
 
+def spin_momenta(bodies: Bodies, body_q: Array, body_qd: Array) -> Array:
+    """Angular momentum of each body about its center of mass, R I R^T w.
+
+    Args:
+        bodies: Mass properties.
+        body_q: Body poses, shape [n, 7].
+        body_qd: As of :func:`kinetic_energy`.
+
+    Returns:
+        Momenta, world frame [kg m^2/s], shape [n, 3].
+    """
+    w_body = rotate(body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0], body_qd[:, 3:])
+    return rotate(body_q[:, 3:], np.einsum("nij,nj->ni", bodies.inertia, w_body))
+
+
 def potential_energy(bodies: Bodies, body_q: Array) -> Array:
     """Potential energy of each moving body, -m g.c, zero at the world's origin.
 

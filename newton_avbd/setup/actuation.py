@@ -302,13 +302,12 @@ class Actuation:
             ("act", rules.LIMITS_ACTIVATION),
         ):
             limits += int(bit) * is_limited(mujoco, name)
-        law.limits = wp.array(limits, dtype=wp.int32)
-        law.is_reported = wp.zeros(limits.size, dtype=wp.bool)
+        data.allocate(law, limits.size, "is_reported")
         is_motor = mujoco.actuator_gaintype.numpy() == int(MOTOR)
-        law.motor = wp.zeros(limits.size if np.any(is_motor) else 0, dtype=data.MotorState)
+        data.allocate(law, limits.size if np.any(is_motor) else 0, "motor")
         for name, attribute in (("inputs", "ctrlspec"), ("crank", "cranklength")):
             setattr(law, name, getattr(mujoco, f"actuator_{attribute}", None))
-        law.lengthrange = wp.array(self._length_ranges(found), dtype=wp.vec2)
+        data.fill(law, limits=limits, lengthrange=self._length_ranges(found))
 
     def _make_axes(
         self,
@@ -381,14 +380,14 @@ class Actuation:
         axes, count = self.axes, self._model.joint_dof_count
         is_drive = np.zeros(count if driven else 0, dtype=bool)
         is_drive[driven] = True
-        axes.is_drive = wp.array(is_drive, dtype=wp.bool)
-        axes.mode = wp.zeros(is_drive.size, dtype=wp.int32)
+        data.fill(axes, is_drive=is_drive)
+        data.allocate(axes, is_drive.size, "mode")
         if driven:
             modes = self._model.joint_target_mode.numpy()
             axes.mode.assign(np.where(is_drive, int(newton.JointTargetMode.NONE), modes))
         adds = bool(np.any(armature))
-        axes.added = wp.array(armature if adds else armature[:0], dtype=float)
-        axes.armature = wp.zeros(axes.added.size, dtype=float)
+        data.fill(axes, added=armature if adds else armature[:0])
+        data.allocate(axes, axes.added.size, "armature")
         if adds:
             axes.armature.assign(self._model.joint_armature.numpy() + armature)
 
@@ -406,13 +405,10 @@ class Actuation:
         if not bodies:
             return
         axes, link, frame, against, reference = zip(*bodies.values(), strict=True)
-        work.row = wp.array(list(bodies), dtype=wp.int32)
-        work.axes = wp.array(axes, dtype=wp.int32)
-        work.link, work.against = (wp.array(ends, dtype=wp.int32) for ends in (link, against))
-        work.frame = wp.array(np.array(frame, dtype=np.float32), dtype=wp.transform)
-        work.reference = wp.array(np.array(reference, dtype=np.float32), dtype=wp.transform)
-        work.pushes = wp.zeros(len(bodies), dtype=data.BodyPush)
-        work.is_servo = wp.array([row in held for row in bodies], dtype=wp.bool)
+        data.fill(work, row=list(bodies), axes=axes, link=link, against=against)
+        data.fill(work, frame=np.array(frame), reference=np.array(reference))
+        data.fill(work, is_servo=[row in held for row in bodies])
+        data.allocate(work, len(bodies), "pushes")
         items: list[list[int]] = [[] for _ in range(self._model.body_count)]
         for i in range(len(bodies)):
             items[link[i]].append(2 * i)
@@ -428,7 +424,7 @@ class Actuation:
     ) -> None:
         """Lists servos by the body that the solver makes of their link."""
         servos, body = self.servos, np.arange(self._model.body_count)
-        servos.arms = wp.zeros(body.size, dtype=wp.vec3)
+        data.allocate(servos, body.size, "arms")
         if hasattr(solved, "body_of_link"):
             servos.arms, body = solved.links.arm, solved.body_of_link
         of: list[list[int]] = [[] for _ in range(solved.body_count)]
@@ -436,11 +432,10 @@ class Actuation:
             if body[link[i]] >= 0:
                 of[body[link[i]]].append(i)
         servos.start, servos.items = lists(of)
-        servos.links = wp.array([link[i] for items in of for i in items], dtype=wp.int32)
+        data.fill(servos, links=[link[i] for items in of for i in items])
         servos.pushes = self.bodies.pushes
         kept = servos.items.size if "second_order" in wanted else 0
-        servos.input = wp.zeros(kept, dtype=data.AxisInput)
-        servos.slopes = wp.zeros(kept, dtype=wp.vec2)
+        data.allocate(servos, kept, "input", "slopes")
         self._servo_world = wp.array(
             self._model.mujoco.actuator_world.numpy()[self.bodies.row.numpy()], dtype=wp.int32
         )
@@ -557,8 +552,7 @@ class Actuation:
                 mass = 1.0 / along if along > 0.0 else 0.0
                 velocity_bias[row] = -2.0 * bias[row, 2] * np.sqrt(stiffness[row] * mass)
             acc0[row] = norm
-        self.law.velocity_bias = wp.array(velocity_bias, dtype=float)
-        self.law.acc0 = wp.array(acc0, dtype=float)
+        data.fill(self.law, velocity_bias=velocity_bias, acc0=acc0)
 
     def _push_rates(self, state: newton.State) -> np.ndarray:
         """Rates of the transmissions that push bodies, in a state."""

@@ -285,12 +285,6 @@ def _momentum_error(
     bodies: measure.Bodies, start: tuple[Array, Array], end: tuple[Array, Array]
 ) -> float:
     """Largest change of a body's angular momentum about its center of mass, relative to it."""
-
-    def momentum(body_q: Array, body_qd: Array) -> Array:
-        inverse = body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
-        spin = measure.rotate(inverse, body_qd[:, 3:])
-        return measure.rotate(body_q[:, 3:], np.einsum("nij,nj->ni", bodies.inertia, spin))
-
-    before, after = momentum(*start), momentum(*end)
+    before, after = (measure.spin_momenta(bodies, *state) for state in (start, end))
     size = np.maximum(np.linalg.norm(before, axis=1), 1e-12)
     return float(np.max(np.linalg.norm(after - before, axis=1) / size))

@@ -17,8 +17,9 @@ import newton
 import numpy as np
 from numpy.typing import NDArray
 
-from newton_avbd.measure.state import Array, Bodies
-from newton_avbd.model.rotations import rotate, transform
+from newton_avbd.measure.state import Array, Bodies, spin_momenta
+from newton_avbd.model.rotations import transform
+from newton_avbd.setup.views import coordinates_of
 
 AT_LIMIT = 1.0e-3
 """Distance from a limit within which the limit may push [rad or m]."""
@@ -73,7 +74,8 @@ class Torques:
         self.wrong = np.zeros(model.joint_dof_count)
         self._speed = np.zeros(model.joint_dof_count)
         self._last: Array | None = None
-        self._coordinate, self._mimics = _coordinates(model), _mimics(model)
+        self._mimics = _mimics(model)
+        self._coordinate = coordinates_of(model, np.arange(model.joint_dof_count))
         # Solvers need not keep the joint coordinates of their states, which Jacobians read.
         self._at = model.state()
         self._law = {name: getattr(model, f"joint_{name}").numpy().astype(float) for name in LAW}
@@ -87,8 +89,7 @@ class Torques:
     def _momenta(self, state: newton.State) -> Array:
         """Linear and angular momentum of each body, shape [bodies, 6]."""
         body_q, body_qd = state.body_q.numpy().astype(float), state.body_qd.numpy().astype(float)
-        local = rotate(body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0], body_qd[:, 3:])
-        spin = rotate(body_q[:, 3:], np.einsum("nij,nj->ni", self._bodies.inertia, local))
+        spin = spin_momenta(self._bodies, body_q, body_qd)
         return np.hstack([self._bodies.mass[:, None] * body_qd[:, :3], spin])
 
     def add(
@@ -222,14 +223,4 @@ def _mimics(model: newton.Model) -> list[tuple[NDArray[np.int64], NDArray[np.int
         while leader[at] >= 0:
             at, share = int(leader[at]), share * float(factor[at, 1])
         found.append((start[at] + axes - start[joint], axes, share))
-    return found
-
-
-def _coordinates(model: newton.Model) -> NDArray[np.int64]:
-    """Coordinate of each degree of freedom; one of its joint where it has none of its own."""
-    q, qd = model.joint_q_start.numpy(), model.joint_qd_start.numpy()
-    found = np.zeros(model.joint_dof_count, np.int64)
-    for joint in range(model.joint_count):
-        axes = np.arange(qd[joint], qd[joint + 1])
-        found[axes] = q[joint] + axes - qd[joint]
     return found

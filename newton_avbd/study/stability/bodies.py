@@ -11,6 +11,7 @@ import newton
 import numpy as np
 import warp as wp
 
+from newton_avbd.measure.state import spin_momenta
 from newton_avbd.model.rotations import rotate
 from newton_avbd.scenes.named import add_ground, set_velocity
 from newton_avbd.study.stability.case import Bounds, Catalog, Trial
@@ -134,15 +135,9 @@ def _(builder: newton.ModelBuilder) -> None:
 
 def _lost_momentum(trial: Trial) -> float:
     """Change of the spin momentum of the first body, relative to it."""
-
-    def momentum(pose: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        back = pose[3:] * [-1.0, -1.0, -1.0, 1.0]
-        return rotate(pose[3:], trial.bodies.inertia[0] @ rotate(back, velocity[3:]))
-
-    before = momentum(
-        trial.model.body_q.numpy()[0].astype(float), trial.model.body_qd.numpy()[0].astype(float)
-    )
-    after = momentum(trial.poses()[0], trial.velocities()[0])
+    start = (array.numpy().astype(float) for array in (trial.model.body_q, trial.model.body_qd))
+    before = spin_momenta(trial.bodies, *start)[0]
+    after = spin_momenta(trial.bodies, trial.poses(), trial.velocities())[0]
     return float(np.linalg.norm(after - before) / np.linalg.norm(before))
 
 
@@ -323,7 +318,7 @@ def _(builder: newton.ModelBuilder) -> None:
     set_velocity(builder, ball, (0.0, 1.0, 0.0), (-5.0, 0.0, 0.0))
 
 
-def _beyond(wall: float) -> Callable[[Trial], float]:
+def beyond(wall: float) -> Callable[[Trial], float]:
     """How far the first body has got through a wall at x = ``wall`` [m]."""
     return lambda trial: max(0.0, float(trial.centers()[0, 0]) - wall)
 
@@ -333,7 +328,7 @@ def _beyond(wall: float) -> Callable[[Trial], float]:
     "a ball of 1 cm at 500 m/s against a fixed wall of 1 cm, with contacts that look ahead",
     # it stops at the wall: its center 5 mm before it; nothing of its energy comes back
     Bounds(penetration=SUNK, gain=1e-3 * 0.5 * 500.0**2 / 9.81, drift=0.0),
-    drift=_beyond(10.0),
+    drift=beyond(10.0),
     speculative=5.0,
     seconds=0.5,
 )

@@ -8,7 +8,6 @@ of these cases say how far (:attr:`~.case.Case.speculative`).
 """
 
 import math
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -17,6 +16,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd.scenes.named import add_ground, set_velocity
+from newton_avbd.study.stability.bodies import beyond
 from newton_avbd.study.stability.case import Bounds, Catalog, Trial
 from newton_avbd.study.stability.joints import at
 from newton_avbd.study.stability.piles import SUNK, add_box, block
@@ -119,11 +119,6 @@ FAST.add(
 )
 
 
-def _beyond(wall: float) -> Callable[[Trial], float]:
-    """How far the first body has got through a wall at x = ``wall`` [m]."""
-    return lambda trial: max(0.0, float(trial.centers()[0, 0]) - wall)
-
-
 def _crossed(trial: Trial) -> float:
     """How far two bodies that fly at each other along x have got through each other [m]."""
     return max(0.0, float(trial.centers()[0, 0] - trial.centers()[1, 0]))
@@ -175,7 +170,7 @@ for speed in (100.0, 1000.0):
                 gain=1e-3 * 0.5 * speed**2 / 9.81,
                 drift=None if is_free else 0.0,
             ),
-            drift=_beyond(5.0),
+            drift=beyond(5.0),
             speculative=speed / 60.0 * 1.1,
             seconds=0.5,
             **RATE,
@@ -186,7 +181,7 @@ for speed in (100.0, 1000.0):
         partial(_add_shot, speed=speed, is_free=False, angular=(60.0, 30.0, 90.0)),
         # how deep cannot be said: detection does not see how it turns
         Bounds(gain=1e-3 * 0.5 * speed**2 / 9.81, drift=0.0),
-        drift=_beyond(5.0),
+        drift=beyond(5.0),
         speculative=speed / 60.0 * 1.1 + 0.1,
         seconds=0.5,
         **RATE,
