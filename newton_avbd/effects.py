@@ -67,17 +67,13 @@ CAUSES: dict[str, Cause] = {
         "rows/spin.py",
     ),
     "condim": Cause(
-        "shape",
-        "of an MJCF file, or with a condim or priority of MuJoCo's",
-        "rows/condim.py",
+        "shape", "of an MJCF file, or with a condim or priority of MuJoCo's", "rows/condim.py"
     ),
     "contact_pairs": Cause(
         "shape", "of an explicit pair of MuJoCo's (mujoco:pair_*)", "rows/condim.py"
     ),
     "put_bodies": Cause(
-        "body",
-        "kinematic or without mass, with shapes and friction",
-        "step/bodies.py",
+        "body", "kinematic or without mass, with shapes and friction", "step/bodies.py"
     ),
     "restitution": Cause(
         "shape", "with restitution above zero, and rigid contacts", "step/impacts.py"
@@ -119,9 +115,7 @@ CAUSES: dict[str, Cause] = {
         "joint", "of type FREE, DISTANCE or ROD, whose joint_f pushes a body", "step/bodies.py"
     ),
     "light_roots": Cause(
-        "body",
-        "with less than 1e-5 of the mass or inertia carried by joints",
-        "step/eliminate.py",
+        "body", "with less than 1e-5 of the mass or inertia carried by joints", "step/eliminate.py"
     ),
     "light_links": Cause(
         "body",
@@ -135,9 +129,7 @@ CAUSES: dict[str, Cause] = {
         "step/bodies.py",
     ),
     "welds": Cause(
-        "weld",
-        "of links into one body: FIXED, or D6 without a free axis",
-        "step/links.py",
+        "weld", "of links into one body: FIXED, or D6 without a free axis", "step/links.py"
     ),
     "joints": Cause(
         "joint",
@@ -220,9 +212,7 @@ CAUSES: dict[str, Cause] = {
         "step/body_actuators.py",
     ),
     "adhesion": Cause(
-        "body",
-        "that a MuJoCo actuator pulls towards contacts (adhesion)",
-        "step/adhesion.py",
+        "body", "that a MuJoCo actuator pulls towards contacts (adhesion)", "step/adhesion.py"
     ),
     "servos": Cause(
         "body",
@@ -694,11 +684,7 @@ class SceneEffects(Mapping[str, Effect]):
 
     @classmethod
     def of_solver(
-        cls,
-        flags: Effects,
-        callers: Callers,
-        without: frozenset[str],
-        memory: Mapping[str, int],
+        cls, flags: Effects, callers: Callers, without: frozenset[str], memory: Mapping[str, int]
     ) -> "SceneEffects":
         """Puts together flags, reasons and memory [bytes] by effect; ``""`` is for all scenes'."""
         gone = without.union(*(_IMPLIED.get(name, ()) for name in without))

@@ -255,11 +255,7 @@ class RobotVectorEnv(VectorEnv[Array, Array, Any]):
             array.assign(everything.ravel())
         mask = wp.array(np.append(chosen, False), dtype=wp.bool, device=self.model.device)
         newton.eval_fk(
-            self.model,
-            self.state.joint_q,
-            self.state.joint_qd,
-            self.state,
-            mask[: self.num_envs],
+            self.model, self.state.joint_q, self.state.joint_qd, self.state, mask[: self.num_envs]
         )
         self.solver.reset(self.state, mask, flags=0)
         self._elapsed[chosen] = 0

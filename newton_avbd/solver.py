@@ -549,11 +549,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
             tendons = self._tree.tendons
             given = [tendons, self._worlds, self._sleep]
             self._launch(watch_tendons, tendons.row.size, given)
-        self._launch(
-            make_form_islands(effects),
-            1,
-            [seen.worlds, seen.history, self._step, whole],
-        )
+        self._launch(make_form_islands(effects), 1, [seen.worlds, seen.history, self._step, whole])
 
     # What a user may do besides stepping.
 
@@ -1106,9 +1102,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         if self._flags.sleeping and contacts is not None:
             source = self._contact_input(contacts)
             self._launch(
-                export_sleeping_force,
-                source.capacity,
-                [source, contact_f, self._context()],
+                export_sleeping_force, source.capacity, [source, contact_f, self._context()]
             )
         if self._flags.welds and contacts is not None:
             source = self._contact_input(contacts)

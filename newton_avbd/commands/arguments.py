@@ -13,13 +13,7 @@ import math
 from pathlib import Path
 
 from newton_avbd.io.names import AUTO, CONTROLS, REFINED, SOLVERS, SUFFIXES, TIMED, VIEWERS
-from newton_avbd.io.options import (
-    add_device,
-    add_json,
-    add_scene_arguments,
-    add_solvers,
-    positive,
-)
+from newton_avbd.io.options import add_device, add_json, add_scene_arguments, add_solvers, positive
 from newton_avbd.study.falls.kinds import KINDS
 from newton_avbd.study.properties.solvers import SOLVERS as TRIED
 
@@ -58,10 +52,7 @@ def compare(parser: argparse.ArgumentParser) -> None:
         help="plot over time; the file's ending says of which kind: .png, .svg, .pdf, ...",
     )
     parser.add_argument(
-        "--html",
-        type=Path,
-        metavar="FILE",
-        help="page for a browser: table, plots over time",
+        "--html", type=Path, metavar="FILE", help="page for a browser: table, plots over time"
     )
     add_json(parser)
 

@@ -21,10 +21,7 @@ def main(args: argparse.Namespace) -> int:
     """Print the table of effects, and what each costs in time; returns the exit status."""
     use_device(args.device)
     request = Request(
-        iterations=args.iterations,
-        dt=args.dt,
-        arguments=args.arguments,
-        accuracy=args.accuracy,
+        iterations=args.iterations, dt=args.dt, arguments=args.arguments, accuracy=args.accuracy
     )
     with gathered_warnings():
         simulation = open_scene(args.scene, request)

@@ -30,10 +30,7 @@ FEW = 100
 """Most worlds that are solved so: worlds by threads take the same time for up to 1,056 of them, but
 colors 0.4 ms for each 1,000 bodies."""
 
-_UNSUPPORTED: dict[str, str] = {
-    "ramp": "formulation='ramp'",
-    "sleeping": "sleeping=True",
-}
+_UNSUPPORTED: dict[str, str] = {"ramp": "formulation='ramp'", "sleeping": "sleeping=True"}
 """Effects that worlds solved color by color do without, and what to call them."""
 
 _SHORTEST = 64

@@ -17,10 +17,7 @@ rad]: ten times what rounds."""
 
 
 def make_world_stages(
-    effects: Effects,
-    rk: Functions,
-    forces: Functions,
-    ending: Functions,
+    effects: Effects, rk: Functions, forces: Functions, ending: Functions
 ) -> Functions:
     """Device functions of the stages, by those of a body."""
     place_body, advance_body, differs_by = rk.place_body, rk.advance_body, rk.differs_by

@@ -148,11 +148,7 @@ def _read_mjcf(
 
 
 def simulate(
-    name: str,
-    path: Path,
-    builder: newton.ModelBuilder,
-    request: Request,
-    notes: tuple[str, ...],
+    name: str, path: Path, builder: newton.ModelBuilder, request: Request, notes: tuple[str, ...]
 ) -> ModelSimulation:
     """Make a simulation of what was read from a file.
 

@@ -68,11 +68,7 @@ _OF_TENDON = ("stiffness", "damping", "armature", "frictionloss", "range")
 _MOVED = 1.0e-6
 """By how much the axis of a hinge is elsewhere [m]: files round."""
 # MuJoCo takes no body without mass, and Newton adds 1e-6 kg m^2 to less than 1e-10
-_LIGHT = {
-    "pos": "0 0 0",
-    "mass": f"{LIGHT:g}",
-    "diaginertia": "2e-10 2e-10 2e-10",
-}
+_LIGHT = {"pos": "0 0 0", "mass": f"{LIGHT:g}", "diaginertia": "2e-10 2e-10 2e-10"}
 
 
 def hidden(root: Element) -> list[str]:

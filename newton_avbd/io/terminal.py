@@ -28,10 +28,7 @@ _PARTICULAR = re.compile(r"'[^']*'|\"[^\"]*\"|\d+")
 
 
 def progress(
-    items: Iterable[Item],
-    total: int | None,
-    label: str,
-    name: Callable[[Item], str] | None = None,
+    items: Iterable[Item], total: int | None, label: str, name: Callable[[Item], str] | None = None
 ) -> Iterator[Item]:
     """Yield ``items`` and show on standard error how far they are, if that is a terminal.
 

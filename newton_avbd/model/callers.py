@@ -31,10 +31,7 @@ of inertia is below this share of what its mass would have at the surface of its
 
 
 def find_callers(
-    model: newton.Model,
-    topology: Topology,
-    settings: Settings,
-    left_out: frozenset[str],
+    model: newton.Model, topology: Topology, settings: Settings, left_out: frozenset[str]
 ) -> dict[str, np.ndarray]:
     """Indices of what calls for each effect; copies model arrays to the host.
 

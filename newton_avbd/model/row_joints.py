@@ -59,10 +59,7 @@ class RowJoints:
         second = multiply(inverse(apart), anchor)
         second[:, 3:] = IDENTITY[3:]
         frames = np.stack(
-            [
-                np.where(is_weld[:, None], first, anchor),
-                np.where(is_weld[:, None], anchor, second),
-            ]
+            [np.where(is_weld[:, None], first, anchor), np.where(is_weld[:, None], anchor, second)]
         )
         # the world is no child
         child = (bodies[1] >= 0).astype(int)

@@ -64,12 +64,7 @@ class Welds:
 
     @classmethod
     def of_model(
-        cls,
-        model: newton.Model,
-        *,
-        wanted: bool,
-        breakable: bool,
-        before: "Welds | None" = None,
+        cls, model: newton.Model, *, wanted: bool, breakable: bool, before: "Welds | None" = None
     ) -> "Welds":
         """Finds the welds of a model; copies model arrays to the host.
 
@@ -210,11 +205,7 @@ def _spanning_forest(model: newton.Model, welds: np.ndarray) -> tuple[list[int],
 
 
 def _walk(
-    model: newton.Model,
-    used: list[int],
-    root: np.ndarray,
-    entry: np.ndarray,
-    is_static: np.ndarray,
+    model: newton.Model, used: list[int], root: np.ndarray, entry: np.ndarray, is_static: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Walks each set of welded links from its root: poses in the root's frame, and ways to it.
 

@@ -136,11 +136,7 @@ def axis_of(guide: CableGuide, pose: GuidePose) -> wp.vec3d:
 
 @wp.func
 def span_between(
-    guide_l: CableGuide,
-    guide_r: CableGuide,
-    pose_l: GuidePose,
-    pose_r: GuidePose,
-    base_l: wp.vec3,
+    guide_l: CableGuide, guide_r: CableGuide, pose_l: GuidePose, pose_r: GuidePose, base_l: wp.vec3
 ) -> Span:
     """The segment between two guides; ``base_l`` is where it touched the left one, on its link."""
     span = Span()

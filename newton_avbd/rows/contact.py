@@ -100,10 +100,7 @@ def relative_motion(increment_a: wp.spatial_vector, increment_b: wp.spatial_vect
 
 @wp.func
 def slip(
-    row: ContactRow,
-    increment_a: wp.spatial_vector,
-    increment_b: wp.spatial_vector,
-    span: wp.vec3,
+    row: ContactRow, increment_a: wp.spatial_vector, increment_b: wp.spatial_vector, span: wp.vec3
 ) -> wp.vec3:
     """Displacement u of b against a at the contact point over the step [m]."""
     shift, turn = relative_motion(increment_a, increment_b, span)
@@ -476,13 +473,7 @@ def stiffened(k: wp.mat33, arm: wp.vec3, ll: wp.mat33, al: wp.mat33, aa: wp.mat3
 
 
 @wp.func
-def curvature(
-    row: ContactRow,
-    arm: wp.vec3,
-    h_ll: wp.mat33,
-    h_al: wp.mat33,
-    h_aa: wp.mat33,
-):
+def curvature(row: ContactRow, arm: wp.vec3, h_ll: wp.mat33, h_al: wp.mat33, h_aa: wp.mat33):
     """Adds the row's curvature k J^T J to a body's block; ``arm`` is the body's own.
 
     K = k_t I + (k_n - k_t) n n^T gives H_ll = K, H_al = [r] K, H_aa = [r] K [r]^T.

@@ -18,11 +18,7 @@ from ..model.actuators import (
     is_limited,
     passed_limits,
 )
-from ..model.inertia import (
-    mobility_along,
-    reference_mobility,
-    reference_moments,
-)
+from ..model.inertia import mobility_along, reference_mobility, reference_moments
 from ..model.topology import Topology
 from ..rows import actuator as rules
 from ..rows.motor import MOTOR
@@ -309,11 +305,7 @@ class Actuation:
             setattr(law, name, getattr(mujoco, f"actuator_{attribute}", None))
         data.fill(law, limits=limits, lengthrange=self._length_ranges(found))
 
-    def _make_axes(
-        self,
-        items: list[tuple[int, int, int]],
-        carried: dict[int, list[int]],
-    ) -> None:
+    def _make_axes(self, items: list[tuple[int, int, int]], carried: dict[int, list[int]]) -> None:
         """Lists actuators by degree of freedom.
 
         Args:

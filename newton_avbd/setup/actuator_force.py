@@ -118,9 +118,7 @@ class ActuatorForce:
             found = [self._dofs, *self._carried, self._compensation]
             compensate_axes(launch, model, state, coordinates[0], found)
             launch(
-                exports.add_compensation,
-                self._dofs.size,
-                [self._dofs, self._compensation, force],
+                exports.add_compensation, self._dofs.size, [self._dofs, self._compensation, force]
             )
         if self._transmission is not None:
             assert actuation is not None

@@ -883,8 +883,5 @@ class SolverArrays:
         if not (matching or surfaces or materials):
             return self._flags
         return dataclasses.replace(
-            self._flags,
-            matching=matching,
-            moving_surfaces=surfaces,
-            contact_materials=materials,
+            self._flags, matching=matching, moving_surfaces=surfaces, contact_materials=materials
         ).leaving_out(self._without)

@@ -368,12 +368,7 @@ def add_closures(work: Any, topology: Topology, joints: list[int]) -> None:
 
 
 def sleep_work(
-    model: newton.Model,
-    topology: Topology,
-    effects: Effects,
-    capacity: int,
-    loops: Any,
-    tree: Any,
+    model: newton.Model, topology: Topology, effects: Effects, capacity: int, loops: Any, tree: Any
 ) -> Any:
     """What is known of the bodies that sleep, by body slot; none does.
 

@@ -322,14 +322,7 @@ class Cables:
         launch(
             kernels.end_cables,
             self._model.tendon_count,
-            [
-                self._view_of_model,
-                state.body_q,
-                dt,
-                self.work,
-                self._of_state(state),
-                self.view,
-            ],
+            [self._view_of_model, state.body_q, dt, self.work, self._of_state(state), self.view],
         )
 
     def reset(self, launch: Launcher, state: newton.State, mask: wp.array) -> None:

@@ -37,8 +37,7 @@ _BY: dict[str, str] = {
         "dof",
     ),
     **dict.fromkeys(
-        ("history.joined_qd", "history.broken", "history.dahl_sigma", "history.dahl_kappa"),
-        "joint",
+        ("history.joined_qd", "history.broken", "history.dahl_sigma", "history.dahl_kappa"), "joint"
     ),
     **dict.fromkeys(("history.loop_force", "history.loop_torque", "history.loop_rate"), "loop"),
     **dict.fromkeys(

@@ -141,12 +141,7 @@ def make_adapt_world(effects: Effects, solve_world: wp.Function) -> wp.Function:
 
     @wp.func
     def solve_step(
-        world: int,
-        call: Call,
-        dt: float,
-        tolerance: float,
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
+        world: int, call: Call, dt: float, tolerance: float, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> Misstep:
         """Solves an inner step; what is known of it at once."""
         made = Misstep()

@@ -27,11 +27,7 @@ def carrier_of(shape: int, shape_body: wp.array[wp.int32]) -> int:
 
 @wp.func
 def touches(
-    c: int,
-    first: int,
-    second: int,
-    contacts: ContactInput,
-    body_q: wp.array[wp.transform],
+    c: int, first: int, second: int, contacts: ContactInput, body_q: wp.array[wp.transform]
 ) -> bool:
     """Whether the two links of a contact touch there."""
     apart = wp.transform_point(link_of(second, body_q), contacts.point1[c])

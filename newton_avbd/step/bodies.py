@@ -98,11 +98,7 @@ def mean_spin(
 ):
     """Angular velocity over the step [rad/s] and momentum [N m s] after it, world frame."""
     momentum = start_momentum(
-        model.inertia[body],
-        rotation,
-        wp.spatial_bottom(velocity),
-        wp.spatial_bottom(wrench),
-        h,
+        model.inertia[body], rotation, wp.spatial_bottom(velocity), wp.spatial_bottom(wrench), h
     )
     w = target_spin(model.inertia[body], model.inv_inertia[body], momentum, h)
     return wp.quat_rotate(rotation, w), wp.quat_rotate(rotation, momentum)

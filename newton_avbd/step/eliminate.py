@@ -237,11 +237,7 @@ def make_eliminate(effects: Effects, gather: wp.Function) -> wp.Function:
                 if wp.static(effects.tilting):
                     if frame.is_fast:
                         project_tilting(
-                            body,
-                            frame.carried.shifting,
-                            frame.carried.turning,
-                            frame.arm_c,
-                            s.tree,
+                            body, frame.carried.shifting, frame.carried.turning, frame.arm_c, s.tree
                         )
                 arm = frame.arm_p
             block = seen_from(arm, block)

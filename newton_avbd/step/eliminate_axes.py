@@ -161,10 +161,7 @@ def make_eliminate_axes(effects: Effects) -> wp.Function:
 
     @wp.func
     def release_axis(
-        free: wp.ref[FreeAxis],
-        axis: wp.ref[TreeAxis],
-        pull: float,
-        frame: wp.ref[JointFrame],
+        free: wp.ref[FreeAxis], axis: wp.ref[TreeAxis], pull: float, frame: wp.ref[JointFrame]
     ):
         """Takes an axis that nothing stiffens out of the directions along which the joint holds.
 

@@ -88,12 +88,7 @@ def clear_block(first: int, piles: wp.ref[PileWork]):
 
 @wp.func
 def add_to_block(
-    first: int,
-    span: wp.vec3,
-    ll: wp.mat33,
-    al: wp.mat33,
-    aa: wp.mat33,
-    piles: wp.ref[PileWork],
+    first: int, span: wp.vec3, ll: wp.mat33, al: wp.mat33, aa: wp.mat33, piles: wp.ref[PileWork]
 ):
     """Adds the block of one of its bodies, which ``span`` leads to, to that of a group."""
     ll, al, aa = span_block(span, ll, al, aa)

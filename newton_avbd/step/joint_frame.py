@@ -11,13 +11,7 @@ from ..effects import Effects
 from ..rows.euler import make_euler
 from ..rows.joint import make_counts
 from ..rows.lock import make_locks
-from .anchors import (
-    anchor_arm,
-    anchor_offset,
-    anchor_shift,
-    is_put,
-    make_anchors_of,
-)
+from .anchors import anchor_arm, anchor_offset, anchor_shift, is_put, make_anchors_of
 from .bodies import nonnegative
 from .rotations import relative_turn
 

@@ -133,11 +133,7 @@ def know_links(links: wp.ref[LinkModel]):
 
 @wp.func
 def weigh_body(
-    body: int,
-    is_new: bool,
-    is_known: bool,
-    links: wp.ref[LinkModel],
-    model: wp.ref[BodyModel],
+    body: int, is_new: bool, is_known: bool, links: wp.ref[LinkModel], model: wp.ref[BodyModel]
 ):
     """Flags, mass, COM and inertia of a body by those of its links, where they have changed.
 

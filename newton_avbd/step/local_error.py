@@ -110,12 +110,7 @@ def make_judge(effects: Effects) -> wp.Function:
 
     @wp.func
     def judge(
-        world: int,
-        h: float,
-        last_h: float,
-        made: Misstep,
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
+        world: int, h: float, last_h: float, made: Misstep, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> Misstep:
         """By its bodies, and by what its sweeps have left."""
         out = made

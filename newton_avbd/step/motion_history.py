@@ -52,11 +52,7 @@ def remember_loop(i: int, scale: WorldScale, s: wp.ref[Solver]):
     joint = s.loops.joints[i]
     for dof in range(s.joints.dof_start[joint], s.joints.dof_start[joint + 1]):
         end_axis(
-            dof,
-            s.loops.start_coordinate[dof],
-            s.loops.coordinate[dof],
-            scale,
-            s.history.coordinate,
+            dof, s.loops.start_coordinate[dof], s.loops.coordinate[dof], scale, s.history.coordinate
         )
 
 

@@ -225,10 +225,7 @@ class PileFunctions:
 
 
 def make_piles(
-    effects: Effects,
-    gather: wp.Function,
-    outer_block: wp.Function,
-    coasting_increment: wp.Function,
+    effects: Effects, gather: wp.Function, outer_block: wp.Function, coasting_increment: wp.Function
 ) -> PileFunctions:
     """Device functions that solve piles.
 

@@ -34,16 +34,7 @@ from .bodies import body_at, spin_momentum
 from .islands import is_free_island
 from .leading import make_leading
 from .motion_history import make_motion_history
-from .slopes import (
-    JUMPED,
-    LASTING,
-    QUIET_WORLD,
-    RHO,
-    SMOOTH,
-    constants,
-    is_going_on,
-    second_order,
-)
+from .slopes import JUMPED, LASTING, QUIET_WORLD, RHO, SMOOTH, constants, is_going_on, second_order
 from .smoothness import last_of, make_smoothness
 
 

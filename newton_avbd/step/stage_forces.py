@@ -63,16 +63,7 @@ def make_push_along(effects: Effects) -> wp.Function:
             rate = wp.float32(s.tree.runge_kutta.rate[k])
             moved = rate * h
             pull, stiffness = linear_force(
-                s.joints,
-                step.control,
-                joint,
-                dof,
-                q,
-                moved,
-                rate,
-                drive_away,
-                spring_away,
-                h,
+                s.joints, step.control, joint, dof, q, moved, rate, drive_away, spring_away, h
             )
             force += pull
             resists += h * h * stiffness

@@ -113,10 +113,7 @@ def make_sweep_world(
                 )
             first = s.worlds.block_end[first]
         if wp.static(effects.piles):
-            farthest = wp.max(
-                farthest,
-                sweep_piles(world, has_dual, recovery, scale, step, s),
-            )
+            farthest = wp.max(farthest, sweep_piles(world, has_dual, recovery, scale, step, s))
         if wp.static(effects.loops):
             for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
                 loop_wrench(i, recovery, scale.step, True, True, step, s)

@@ -39,10 +39,7 @@ def takes_start(a: int, b: int, rank: wp.array[wp.int32], work: wp.ref[BodyWork]
 
 @wp.func
 def end_motion(
-    motion: wp.spatial_vector,
-    at_start: bool,
-    center: wp.vec3,
-    span: TendonSpan,
+    motion: wp.spatial_vector, at_start: bool, center: wp.vec3, span: TendonSpan
 ) -> wp.vec3:
     """How an axis moves the end of a span against its start, by the motion of the COM of its
     body, which is at ``center``."""

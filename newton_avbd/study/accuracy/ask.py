@@ -48,10 +48,7 @@ LEAST_GAIN = 1.5
 MOST_GAIN = {OURS: 4.0, MJ_STEP: 16.0}
 """How many times smaller it gets at best, by the order of the scheme."""
 
-FINE = {
-    OURS: Setting(4, 100, 1e-6, "runge_kutta"),
-    MJ_STEP: Setting(1, scheme="rk4"),
-}
+FINE = {OURS: Setting(4, 100, 1e-6, "runge_kutta"), MJ_STEP: Setting(1, scheme="rk4")}
 """Where a refinement starts."""
 
 NO_DEARER = 1.1

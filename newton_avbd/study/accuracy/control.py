@@ -186,11 +186,7 @@ def outcomes(names: Iterable[str], *, repeats: int = REPEATS) -> Iterator[Outcom
 
 
 def _outcome(
-    name: str,
-    worker: Runner,
-    accuracy: float,
-    fixed: list[tuple[int, float, float]],
-    repeats: int,
+    name: str, worker: Runner, accuracy: float, fixed: list[tuple[int, float, float]], repeats: int
 ) -> Outcome:
     scene = worker.scene
     allowed = accuracy * (scene.seconds + SAVED)

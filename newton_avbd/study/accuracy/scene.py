@@ -11,13 +11,7 @@ from functools import cached_property
 import newton
 import numpy as np
 
-from newton_avbd.measure.state import (
-    Array,
-    Bodies,
-    kinetic_energy,
-    potential_energy,
-    transform,
-)
+from newton_avbd.measure.state import Array, Bodies, kinetic_energy, potential_energy, transform
 from newton_avbd.scenes.scene import FRAMES_PER_SECOND, Scene
 
 G = 9.81

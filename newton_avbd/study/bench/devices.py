@@ -170,9 +170,7 @@ def main() -> int:
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}")
     parser.add_argument("--processes", type=int, default=1, help="cases at once (default: 1)")
     args = parser.parse_args()
-    rows = [
-        ["case", "apart mm", "velocities m/s", "sweeps", "first CPU s", "first GPU s"],
-    ]
+    rows = [["case", "apart mm", "velocities m/s", "sweeps", "first CPU s", "first GPU s"]]
     rows[0] += ["step CPU ms", "step GPU ms"]
     names = chosen("case", args.cases, tuple(CASES))
     pool = multiprocessing.get_context("spawn").Pool(

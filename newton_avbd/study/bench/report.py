@@ -90,11 +90,7 @@ def as_json(machine: dict[str, str], results: list[Result]) -> dict[str, Any]:
         met = None if reached is None else reached <= target.bound
         targets.append({**asdict(target), "reached": reached, "met": met})
     return _finite(
-        {
-            "machine": machine,
-            "results": [asdict(result) for result in results],
-            "targets": targets,
-        }
+        {"machine": machine, "results": [asdict(result) for result in results], "targets": targets}
     )
 
 

@@ -94,10 +94,7 @@ BENCHMARKS: dict[str, Benchmark] = {
         *(Benchmark(scene, 5.0, _RIGID) for scene in SINGLE_ROBOTS),
         *(Benchmark(scene, 5.0, _COARSE, dt=1.0 / 60.0) for scene in SINGLE_ROBOTS),
         Benchmark(
-            "ant_worlds",
-            1.0,
-            ("avbd", "vbd", "xpbd", MJ_STEP, "mujoco_warp", "steel"),
-            alone="ant",
+            "ant_worlds", 1.0, ("avbd", "vbd", "xpbd", MJ_STEP, "mujoco_warp", "steel"), alone="ant"
         ),
         # The time in which they fall and land is short, and timing goes on in it.
         *(Benchmark(scene, 0.4, _BATCH) for scene in ("humanoid_worlds", "quadruped_worlds")),

@@ -144,10 +144,7 @@ def _robot(scene: str) -> tuple[Target, ...]:
 
 
 def _collided(scene: str) -> tuple[Target, ...]:
-    return (
-        Target(scene, "collided", 1 / 3, "vbd"),
-        Target(scene, "collided", 1.0, NEWTON_PEER),
-    )
+    return (Target(scene, "collided", 1 / 3, "vbd"), Target(scene, "collided", 1.0, NEWTON_PEER))
 
 
 TARGETS: tuple[Target, ...] = (

@@ -37,12 +37,7 @@ def over_roller(builder: newton.ModelBuilder, is_authored: bool, mu: float) -> M
     ends = weight(builder, 1.0, -R, -2.0), weight(builder, 2.0, R, -2.0)
     if is_authored:
         over = TendonGuide(
-            body=-1,
-            guide_type=TendonGuideType.ROLLER,
-            radius=R,
-            mu=mu,
-            axis=Y,
-            compliance=STIFF,
+            body=-1, guide_type=TendonGuideType.ROLLER, radius=R, mu=mu, axis=Y, compliance=STIFF
         )
         end = TendonGuide(body=ends[1], compliance=STIFF)
         builder.add_tendon([TendonGuide(body=ends[0]), over, end])

@@ -268,13 +268,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     return lambda trial: min(trial.center()[2] for _ in trial.steps(1.0))
 
 
-@JOINTS.declare(
-    "joint limit: holds",
-    "The same after 1 s.",
-    expected=-0.1,
-    bound=1.0e-4,
-    unit="m",
-)
+@JOINTS.declare("joint limit: holds", "The same after 1 s.", expected=-0.1, bound=1.0e-4, unit="m")
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     falling(limit_lower=-0.1)(builder, authored)
     return moved(1.0, component=2)
@@ -540,11 +534,7 @@ def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
 
 
 @JOINTS.declare(
-    "REVOLUTE",
-    "A pendulum: a quarter of its period.",
-    expected=SWING,
-    bound=0.01 * SWING,
-    unit="s",
+    "REVOLUTE", "A pendulum: a quarter of its period.", expected=SWING, bound=0.01 * SWING, unit="s"
 )
 def _(builder: newton.ModelBuilder, authored: bool) -> Measure:
     settings = {"axis": (0.0, 1.0, 0.0), "child_xform": frame(z=ARM)}

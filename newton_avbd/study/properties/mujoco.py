@@ -50,8 +50,7 @@ def slowed(
         builder.joint_qd[-6:] = velocity
 
         return after(
-            SECONDS,
-            lambda trial: (speed - trial.velocity()[component]) / SECONDS * per_slowing,
+            SECONDS, lambda trial: (speed - trial.velocity()[component]) / SECONDS * per_slowing
         )
 
     return build

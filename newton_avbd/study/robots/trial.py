@@ -102,11 +102,7 @@ class Report:
 
 
 def try_robot(
-    report: Report,
-    load: Importer,
-    shown: Callable[[str, int, int], None],
-    *,
-    timed: bool = True,
+    report: Report, load: Importer, shown: Callable[[str, int, int], None], *, timed: bool = True
 ) -> Record | None:
     """Set a robot up, let it hold and wave, check what it did, and time it.
 

@@ -278,11 +278,7 @@ def _(builder: newton.ModelBuilder) -> None:
             builder.add_shape_box(body, hx=0.25, hy=0.25, hz=0.25, cfg=block(builder))
 
 
-@BODIES.declare(
-    "bed_of_nails",
-    "a plate on 400 spheres of its own",
-    standing(1),
-)
+@BODIES.declare("bed_of_nails", "a plate on 400 spheres of its own", standing(1))
 def _(builder: newton.ModelBuilder) -> None:
     add_ground(builder)
     body = builder.add_body(xform=at(0.0, 0.0, 0.05))

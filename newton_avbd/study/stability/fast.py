@@ -166,9 +166,7 @@ for speed in (100.0, 1000.0):
             partial(_add_shot, speed=speed, is_free=is_free),
             # it does not get through the wall, and nothing comes from nowhere
             Bounds(
-                penetration=SUNK,
-                gain=1e-3 * 0.5 * speed**2 / 9.81,
-                drift=None if is_free else 0.0,
+                penetration=SUNK, gain=1e-3 * 0.5 * speed**2 / 9.81, drift=None if is_free else 0.0
             ),
             drift=beyond(5.0),
             speculative=speed / 60.0 * 1.1,

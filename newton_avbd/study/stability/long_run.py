@@ -38,11 +38,7 @@ PERIOD = 2 * IN_GRAPH
 SWING = wp.constant(1.0)
 """How far it goes [rad]."""
 
-MOTOR = {
-    "target_ke": 1e4,
-    "target_kd": 1e2,
-    "actuator_mode": newton.JointTargetMode.POSITION,
-}
+MOTOR = {"target_ke": 1e4, "target_kd": 1e2, "actuator_mode": newton.JointTargetMode.POSITION}
 """Drive of the crank."""
 
 

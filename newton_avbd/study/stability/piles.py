@@ -15,13 +15,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from newton_avbd.scenes.named import (
-    add_card_house,
-    add_ground,
-    add_pyramid,
-    add_stack,
-    add_wall,
-)
+from newton_avbd.scenes.named import add_card_house, add_ground, add_pyramid, add_stack, add_wall
 from newton_avbd.study.stability.case import Bounds, Catalog
 
 SUNK = 1e-4

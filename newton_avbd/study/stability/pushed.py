@@ -175,10 +175,7 @@ _declare(
     _Push(3),
 )
 _declare(
-    "loaded_cart",
-    "a wall of 16 bricks on a cart that is drawn",
-    _add_loaded_cart,
-    _Push(0, mu=0.0),
+    "loaded_cart", "a wall of 16 bricks on a cart that is drawn", _add_loaded_cart, _Push(0, mu=0.0)
 )
 _declare(
     "pusher",
@@ -187,9 +184,7 @@ _declare(
     _Push(0, mu=MU * 3.0 / 4.0),
 )
 _declare_struck(
-    "struck_row",
-    "a cube hits a row of ten on ice",
-    partial(_add_struck_cubes, layers=(10,)),
+    "struck_row", "a cube hits a row of ten on ice", partial(_add_struck_cubes, layers=(10,))
 )
 _declare_struck(
     "struck_pyramid",
@@ -197,7 +192,5 @@ _declare_struck(
     partial(_add_struck_cubes, layers=(4, 3, 2, 1)),
 )
 _declare_struck(
-    "struck_trains",
-    "a cube hits three trains of two cubes each on ice",
-    _add_struck_trains,
+    "struck_trains", "a cube hits three trains of two cubes each on ice", _add_struck_trains
 )

@@ -82,9 +82,7 @@ _LANDING: dict[str, Any] = {
 
 
 @STEPS.declare(
-    "landing_20",
-    "boxes, tilted, fall by a meter and more at 20 steps a second",
-    **_LANDING,
+    "landing_20", "boxes, tilted, fall by a meter and more at 20 steps a second", **_LANDING
 )
 def _(builder: newton.ModelBuilder) -> None:
     add_ground(builder, mu=0.5, gap=0.1)
