@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What several test files share: a scene that is stepped, and how a test looks at it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import newton
@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from newton_avbd import SolverAVBD
+from newton_avbd.measure.state import Bodies
+from newton_avbd.model.rotations import transform
+from newton_avbd.scenes.chains import add_chain
+from newton_avbd.study.accuracy import pendulums
 
 Array = NDArray[np.float64]
 
@@ -224,3 +228,32 @@ def add_mass(
 def in_float32(value: float) -> float:
     """What of a number reaches a kernel."""
     return float(np.float32(value))
+
+
+SWING_SECONDS = 2.0
+"""Time after which errors of pendulums are taken [s]."""
+
+
+def pendulum_errors(
+    make_solver: Callable[[newton.Model], SolverBase], links: int, dts: Iterable[float]
+) -> dict[float, float]:
+    """Largest distance of a link's center of mass from the reference [m], by the solver's step [s].
+
+    A pendulum of hinged links is let go at :data:`pendulums.SLOPE`; steps are whole fractions of
+    :data:`SWING_SECONDS`.
+    """
+    builder = newton.ModelBuilder()
+    add_chain(builder, links, length=pendulums.LENGTH, slope=pendulums.SLOPE)
+    builder.color()
+    model = builder.finalize(device="cpu")
+    belongs = pendulums.reference(model, SWING_SECONDS)
+    errors = {}
+    for dt in dts:
+        solver, control = make_solver(model), model.control()
+        state, following = model.state(), model.state()
+        for _ in range(round(SWING_SECONDS / dt)):
+            solver.step(state, following, control, None, dt)
+            state, following = following, state
+        centers = transform(state.body_q.numpy().astype(float), Bodies.of(model).com)
+        errors[dt] = float(np.max(np.linalg.norm(centers - belongs, axis=1)))
+    return errors

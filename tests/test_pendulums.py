@@ -9,6 +9,7 @@ import newton
 import numpy as np
 import pytest
 import warp as wp
+from helpers import SWING_SECONDS, pendulum_errors
 
 from newton_avbd import SolverAVBD
 from newton_avbd.scenes.chains import add_chain
@@ -52,7 +53,7 @@ def test_reference_of_a_double_pendulum_agrees_with_runge_kutta() -> None:
     def make(model: newton.Model) -> newton.solvers.SolverBase:
         return newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True, integrator="rk4")
 
-    assert pendulums.pendulum_errors(make, 2, [1.0 / 480.0])[1.0 / 480.0] < 5e-6
+    assert pendulum_errors(make, 2, [1.0 / 480.0])[1.0 / 480.0] < 5e-6
 
 
 @pytest.mark.parametrize("links", [2, 3])
@@ -62,7 +63,7 @@ def test_error_of_mujoco_falls_in_proportion_to_the_step(links: int) -> None:
     def make(model: newton.Model) -> newton.solvers.SolverBase:
         return newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True)
 
-    coarse, fine = pendulums.pendulum_errors(make, links, [1.0 / 120.0, 1.0 / 240.0]).values()
+    coarse, fine = pendulum_errors(make, links, [1.0 / 120.0, 1.0 / 240.0]).values()
     assert 1e-4 < fine < 0.02
     assert coarse / fine == pytest.approx(2.0, rel=0.05)
 
@@ -70,7 +71,7 @@ def test_error_of_mujoco_falls_in_proportion_to_the_step(links: int) -> None:
 @pytest.mark.parametrize("links", [2, 3])
 def test_error_of_avbd_falls_in_proportion_to_the_step(links: int) -> None:
     """By backward Euler, ends after 2 s: halved within 10 %, for what is left goes by h^2."""
-    errors = pendulums.pendulum_errors(
+    errors = pendulum_errors(
         lambda m: SolverAVBD(m, scheme="euler"), links, [1.0 / 240.0, 1.0 / 480.0]
     )
     coarse, fine = errors.values()
@@ -85,6 +86,6 @@ def test_standing_still_is_an_error_of_where_it_should_be() -> None:
             wp.copy(state_out.body_qd, state_in.body_qd)
 
     model = _model(2, pendulums.SLOPE)
-    moved = pendulums.reference(model, pendulums.SECONDS) - pendulums.reference(model, 0.0)
-    errors = pendulums.pendulum_errors(Still, 2, [0.5])
+    moved = pendulums.reference(model, SWING_SECONDS) - pendulums.reference(model, 0.0)
+    errors = pendulum_errors(Still, 2, [0.5])
     assert errors[0.5] == pytest.approx(np.linalg.norm(moved, axis=1).max(), abs=1e-5)

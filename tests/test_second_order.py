@@ -21,6 +21,7 @@ from helpers import (
     add_ground,
     add_mass,
     add_sphere,
+    pendulum_errors,
     surface,
 )
 from joint_scenes import WORLD, add_link, coordinates, set_coordinates, simulate, transform
@@ -30,7 +31,6 @@ from test_gyroscopic import AXES, MOMENTS, reference
 
 from newton_avbd import SolverAVBD
 from newton_avbd.scenes.chains import add_chain
-from newton_avbd.study.accuracy.pendulums import pendulum_errors
 
 STEPS = (1.0 / 60.0, 1.0 / 120.0, 1.0 / 240.0)
 

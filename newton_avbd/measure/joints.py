@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from newton_avbd.measure.state import Array
 from newton_avbd.model.equalities import may_hold
-from newton_avbd.model.rotations import rotate, transform
+from newton_avbd.model.rotations import conjugate, product, rotate, transform
 
 _UNLIMITED = (newton.JointType.FREE, newton.JointType.DISTANCE, newton.JointType.ROD)
 _LEAST = 1e-9
@@ -27,8 +27,6 @@ _PARALLEL = 0.2
 
 _SQUARE = 1e-4
 """Cosine between axes from which they are not square to each other."""
-
-_CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -231,7 +229,7 @@ class Joints:
         def at_anchor(body: NDArray[np.int64]) -> Array:
             return twists[body, :3] + np.cross(twists[body, 3:], anchor - centers[body])
 
-        back = _product(poses[self.parent, 3:], self.parent_frame[:, 3:]) * _CONJUGATE
+        back = conjugate(product(poses[self.parent, 3:], self.parent_frame[:, 3:]))
         sliding = rotate(back, at_anchor(self.child) - at_anchor(self.parent))
         turning = rotate(back, twists[self.child, 3:] - twists[self.parent, 3:])
         _, turn = self._relative(body_q)
@@ -239,7 +237,7 @@ class Joints:
         first, second = self.basis[:, :, 0], self.basis[:, :, 1]
         axes = np.zeros((len(turn), 3, 3))
         axes[:, :, 0] = first
-        middle = _product(_about(first, angles[:, 0]), _about(second, angles[:, 1]))
+        middle = product(_about(first, angles[:, 0]), _about(second, angles[:, 1]))
         axes[:, :, 1] = rotate(_about(first, angles[:, 0]), second)
         axes[:, :, 2] = rotate(middle, self.basis[:, :, 2] * self.sign[:, None])
         skew = self.hinges[:, 0].any(axis=1)
@@ -249,7 +247,7 @@ class Joints:
             chosen = self._is_nearer(one, other)[:, None]
             first_two = np.where(chosen, one, other)
             outer, inner = _about(a, first_two[:, 0]), _about(b, first_two[:, 1])
-            axes[skew] = np.stack([a, rotate(outer, b), rotate(_product(outer, inner), c)], axis=2)
+            axes[skew] = np.stack([a, rotate(outer, b), rotate(product(outer, inner), c)], axis=2)
         axes[self.angular == 2, :, 1] = 0.0
         axes[self.angular == 1, :, 1:] = 0.0
         axes[self.angular == 0] = 0.0
@@ -279,11 +277,11 @@ class Joints:
         # Row -1 is the world.
         poses = np.vstack([body_q, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
         parent, child = poses[self.parent], poses[self.child]
-        back = _product(parent[:, 3:], self.parent_frame[:, 3:]) * _CONJUGATE
+        back = conjugate(product(parent[:, 3:], self.parent_frame[:, 3:]))
         apart = transform(child, self.child_frame[:, :3]) - transform(
             parent, self.parent_frame[:, :3]
         )
-        turn = _product(back, _product(child[:, 3:], self.child_frame[:, 3:]))
+        turn = product(back, product(child[:, 3:], self.child_frame[:, 3:]))
         return rotate(back, apart), turn
 
     def _hinged(self, turn: Array) -> tuple[Array, Array, Array]:
@@ -295,7 +293,7 @@ class Joints:
         skew = self.hinges[:, 0].any(axis=1)
         a, b, c = (self.hinges[skew, i] for i in range(3))
         turn = turn[skew]
-        end, begin = rotate(turn, c), rotate(turn * _CONJUGATE, a)
+        end, begin = rotate(turn, c), rotate(conjugate(turn), a)
         both = _dot(a, b) * _dot(b, c)
         along, across = _dot(a, c) - both, _dot(a, np.cross(b, c))
         share = (_dot(a, end) - both) / np.hypot(along, across)
@@ -333,7 +331,7 @@ class Joints:
 
         A second axis that leans is the last column turned about the one between.
         """
-        r = self._matrix(_product(turn, _about(self.basis[:, :, 1], self.lean)))
+        r = self._matrix(product(turn, _about(self.basis[:, :, 1], self.lean)))
         return np.stack(
             [
                 np.arctan2(-r[:, 1, 2], r[:, 2, 2]),
@@ -418,13 +416,6 @@ def _dot(a: Array, b: Array) -> Array:
 def _about(axis: Array, angle: Array) -> Array:
     """Quaternions of turns about unit axes, shape [n, 4]."""
     return np.hstack([np.sin(0.5 * angle)[:, None] * axis, np.cos(0.5 * angle)[:, None]])
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Product of quaternions (x, y, z, w), shape [n, 4]."""
-    va, vb, wa, wb = a[:, :3], b[:, :3], a[:, 3:], b[:, 3:]
-    vector = wa * vb + wb * va + np.cross(va, vb)
-    return np.hstack([vector, wa * wb - np.sum(va * vb, axis=1, keepdims=True)])
 
 
 def _worse(so_far: float, values: Array) -> float:

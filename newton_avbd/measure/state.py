@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from newton_avbd.measure.overlaps import Overlap, find_overlaps
-from newton_avbd.model.rotations import rotate, transform
+from newton_avbd.model.rotations import conjugate, rotate, transform
 
 Array = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ def kinetic_energy(bodies: Bodies, body_q: Array, body_qd: Array) -> Array:
         Energy [J], shape [n]; 0 for bodies that forces do not move.
     """
     v, w = body_qd[:, :3], body_qd[:, 3:]
-    w_body = rotate(body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0], w)
+    w_body = rotate(conjugate(body_q[:, 3:]), w)
     turning = np.einsum("ni,nij,nj->n", w_body, bodies.inertia, w_body)
     energy = 0.5 * (bodies.mass * np.einsum("ni,ni->n", v, v) + turning)
     return np.where(bodies.moving, energy, 0.0)
@@ -85,7 +85,7 @@ def spin_momenta(bodies: Bodies, body_q: Array, body_qd: Array) -> Array:
     Returns:
         Momenta, world frame [kg m^2/s], shape [n, 3].
     """
-    w_body = rotate(body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0], body_qd[:, 3:])
+    w_body = rotate(conjugate(body_q[:, 3:]), body_qd[:, 3:])
     return rotate(body_q[:, 3:], np.einsum("nij,nj->ni", bodies.inertia, w_body))
 
 

@@ -17,6 +17,18 @@ def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     return v + q[..., 3:] * t + np.cross(q[..., :3], t)
 
 
+def conjugate(q: np.ndarray) -> np.ndarray:
+    """Conjugates of quaternions, which turn the other way, shape [..., 4]."""
+    return q * [-1.0, -1.0, -1.0, 1.0]
+
+
+def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Products of quaternions, shape [n, 4]."""
+    va, vb, wa, wb = a[:, :3], b[:, :3], a[:, 3:], b[:, 3:]
+    vector = wa * vb + wb * va + np.cross(va, vb)
+    return np.hstack([vector, wa * wb - np.sum(va * vb, axis=1, keepdims=True)])
+
+
 def transform(pose: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Apply poses [m, quaternion], shape [..., 7], to points [m], shape [..., 3]."""
     return pose[..., :3] + rotate(pose[..., 3:], point)

@@ -266,7 +266,7 @@ class Topology:
 
         def can_hang(body: int, other: int) -> bool:
             """Whether a joint to ``other`` can link a body to its parent in a tree."""
-            is_new = other < 0 or _find(root, body) != _find(root, other)
+            is_new = other < 0 or find_root(root, body) != find_root(root, other)
             return joint[body] < 0 and is_new and bool(moves[body])
 
         idle = np.zeros(count, dtype=bool)
@@ -293,7 +293,7 @@ class Topology:
             joint[below] = index
             parent_of[below] = above
             if above >= 0:
-                root[_find(root, below)] = _find(root, above)
+                root[find_root(root, below)] = find_root(root, above)
 
         outer = loops if trees else []
         cords = tendons(model) if has_tendons else []
@@ -313,7 +313,7 @@ class Topology:
             if above >= 0:
                 by_parent[above].append(body)
             else:
-                starts.setdefault(_find(block_root, body), []).append(body)
+                starts.setdefault(find_root(block_root, body), []).append(body)
         for block in sorted(starts.values(), key=lambda roots: (worlds[roots[0]], roots[0])):
             begin = len(order)
             order.extend(block)
@@ -355,7 +355,7 @@ class Topology:
         )
 
 
-def _find(root: list[int], body: int) -> int:
+def find_root(root: list[int], body: int) -> int:
     """Root of a set of bodies; shortens the way for the next call."""
     while root[body] != body:
         root[body] = body = root[root[body]]
@@ -536,7 +536,7 @@ def _closures(
         for link in links:
             first, *others = tied(link.bodies)
             for body in others:
-                root[_find(root, body)] = _find(root, first)
+                root[find_root(root, body)] = find_root(root, first)
         return root
 
     def rows_by_block(links: list[_Link]) -> Callable[[list[int]], int]:
@@ -544,8 +544,8 @@ def _closures(
         root = merged(links)
         rows_of: Counter[int] = Counter()
         for link in links:
-            rows_of[_find(root, tied(link.bodies)[0])] += link.rows
-        return lambda bodies: rows_of[_find(root, tied(bodies)[0])]
+            rows_of[find_root(root, tied(link.bodies)[0])] += link.rows
+        return lambda bodies: rows_of[find_root(root, tied(bodies)[0])]
 
     links = [link for link in links if tied(link.bodies)]
     rows_with = rows_by_block(links + strings)

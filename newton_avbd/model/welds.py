@@ -14,6 +14,7 @@ import numpy as np
 
 from ..attributes import break_limits
 from .equalities import may_hold
+from .rotations import conjugate, product
 
 STATIC = -1
 """Body of a link that is part of the static world."""
@@ -258,17 +259,14 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Products of poses (position, quaternion xyzw), shape (n, 7)."""
     p, q = a[:, :3], a[:, 3:]
     vector, scalar = q[:, :3], q[:, 3:]
-    other, last = b[:, 3:6], b[:, 6:]
     turned = np.cross(vector, b[:, :3]) + scalar * b[:, :3]
     position = p + b[:, :3] + 2.0 * np.cross(vector, turned)
-    axis = scalar * other + last * vector + np.cross(vector, other)
-    angle = scalar * last - np.sum(vector * other, axis=1, keepdims=True)
-    return np.hstack([position, axis, angle])
+    return np.hstack([position, product(q, b[:, 3:])])
 
 
 def inverse(a: np.ndarray) -> np.ndarray:
     """Inverses of poses, shape (n, 7)."""
-    conjugate = a[:, 3:] * np.array([-1.0, -1.0, -1.0, 1.0])
-    zero = np.hstack([np.zeros((len(a), 3)), conjugate])
+    turn = conjugate(a[:, 3:])
+    zero = np.hstack([np.zeros((len(a), 3)), turn])
     back = multiply(zero, np.hstack([-a[:, :3], np.tile(IDENTITY[3:], (len(a), 1))]))
-    return np.hstack([back[:, :3], conjugate])
+    return np.hstack([back[:, :3], turn])

@@ -12,7 +12,7 @@ import warp as wp
 
 from .. import data
 from ..drivers.launch import Launcher
-from ..model.topology import Topology, moving
+from ..model.topology import Topology, find_root, moving
 from ..model.welds import Welds, multiply
 from ..step import routes as kernels
 
@@ -115,22 +115,16 @@ class Cables:
         cable_of = np.repeat(np.arange(count), np.diff(start))
         blocks = np.append(topology.block_end[topology.rank], -1)[body]
         root = list(range(count))
-
-        def find(cable: int) -> int:
-            while root[cable] != cable:
-                root[cable] = cable = root[root[cable]]
-            return cable
-
         seen: dict[int, int] = {}
         for cable, block in zip(cable_of[moves[body]], blocks[moves[body]], strict=True):
-            first = find(seen.setdefault(int(block), int(cable)))
-            root[find(int(cable))] = first
+            first = find_root(root, seen.setdefault(int(block), int(cable)))
+            root[find_root(root, int(cable))] = first
         # a cluster that moves nothing goes with any world
         world = np.zeros(count, dtype=int)
         of_body = np.append(topology.worlds, 0)[body]
         for cable, its in zip(cable_of[moves[body]], of_body[moves[body]], strict=True):
             world[cable] = its
-        cluster = np.array([find(cable) for cable in range(count)])
+        cluster = np.array([find_root(root, cable) for cable in range(count)])
         order = np.lexsort((np.arange(count), cluster, world))
         cluster = cluster[order]
         firsts = np.flatnonzero(np.append(True, np.diff(cluster) != 0))

@@ -1,21 +1,19 @@
 # SPDX-FileCopyrightText: Copyright (c) 2026 The newton-avbd Developers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Planar pendulums of rigid links, integrated to high accuracy, and how far a solver is off.
+"""Planar pendulums of rigid links, integrated to high accuracy.
 
 The reference solves Lagrange's equations in the angles of the links to the vertical, with SciPy's
-Dormand-Prince method of order 8. The solver steps the same links as a chain of hinged bodies.
+Dormand-Prince method of order 8.
 """
 
 import math
-from collections.abc import Callable, Iterable
 
 import newton
 import numpy as np
 
 from newton_avbd.measure.state import Array, Bodies
 from newton_avbd.model.rotations import transform
-from newton_avbd.scenes.chains import add_chain
 
 LENGTH = 1.0
 """Length of a link [m]."""
@@ -23,34 +21,6 @@ LENGTH = 1.0
 SLOPE = math.radians(45.0)
 """Angle below the horizontal at which the links are let go [rad]; from higher up, more than two
 of them move so chaotically that the error at the end says nothing about a step."""
-
-SECONDS = 2.0
-"""Time after which errors are taken [s]."""
-
-
-def pendulum_errors(
-    make_solver: Callable[[newton.Model], newton.solvers.SolverBase],
-    links: int,
-    dts: Iterable[float],
-) -> dict[float, float]:
-    """How far a solver has a pendulum of hinged links from where it belongs.
-
-    Args:
-        make_solver: Constructs the solver for a model.
-        links: Number of links of :data:`LENGTH`, let go at :data:`SLOPE`.
-        dts: Solver steps [s], each a whole fraction of :data:`SECONDS`.
-
-    Returns:
-        For each step, the largest distance of a link's center of mass from the reference after
-        :data:`SECONDS` [m].
-    """
-    model = _model(links)
-    belongs = reference(model, SECONDS)
-    found = {dt: simulate(model, make_solver(model), dt, SECONDS) for dt in dts}
-    return {
-        dt: float(np.max(np.linalg.norm(centers - belongs, axis=1)))
-        for dt, centers in found.items()
-    }
 
 
 def reference(model: newton.Model, seconds: float) -> Array:
@@ -89,22 +59,3 @@ def reference(model: newton.Model, seconds: float) -> Array:
     found = solve_ivp(motion, (0.0, seconds), start, method="DOP853", rtol=1e-11, atol=1e-12)
     phi = found.y[:count, -1]
     return hung + np.stack([arm @ np.sin(phi), np.zeros(count), -arm @ np.cos(phi)], axis=1)
-
-
-def simulate(
-    model: newton.Model, solver: newton.solvers.SolverBase, dt: float, seconds: float
-) -> Array:
-    """Centers of mass of ``model``'s bodies after ``seconds`` of steps of ``dt`` [m], [n, 3]."""
-    state, following = model.state(), model.state()
-    control = model.control()
-    for _ in range(round(seconds / dt)):
-        solver.step(state, following, control, None, dt)
-        state, following = following, state
-    return transform(state.body_q.numpy().astype(float), Bodies.of(model).com)
-
-
-def _model(links: int) -> newton.Model:
-    builder = newton.ModelBuilder()
-    add_chain(builder, links, length=LENGTH, slope=SLOPE)
-    builder.color()
-    return builder.finalize(device="cpu")

@@ -6,12 +6,14 @@
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import newton
 import numpy as np
 import warp as wp
 
 from newton_avbd.measure.state import Array
+from newton_avbd.model.rotations import conjugate
 from newton_avbd.scenes.chains import add_chain
 from newton_avbd.scenes.named import SCENES, set_velocity
 from newton_avbd.study.accuracy import pendulums
@@ -85,7 +87,7 @@ def add_top(builder: newton.ModelBuilder) -> None:
 def top_error(path: Path) -> float:
     """Angle of the top to where it belongs at the end, relative to how far it has turned."""
     seconds = path.times[-1]
-    x, y, z, w = path.body_q[-1, 0, 3:] * [-1.0, -1.0, -1.0, 1.0]
+    x, y, z, w = conjugate(path.body_q[-1, 0, 3:])
     a, b, c, d = free_top(seconds)
     # The vector part of their difference is exact for the smallest of angles.
     apart = [w * a + d * x + y * c - z * b, w * b + d * y + z * a - x * c]
@@ -277,24 +279,10 @@ def _known(
     seconds: float,
     belongs: Callable[[Path], Array],
     solvers: tuple[str, ...],
-    *,
-    touching: bool = True,
-    sweeps: bool = True,
-    vbd_ke: float | None = None,
+    **more: Any,
 ) -> AccuracyScene:
-    return AccuracyScene(
-        name,
-        summary,
-        reference,
-        PATH,
-        build,
-        seconds,
-        OffPath(belongs),
-        solvers,
-        touching,
-        sweeps,
-        vbd_ke=vbd_ke,
-    )
+    error = OffPath(belongs)
+    return AccuracyScene(name, summary, reference, PATH, build, seconds, error, solvers, **more)
 
 
 ACCURACY_SCENES: dict[str, AccuracyScene] = {

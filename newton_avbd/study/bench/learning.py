@@ -25,7 +25,7 @@ from newton_avbd.flags import heed_flags
 from newton_avbd.io.assets import read_driven
 from newton_avbd.io.errors import UserError
 from newton_avbd.measure.state import Array
-from newton_avbd.model.rotations import rotate
+from newton_avbd.model.rotations import conjugate, rotate
 
 GYMNASIUM = (
     "InvertedPendulum-v5",
@@ -277,7 +277,7 @@ class Engine:
             spin = qd[dof + 3 : dof + 6]
             data.qpos[at + 3 : at + 7] = turn[[3, 0, 1, 2]]
             data.qvel[dof : dof + 3] = qd[dof : dof + 3] - np.cross(spin, rotate(turn, com))
-            data.qvel[dof + 3 : dof + 6] = rotate(turn * (-1.0, -1.0, -1.0, 1.0), spin)
+            data.qvel[dof + 3 : dof + 6] = rotate(conjugate(turn), spin)
         has = np.flatnonzero(self._task.model.actuator_actadr >= 0)
         if has.size:
             activations = self._solver.activations.numpy()

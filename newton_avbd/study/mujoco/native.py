@@ -10,7 +10,7 @@ import newton
 import numpy as np
 
 from newton_avbd.measure.state import Array
-from newton_avbd.model.rotations import rotate
+from newton_avbd.model.rotations import conjugate, rotate
 from newton_avbd.scenes.named import Scene
 from newton_avbd.study.contestants import FRAMES_IN_ONE_GO, GRAPH_STEPS, Contestant
 from newton_avbd.study.mujoco.joints import Articulated
@@ -122,8 +122,7 @@ def _set_state(data: Any, body_q: Array, body_qd: Array) -> None:
 
     MuJoCo puts the real part of a quaternion first and turns in the frame of the body.
     """
-    inverse = body_q[:, 3:] * [-1.0, -1.0, -1.0, 1.0]
-    spin = rotate(inverse, body_qd[:, 3:])
+    spin = rotate(conjugate(body_q[:, 3:]), body_qd[:, 3:])
     data.qpos[:] = body_q[:, [0, 1, 2, 6, 3, 4, 5]].ravel()
     data.qvel[:] = np.hstack([body_qd[:, :3], spin]).ravel()
 
