@@ -23,10 +23,11 @@ def conjugate(q: np.ndarray) -> np.ndarray:
 
 
 def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Products of quaternions, shape [n, 4]."""
-    va, vb, wa, wb = a[:, :3], b[:, :3], a[:, 3:], b[:, 3:]
+    """Products of quaternions, shape [..., 4]."""
+    va, vb, wa, wb = a[..., :3], b[..., :3], a[..., 3:], b[..., 3:]
     vector = wa * vb + wb * va + np.cross(va, vb)
-    return np.hstack([vector, wa * wb - np.sum(va * vb, axis=1, keepdims=True)])
+    scalar = wa * wb - np.sum(va * vb, axis=-1, keepdims=True)
+    return np.concatenate([vector, scalar], axis=-1)
 
 
 def transform(pose: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -385,35 +385,13 @@ class SolverArrays:
         self._make_actuation(topology)
         self._make_limit_law()
         self._flags_apart = self._flags.without_contact()
-        if self._flags.put_bodies and self._work.put is None:
-            self._forget_launches()
-            with wp.ScopedDevice(self.device):
-                buffers.add_put_work(self._work)
-        elif not self._flags.put_bodies and self._work.put is not None:
+        self._allocate_body_effects(topology)
+        if not self._flags.put_bodies and self._work.put is not None:
             self._work.put_from.zero_()
         if self._flags.dahl and self._history.dahl_sigma is None:
             self._forget_launches()
             with wp.ScopedDevice(self.device):
                 buffers.add_dahl_history(self._history, self._solved)
-        if self._flags.carried_rounding:
-            has_joints, has_free = self._flags.joints, bool(np.any(topology.is_alone))
-            with wp.ScopedDevice(self.device):
-                if buffers.add_carrying(
-                    self._work, self._history, has_joints=has_joints, has_free=has_free
-                ):
-                    self._forget_launches()
-        if self._flags.drag and self._work.drag is None:
-            self._forget_launches()
-            with wp.ScopedDevice(self.device):
-                buffers.add_drag_work(self._work)
-        if self._flags.pairs and self._islands.hold_ll is None:
-            self._forget_launches()
-            with wp.ScopedDevice(self.device):
-                buffers.add_hold(self._islands)
-        if self._flags.balanced and self._islands.balance is None:
-            self._forget_launches()
-            with wp.ScopedDevice(self.device):
-                buffers.add_balance(self._islands)
         if self._capacity:
             self._allocate_contact_effects()
         if not self._flags.axis_rates and self._history.axis_velocity is not None:
@@ -481,6 +459,26 @@ class SolverArrays:
         if self._capacity:
             self._allocate_large_contacts()
         self._allocate_sleep()
+
+    def _allocate_body_effects(self, topology: Topology) -> None:
+        """Buffers by body slot that only some effects need, where they are not there yet."""
+        effects, work, islands, history = self._flags, self._work, self._islands, self._history
+        is_carried, has_free = effects.carried_rounding, bool(np.any(topology.is_alone))
+        by_body: tuple[tuple[bool, Any, tuple[str, ...]], ...] = (
+            (effects.put_bodies, work, ("put", "put_from")),
+            (effects.drag, work, ("drag",)),
+            (effects.pairs, islands, ("hold_ll", "hold_al")),
+            (effects.balanced, islands, ("balance", "start_q", "start_qd")),
+            (is_carried, work, ("gained",)),
+            (is_carried and effects.joints, work, ("rounded",)),
+            (is_carried and effects.joints, history, ("lost_turn",)),
+            (is_carried and has_free, history, ("flights",)),
+        )
+        for is_wanted, owner, names in by_body:
+            if is_wanted and getattr(owner, names[0]) is None:
+                self._forget_launches()
+                with wp.ScopedDevice(self.device):
+                    data.allocate(owner, self._solved.body_count + 1, *names)
 
     def _allocate_piles(self) -> None:
         """Buffers for the piles of free bodies."""

@@ -77,31 +77,11 @@ def add_world_history(history: Any, count: int, second_order: bool) -> None:
         data.allocate(history, count, "smooth", "slope_age")
 
 
-def add_put_work(work: Any) -> None:
-    """What a step works out of bodies that are put, by body slot."""
-    data.allocate(work, work.com.shape[0], "put", "put_from")
-
-
-def add_drag_work(work: Any) -> None:
-    """What slows bodies down in a step, by body slot."""
-    data.allocate(work, work.com.shape[0], "drag")
-
-
 def island_work(slots: int) -> Any:
     """Islands, by body slot."""
     islands = data.IslandWork()
     data.allocate(islands, slots, "parent", "fixed", "sum")
     return islands
-
-
-def add_hold(islands: Any) -> None:
-    """What holds islands that touch fixed things, by body slot."""
-    data.allocate(islands, islands.parent.shape[0], "hold_ll", "hold_al")
-
-
-def add_balance(islands: Any) -> None:
-    """What bounds the energy of a step that does not settle, by body slot."""
-    data.allocate(islands, islands.parent.shape[0], "balance", "start_q", "start_qd")
 
 
 def row_work(slots: int) -> Any:
@@ -180,30 +160,6 @@ def add_joint_history(history: Any, model: newton.Model, rest_angle: wp.array) -
     data.allocate(history, dofs, "piece", "axis_velocity", "held_at")
     data.allocate(history, dofs, "limit_force", "friction_force")
     data.allocate(history, (model.joint_count, 2), "joined_qd")
-
-
-def add_carrying(work: Any, history: Any, *, has_joints: bool, has_free: bool) -> bool:
-    """What rounding takes from poses and velocities, by body slot, where it is not there yet.
-
-    Args:
-        work: The work of bodies.
-        history: What is remembered of the last step.
-        has_joints: Whether joints hold bodies.
-        has_free: Whether there are bodies that none holds.
-
-    Returns:
-        Whether something has been added.
-    """
-    slots = work.com.size
-    wanted: list[tuple[Any, str]] = [(work, "gained")]
-    if has_joints:
-        wanted += [(work, "rounded"), (history, "lost_turn")]
-    if has_free:
-        wanted.append((history, "flights"))
-    missing = [(struct, name) for struct, name in wanted if getattr(struct, name) is None]
-    for struct, name in missing:
-        data.allocate(struct, slots, name)
-    return bool(missing)
 
 
 def add_dahl_history(history: Any, model: newton.Model) -> None:

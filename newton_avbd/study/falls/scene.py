@@ -10,7 +10,7 @@ import numpy as np
 
 from newton_avbd.measure.overlaps import DEPTH
 from newton_avbd.measure.state import Array, Bodies, Probe
-from newton_avbd.model.rotations import rotate, transform
+from newton_avbd.model.rotations import product, rotate, transform
 from newton_avbd.scenes.finalize import finalized
 from newton_avbd.scenes.pose import dofs_of, follow_leaders, lowest_points, stand
 
@@ -186,7 +186,7 @@ def _pose(
             elif kind == newton.JointType.FREE and builder.joint_parent[joint] < 0:
                 root = first[at : at + 3] if root is None else root
                 q[at : at + 3] = root + rotate(turn, first[at : at + 3] - root)
-                q[at + 3 : at + 7] = _product(turn, first[at + 3 : at + 7])
+                q[at + 3 : at + 7] = product(turn, first[at + 3 : at + 7])
             elif kind not in (*_LOOSE, newton.JointType.ROD):
                 for i, dof in enumerate(dofs_of(builder, joint)):
                     low, high = lower[dof], upper[dof]
@@ -265,9 +265,3 @@ def _random_turn(rng: np.random.Generator, share: float = 1.0) -> Array:
     angle = share * np.arccos(np.clip(abs(q[3]), 0.0, 1.0))
     axis = np.sign(q[3]) * q[:3] / max(float(np.linalg.norm(q[:3])), 1e-12)
     return np.append(np.sin(angle) * axis, np.cos(angle))
-
-
-def _product(a: Array, b: Array) -> Array:
-    """Product of two quaternions (x, y, z, w)."""
-    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
-    return np.append(vector, a[3] * b[3] - a[:3] @ b[:3])
