@@ -327,7 +327,9 @@ def _report(comparison: Comparison) -> str:
             )
         )
     if a.passed or b.passed:
-        rows.append(row("past limits of joints, ever", lambda c: _beyond(c)))
+        rows.append(
+            row("past limits of joints, ever", lambda c: f"{c.passed[0] if c.passed else 0.0:.3g}")
+        )
     apart = [("apart after", "most", "median")]
     last = len(comparison.time) - 1
     for frame in sorted({max(min(1, last), last * part // 4) for part in range(1, 5)}):
@@ -339,11 +341,6 @@ def _report(comparison: Comparison) -> str:
             )
         )
     return "\n\n".join([table(rows), table(apart), *_reasons(comparison)])
-
-
-def _beyond(course: Course) -> str:
-    """How far a joint is past its limits."""
-    return f"{course.passed[0] if course.passed else 0.0:.3g}"
 
 
 def _reasons(comparison: Comparison) -> list[str]:

@@ -71,7 +71,7 @@ def main(args: argparse.Namespace) -> int:
             report = Report(robot.name, robot.package)
             shown = partial(show_trial, f"{robot.name} ({number} of {len(chosen)})")
             notes: list[str] = []
-            source = partial(as_usd, robot, Path(folder)) if args.usd else partial(_as_it_is, robot)
+            source = partial(as_usd, robot, Path(folder)) if args.usd else lambda robot=robot: robot
             with unprinted(), gathered_warnings(), showing(f"trying {robot.name}"):
                 load = partial(_load, source, notes)
                 record = try_robot(report, load, shown, timed=not args.untimed)
@@ -109,10 +109,6 @@ def chosen_robots(names: list[str]) -> list[Robot]:
         for robot in found if name in packages else [find_robot(name)]:
             chosen[robot.name] = robot
     return list(chosen.values())
-
-
-def _as_it_is(robot: Robot) -> Robot:
-    return robot
 
 
 def _load(source: Callable[[], Robot], notes: list[str]) -> newton.ModelBuilder:

@@ -11,6 +11,7 @@ complete scenes, ready to build.
 
 import math
 from collections.abc import Iterable
+from functools import partial
 
 import newton
 import numpy as np
@@ -431,10 +432,6 @@ def add_pyramid_worlds(builder: newton.ModelBuilder, worlds: int = 64) -> None:
     builder.replicate(world, worlds)
 
 
-def _build_heavy_on_light(builder: newton.ModelBuilder) -> None:
-    add_stack(builder, count=2, densities=(10.0, 10000.0))
-
-
 SCENES: dict[str, Scene] = {
     scene.name: scene
     for scene in (
@@ -458,7 +455,7 @@ SCENES: dict[str, Scene] = {
         Scene(
             "heavy_on_light",
             "a box carries one of 1,000 times its mass",
-            _build_heavy_on_light,
+            partial(add_stack, count=2, densities=(10.0, 10000.0)),
             vbd_ke=1e6,
         ),
         Scene("top", "a body spins about its middle axis and flips", add_top),

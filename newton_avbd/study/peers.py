@@ -5,6 +5,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import newton
@@ -57,19 +58,6 @@ def _avbd(model: newton.Model) -> SolverBase:
     return SolverAVBD(model, iterations=ITERATIONS)
 
 
-def _vbd(model: newton.Model) -> SolverBase:
-    return newton.solvers.SolverVBD(model, iterations=ITERATIONS)
-
-
-def _xpbd(model: newton.Model) -> SolverBase:
-    return newton.solvers.SolverXPBD(model, iterations=ITERATIONS)
-
-
-def _mujoco(model: newton.Model) -> SolverBase:
-    # The C backend cannot be given Newton's contacts: SolverMuJoCo refuses.
-    return newton.solvers.SolverMuJoCo(model, use_mujoco_cpu=True)
-
-
 def _mujoco_warp(model: newton.Model) -> SolverBase:
     # Told to use Newton's contacts it insists on some, also where nothing can collide.
     own_contacts = not model.shape_contact_pair_count
@@ -90,16 +78,10 @@ def _steel(model: newton.Model) -> SolverBase:
     )
 
 
-def _kamino(model: newton.Model) -> SolverBase:
-    return newton.solvers.SolverKamino(model)
-
-
-def _semi_implicit(model: newton.Model) -> SolverBase:
-    return newton.solvers.SolverSemiImplicit(model)
-
-
-def _featherstone(model: newton.Model) -> SolverBase:
-    return newton.solvers.SolverFeatherstone(model)
+_vbd = partial(newton.solvers.SolverVBD, iterations=ITERATIONS)
+_xpbd = partial(newton.solvers.SolverXPBD, iterations=ITERATIONS)
+# The C backend cannot be given Newton's contacts: SolverMuJoCo refuses.
+_mujoco = partial(newton.solvers.SolverMuJoCo, use_mujoco_cpu=True)
 
 
 PEERS: dict[str, Peer] = {
@@ -109,8 +91,8 @@ PEERS: dict[str, Peer] = {
     "mujoco": Peer("SolverMuJoCo C", _mujoco, detects=True, captures=False),
     "mujoco_warp": Peer("SolverMuJoCo Warp", _mujoco_warp),
     "steel": Peer("SolverSteel(10)", _steel),
-    "kamino": Peer("SolverKamino", _kamino),
-    "semi_implicit": Peer("SolverSemiImplicit", _semi_implicit),
-    "featherstone": Peer("SolverFeatherstone", _featherstone),
+    "kamino": Peer("SolverKamino", newton.solvers.SolverKamino),
+    "semi_implicit": Peer("SolverSemiImplicit", newton.solvers.SolverSemiImplicit),
+    "featherstone": Peer("SolverFeatherstone", newton.solvers.SolverFeatherstone),
 }
 """Solvers of Newton by name, ours first, and at the end ours as it would be without haste."""
