@@ -48,13 +48,6 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
     has mass. An asset without a ground gets a plane at z = 0, or just under its lowest point where
     that is deeper, so that nothing falls forever.
 
-    Args:
-        path: A file with one of :data:`~newton_avbd.io.names.SUFFIXES`.
-        request: Solver and settings.
-
-    Returns:
-        The simulation.
-
     Raises:
         UserError: The file is missing, is no such asset or holds no bodies.
     """
@@ -68,15 +61,7 @@ def open_asset(path: Path, request: Request) -> ModelSimulation:
 def set_up_asset(
     path: Path, solver: str, *, light_links: bool = True
 ) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
-    """Read a file, and put a ground under what it holds: see :func:`open_asset`.
-
-    Args:
-        path: The file.
-        solver: The solver for which the builder is prepared.
-        light_links: As of :func:`read_asset`.
-
-    Returns:
-        A builder, and what the user should know of it, a sentence each.
+    """Read a file as :func:`read_asset`, and put a ground under what it holds.
 
     Raises:
         UserError: The file is missing, is no such asset or cannot be read.
@@ -117,15 +102,7 @@ def _open_driven(path: Path, request: Request) -> ModelSimulation:
 def read_driven(
     path: Path, solver: str = "avbd", *, light_links: bool = True
 ) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
-    """Read an MJCF file with its actuators, which ``control.mujoco.ctrl`` controls.
-
-    Args:
-        path: The file.
-        solver: The solver for which the builder is prepared.
-        light_links: As of :func:`read_asset`.
-
-    Returns:
-        A builder, and what the user should know of it, a sentence each.
+    """Read an MJCF file as :func:`read_asset`, with its actuators on ``control.mujoco.ctrl``.
 
     Raises:
         Exception: Whatever Newton's importer raises.

@@ -46,15 +46,8 @@ def _check_geoms(body: Body, compiler: Attributes) -> None:
 
 
 def _check(tag: str, name: str, said: Attributes, body: Body, count: int) -> None:
-    """Raise a ``ValueError`` if an attribute makes no sense.
-
-    Args:
-        tag: Of the element.
-        name: Of the attribute.
-        said: Attributes of the element.
-        body: Whose it is.
-        count: How many of its numbers may not be negative.
-    """
+    """Raise a ``ValueError`` if an attribute of an element of a body makes no sense, of whose
+    numbers so many may not be negative."""
     wrong = _wrong(numbers(said, name), count)
     if wrong:
         raise ValueError(f"<{tag} {name}={said[name]!r}> of {body.called} {wrong}")

@@ -51,18 +51,10 @@ def open_scene(name: str, request: Request) -> Simulation:
 
 
 def read_scene(name: str) -> tuple[Scene, tuple[str, ...]]:
-    """Read a scene by name, as studies take it: without a solver.
+    """Read a scene by name, as studies take it, without a solver, and what to know of it.
 
-    Of a Newton example this is its model, without what its program does between steps.
-
-    Args:
-        name: As for :func:`open_scene`.
-
-    Returns:
-        The scene, and what the user should know of it, a sentence each.
-
-    Raises:
-        UserError: There is no such scene, or it cannot be read.
+    Of a Newton example this is its model, without what its program does between steps. Names and
+    errors are those of :func:`open_scene`.
     """
     try:
         with showing(f"reading {name}"):

@@ -151,20 +151,9 @@ def find_robot(name: str) -> Robot:
 def read_robot(
     robot: Robot, solver: str = "avbd", *, light_links: bool = True
 ) -> tuple[newton.ModelBuilder, tuple[str, ...]]:
-    """Import a robot plainly.
+    """Import a robot plainly, as :func:`.assets.read_asset` reads its file.
 
     A robot that would float, but has no colliding shape on which it could stand, is bolted down.
-
-    Args:
-        robot: The robot.
-        solver: The solver for which the builder is prepared.
-        light_links: As of :func:`.assets.read_asset`.
-
-    Returns:
-        A builder, and what the user should know of it, a sentence each.
-
-    Raises:
-        UserError: The file cannot be read.
     """
     read = partial(read_asset, robot.path, solver, light_links=light_links)
     builder, notes = read(floating=not robot.bolted)
@@ -176,15 +165,8 @@ def read_robot(
 def set_up_robot(
     name: str, solver: str, *, light_links: bool = True
 ) -> tuple[Robot, newton.ModelBuilder, tuple[str, ...]]:
-    """Read a robot by name, and stand it up or bolt it down; its drives hold its first pose.
-
-    Args:
-        name: Its name, with or without :data:`PREFIX`.
-        solver: The solver for which the builder is prepared.
-        light_links: As of :func:`.assets.read_asset`.
-
-    Returns:
-        The robot, a builder, and what the user should know of it, a sentence each.
+    """Read a robot as :func:`read_robot`, and stand it up or bolt it down; its drives hold its
+    first pose. Its name may have the :data:`PREFIX`.
 
     Raises:
         UserError: There is no such robot, or it cannot be read.
@@ -201,18 +183,7 @@ def describe_filtered(name: str, filtered: int) -> list[str]:
 
 
 def open_robot(name: str, request: Request) -> ModelSimulation:
-    """Open a robot as a simulation: on the ground or bolted down, its drives hold its first pose.
-
-    Args:
-        name: Its name, with or without :data:`PREFIX`.
-        request: Solver and settings.
-
-    Returns:
-        The simulation.
-
-    Raises:
-        UserError: There is no such robot, or it cannot be read.
-    """
+    """Open a robot as a simulation; names and errors are those of :func:`set_up_robot`."""
     robot, builder, notes = set_up_robot(name, request.solver, light_links=request.light_links)
     return simulate(robot.name, robot.path, builder, request, notes)
 

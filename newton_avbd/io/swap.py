@@ -59,14 +59,7 @@ class StandIn:
     """Stands in for a solver class in ``newton.solvers``; see the module."""
 
     def __init__(self, original: type, request: Request, timer: StepTimer, made: list[Any]):
-        """Make a stand-in.
-
-        Args:
-            original: The class stood in for.
-            request: Solver to make instead, and its iterations.
-            timer: Watches the solvers made.
-            made: Receives the solvers made.
-        """
+        """Stand in for a class; ``timer`` watches the solvers made, ``made`` receives them."""
         self._original, self._request, self._timer, self._made = original, request, timer, made
 
     def __call__(self, model: newton.Model, *args: Any, **options: Any) -> Any:

@@ -75,15 +75,9 @@ def kinetic_energy(bodies: Bodies, body_q: Array, body_qd: Array) -> Array:
 
 
 def spin_momenta(bodies: Bodies, body_q: Array, body_qd: Array) -> Array:
-    """Angular momentum of each body about its center of mass, R I R^T w.
+    """Angular momentum of each body about its center of mass, R I R^T w [kg m^2/s], shape [n, 3].
 
-    Args:
-        bodies: Mass properties.
-        body_q: Body poses, shape [n, 7].
-        body_qd: As of :func:`kinetic_energy`.
-
-    Returns:
-        Momenta, world frame [kg m^2/s], shape [n, 3].
+    World frame; arguments as of :func:`kinetic_energy`.
     """
     w_body = rotate(conjugate(body_q[:, 3:]), body_qd[:, 3:])
     return rotate(body_q[:, 3:], np.einsum("nij,nj->ni", bodies.inertia, w_body))
