@@ -348,13 +348,8 @@ def _check_ranges(model: newton.Model) -> None:
         ends = getattr(mujoco, f"actuator_{name}range").numpy()
         holds = getattr(mujoco, f"actuator_{name}limited").numpy() == 1
         wrong = np.isnan(ends).any(axis=1) | (holds & (ends[:, 0] > ends[:, 1]))
-        if wrong.any():
-            item = int(np.flatnonzero(wrong)[0])
-            raise ValueError(
-                f"model.mujoco.actuator_{name}range[{item}] "
-                f"('{_label(mujoco.actuator_label, item)}') must be two numbers, the smaller one "
-                f"first: {ends[item]}."
-            )
+        says = "must be two numbers, the smaller one first"
+        _refuse(wrong, f"mujoco.actuator_{name}range", mujoco.actuator_label, says, ends)
 
 
 def _check_time_constants(model: newton.Model) -> None:
@@ -392,12 +387,7 @@ def _check_condims(model: newton.Model) -> None:
         (condims.condim, "mujoco.condim", model.shape_label),
         (condims.pair_condim, "mujoco.pair_condim", condims.labels(model)),
     ):
-        wrong = np.flatnonzero(~np.isin(values, CONDIMS))
-        if wrong.size:
-            item = int(wrong[0])
-            raise ValueError(
-                f"model.{what}[{item}] ('{_label(labels, item)}') must be {names}: {values[item]}."
-            )
+        _refuse(~np.isin(values, CONDIMS), what, labels, f"must be {names}", values)
     numbers = np.column_stack((condims.pair_friction, condims.pair_margin))
     is_sound = np.isfinite(numbers).all(axis=1) & (condims.pair_friction >= 0.0).all(axis=1)
     if not is_sound.all():
@@ -526,13 +516,7 @@ def _check_most(name: str, most: wp.array, labels: list[str]) -> None:
     """Raises a ValueError that names the first of some bounds, which may be infinite, that makes
     no sense."""
     values = most.numpy()
-    wrong = np.flatnonzero(~(values >= 0.0))
-    if wrong.size:
-        item = int(wrong[0])
-        raise ValueError(
-            f"model.{name}[{item}] ('{_label(labels, item)}') must be 0 or more, or infinite: "
-            f"{values[item]}."
-        )
+    _refuse(~(values >= 0.0), name, labels, "must be 0 or more, or infinite", values)
 
 
 def _check_bodies(model: newton.Model) -> None:
@@ -611,13 +595,8 @@ def _check_lengths(model: newton.Model, name: str, labels: Sequence[str]) -> Non
         return
     # the last four numbers of a frame, the three of an axis
     lengths = np.linalg.norm(values[:, -4:] if values.shape[1] == 7 else values, axis=1)
-    wrong = np.flatnonzero(np.abs(lengths - 1.0) > _UNIT)
-    if wrong.size:
-        item = int(wrong[0])
-        what = "a unit quaternion" if values.shape[1] == 7 else "a unit vector"
-        raise ValueError(
-            f"model.{name}[{item}] ('{_label(labels, item)}') is not {what}: {values[item]}."
-        )
+    what = "a unit quaternion" if values.shape[1] == 7 else "a unit vector"
+    _refuse(np.abs(lengths - 1.0) > _UNIT, name, labels, f"is not {what}", values)
 
 
 def check_array(name: str, array: wp.array | None, count: int, device: wp.Device) -> None:
@@ -644,15 +623,18 @@ def _check_numbers(
     if values.size == 0:
         return
     per_item = values.reshape(len(values), -1)
-    wrong = np.flatnonzero(~np.all(np.isfinite(per_item) & (per_item >= minimum), axis=1))
-    if wrong.size:
-        item = int(wrong[0])
-        problem = "is not finite"
-        if np.all(np.isfinite(per_item[item])):
-            problem = "is negative"
-        raise ValueError(
-            f"model.{name}[{item}] ('{_label(labels, item)}') {problem}: {values[item]}."
-        )
+    wrong = ~np.all(np.isfinite(per_item) & (per_item >= minimum), axis=1)
+    is_finite = np.all(np.isfinite(per_item[wrong.argmax()]))
+    _refuse(wrong, name, labels, "is negative" if is_finite else "is not finite", values)
+
+
+def _refuse(
+    wrong: np.ndarray, name: str, labels: Sequence[str], says: str, values: np.ndarray
+) -> None:
+    """Raises a ValueError that names the first entry of a model array that is wrong, if one is."""
+    if wrong.any():
+        item = int(wrong.argmax())
+        raise ValueError(f"model.{name}[{item}] ('{_label(labels, item)}') {says}: {values[item]}.")
 
 
 def _label(labels: Sequence[str], index: int | np.integer) -> str:
