@@ -451,6 +451,12 @@ class Effects:
         return self.islands and turns and not self.drag
 
     @property
+    def trapezoidal(self) -> bool:
+        """Whether steps of backward Euler leave articulations by the trapezoidal rule."""
+        is_pulled = self.cables or self.tendons or self.drag
+        return self.second_order and self.joints and not is_pulled
+
+    @property
     def spinning(self) -> bool:
         """Whether linked bodies may turn fast about an axis that matters."""
         return self.gyroscopic and self.joints

@@ -128,7 +128,8 @@ def test_a_pendulum_is_as_accurate_as_asked(accuracy: float) -> None:
     """Against the elliptic integral: after a period it is back where it started.
 
     In a second, with what may be spent at once, 1.25 s times the accuracy; the estimate is right
-    within a factor of three where it decides about the steps.
+    within a factor of three where it decides about the steps, but for the first one. Of that nobody
+    knows more than what backward Euler would miss.
     """
     period = 4.0 * ellipk(math.sin(0.5) ** 2) * math.sqrt((1.0 + 1e-3) / G)
     assert np.allclose(swung(period), swung(0.0), atol=1e-8)
@@ -139,7 +140,8 @@ def test_a_pendulum_is_as_accurate_as_asked(accuracy: float) -> None:
     assert off <= accuracy * (2.0 + SAVED)
     assert not report.missed.any()
     assert report.total[0] <= accuracy * (2.0 + SAVED)
-    assert off / 3.0 <= report.total[0] <= 3.0 * off
+    first = 0.5 * FRAME**2 * G * math.sin(1.0)
+    assert off / 3.0 <= report.total[0] <= 3.0 * off + min(first, accuracy * SAVED)
 
 
 @pytest.mark.parametrize("accuracy", LEVELS)

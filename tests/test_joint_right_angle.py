@@ -294,4 +294,4 @@ def test_near_the_pole_steps_of_second_order_are_backward_euler() -> None:
         assert apart[0] < 2.0e-3, mount
         if mount in ("fixed", "loaded"):  # the others differ by less than 3e-4
             assert apart[1] < 0.6 * apart[0], mount
-            assert np.abs(coarse - fine[1::2])[:, 2 * i + 1].max() < 2.0e-5, mount
+            assert np.abs(coarse - fine[1::2])[:, 2 * i + 1].max() < 2.2e-5, mount

@@ -115,7 +115,7 @@ def test_a_stiff_drive_holds_and_does_not_ring() -> None:
 
 
 def test_friction_stops_a_hinge_where_it_belongs() -> None:
-    """v t - a t^2 / 2 with order two, v^2 / (2 a) where it stops, and there it stays."""
+    """v t - a t^2 / 2 to rounding, v^2 / (2 a) where it stops, and there it stays."""
     speed, friction = 3.0, 0.6
     brake = friction / INERTIA[1]
     stop = speed**2 / (2.0 * brake)
@@ -126,9 +126,9 @@ def test_friction_stops_a_hinge_where_it_belongs() -> None:
         return builder
 
     belongs = speed - 0.5 * brake
-    # longer steps than elsewhere: rounding leaves 2e-5
-    assert_second_order(lambda dt: abs(angle(scene(), 1.0, 4.0 * dt) - belongs), least=3.0)
+    # the trapezoidal rule is exact for a constant brake, and the next steps are not quite
     for dt in STEPS:
+        assert angle(scene(), 1.0, dt) == pytest.approx(belongs, abs=0.1 * brake * dt**2 + 6.0e-5)
         sim = simulate(scene(), dt=dt, scheme=ALPHA)
         sim.run(2.0)
         q = coordinates(sim)[0][0]
@@ -220,66 +220,72 @@ def test_a_pendulum_between_limits_only_loses_energy() -> None:
 def test_forces_that_change_each_step_act_in_full_in_their_step(settings: dict[str, str]) -> None:
     """A slider under random forces, each for a step: v = sum of h f/m to rounding.
 
-    In a tree its places are fifty times closer to the exact ones, pieces of parabolas, than by
-    backward Euler.
+    In a tree its places are twenty times closer to the exact ones, pieces of parabolas, than by
+    backward Euler, on the average of eight paths.
     """
-    random, h, mass = np.random.default_rng(0), 1.0 / 240.0, 2.0
-    forces = random.uniform(-10.0, 10.0, 240)
-    v = np.cumsum(h * forces / mass)
-    x = np.cumsum(h * np.append(0.0, v[:-1]) + 0.5 * h * h * forces / mass)
-    off = {}
-    for scheme in (ALPHA, "euler"):
-        builder = newton.ModelBuilder(gravity=NO_GRAVITY)
-        joint = builder.add_joint_prismatic(WORLD, add_link(builder, mass=mass), axis=(1, 0, 0))
-        builder.add_articulation([joint])
-        sim, places = simulate(builder, dt=h, scheme=scheme, **settings), []
-        for force, speed in zip(forces, v, strict=True):
-            set_control(sim, joint_f=[force])
-            sim.step()
-            places.append(sim.pose[0, 0])
-            assert sim.velocity[0, 0] == pytest.approx(speed, abs=1.0e-6)
-        off[scheme] = np.abs(np.array(places) - x).max()
+    h, mass = 1.0 / 240.0, 2.0
+    shares = []
+    for seed in range(8):
+        forces = np.random.default_rng(seed).uniform(-10.0, 10.0, 240)
+        v = np.cumsum(h * forces / mass)
+        x = np.cumsum(h * np.append(0.0, v[:-1]) + 0.5 * h * h * forces / mass)
+        off = {}
+        for scheme in (ALPHA, "euler"):
+            builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+            joint = builder.add_joint_prismatic(WORLD, add_link(builder, mass=mass), axis=(1, 0, 0))
+            builder.add_articulation([joint])
+            sim, places = simulate(builder, dt=h, scheme=scheme, **settings), []
+            for force, speed in zip(forces, v, strict=True):
+                set_control(sim, joint_f=[force])
+                sim.step()
+                places.append(sim.pose[0, 0])
+                assert sim.velocity[0, 0] == pytest.approx(speed, abs=2.0e-6)
+            off[scheme] = np.abs(np.array(places) - x).max()
+        shares.append(off[ALPHA] / off["euler"])
     if "blocks" not in settings:
-        assert off[ALPHA] < 0.02 * off["euler"]
+        assert np.mean(shares) < 0.055
 
 
 @pytest.mark.parametrize("limit", [None, 1.0e4])
-@pytest.mark.parametrize(("ke", "kd", "share"), [(10.0, 1.0, 0.04), (1.0e3, 40.0, 0.05)])
+@pytest.mark.parametrize(("ke", "kd", "share"), [(10.0, 1.0, 0.06), (1.0e3, 40.0, 0.11)])
 def test_targets_that_jump_act_in_full_in_their_step(
     limit: float | None, ke: float, kd: float, share: float
 ) -> None:
     """A slider whose drive gets a random target each step, against the matrix exponential.
 
-    Drives are 30 to 35 times closer than by backward Euler, soft ones and those of an eighth of a
-    step's inertia.
+    Drives are 18 and 10 times closer than by backward Euler, soft ones and those of an eighth of a
+    step's inertia, on the average of eight paths.
     """
-    random, h, mass = np.random.default_rng(0), 1.0 / 240.0, 2.0
-    targets = random.uniform(-1.0, 1.0, 240)
+    h, mass = 1.0 / 240.0, 2.0
     turn = expm(h * np.array([[0.0, 1.0], [-ke / mass, -kd / mass]]))
-    path, state = [], np.zeros(2)
-    for target in targets:
-        rest = np.array([target, 0.0])
-        state = rest + turn @ (state - rest)
-        path.append(state[0])
-    off = {}
-    for scheme in (ALPHA, "euler"):
-        builder = newton.ModelBuilder(gravity=NO_GRAVITY)
-        law = {"target_ke": ke, "target_kd": kd, "effort_limit": limit}
-        joint = builder.add_joint_prismatic(
-            WORLD,
-            add_link(builder, mass=mass),
-            axis=(1, 0, 0),
-            actuator_mode=newton.JointTargetMode.POSITION,
-            **{name: value for name, value in law.items() if value is not None},
-        )
-        builder.add_articulation([joint])
-        sim, places = simulate(builder, dt=h, scheme=scheme), []
+    law = {"target_ke": ke, "target_kd": kd, "effort_limit": limit}
+    shares = []
+    for seed in range(8):
+        targets = np.random.default_rng(seed).uniform(-1.0, 1.0, 240)
+        path, state = [], np.zeros(2)
         for target in targets:
-            set_control(sim, joint_target_q=[target])
-            sim.step()
-            places.append(sim.pose[0, 0])
-        off[scheme] = np.abs(np.array(places) - path).max()
-    assert off[ALPHA] < share * off["euler"]
+            rest = np.array([target, 0.0])
+            state = rest + turn @ (state - rest)
+            path.append(state[0])
+        off = {}
+        for scheme in (ALPHA, "euler"):
+            builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+            joint = builder.add_joint_prismatic(
+                WORLD,
+                add_link(builder, mass=mass),
+                axis=(1, 0, 0),
+                actuator_mode=newton.JointTargetMode.POSITION,
+                **{name: value for name, value in law.items() if value is not None},
+            )
+            builder.add_articulation([joint])
+            sim, places = simulate(builder, dt=h, scheme=scheme), []
+            for target in targets:
+                set_control(sim, joint_target_q=[target])
+                sim.step()
+                places.append(sim.pose[0, 0])
+            off[scheme] = np.abs(np.array(places) - path).max()
+        shares.append(off[ALPHA] / off["euler"])
+    assert np.mean(shares) < share
 
 
 @pytest.mark.parametrize("effort", [1.0, 4.0])
@@ -386,3 +392,58 @@ def test_a_robot_in_the_air_falls_as_a_ball_does(stiffness: float, parallel: str
     assert 1 in orders
     if stiffness == 0.0:
         assert 2 in orders
+
+
+@pytest.mark.parametrize("parallel", ["worlds", "bodies"])
+@pytest.mark.parametrize("speed", [0.0, 2.0])
+def test_the_first_step_does_not_go_too_far(speed: float, parallel: str) -> None:
+    """A pendulum on a slider after one step of 1/60 s, against Lagrange's equations in float64.
+
+    Backward Euler is off by h^2 a/2, 1.4 mm on the slider. Its chord remains: the trapezoidal rule
+    is off by terms of h^3.
+    """
+    h, mass, arm, inertia, angle_0 = 1.0 / 60.0, 1.0, 0.4, 0.01, 0.7
+    builder = newton.ModelBuilder()
+    rail, bob = add_link(builder, mass=mass), add_link(builder, mass=mass, inertia=[inertia] * 3)
+    slider = builder.add_joint_prismatic(WORLD, rail, axis=(0, 0, 1))
+    hinge = builder.add_joint_revolute(
+        rail, bob, child_xform=transform((-arm, 0.0, 0.0)), axis=(0, 1, 0)
+    )
+    builder.add_articulation([slider, hinge])
+    set_coordinates(builder, slider, [0.0], [-speed])
+    set_coordinates(builder, hinge, [angle_0], [speed])
+    add_contact(builder, rail)
+
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        # the bob is at x = arm cos a, z = s - arm sin a
+        _, a, v, w = y
+        m = [[2.0 * mass, -mass * arm * np.cos(a)], [-mass * arm * np.cos(a), 0.0]]
+        m[1][1] = mass * arm**2 + inertia
+        push = [-2.0 * mass * G - mass * arm * np.sin(a) * w**2, mass * G * arm * np.cos(a)]
+        return [v, w, *np.linalg.solve(m, push)]
+
+    exact = solve_ivp(rates, (0.0, h), [0.0, angle_0, -speed, speed], rtol=1e-10, atol=1e-12).y
+    off = {}
+    for scheme in (ALPHA, "euler"):
+        sim = simulate(builder, dt=h, scheme=scheme, parallel=parallel)
+        sim.step()
+        off[scheme] = np.abs(coordinates(sim)[0] - exact[:2, -1]).max()
+    assert off["euler"] > 1.0e-3
+    assert off[ALPHA] < 0.1 * off["euler"]
+
+
+def test_velocities_that_joints_stop_at_once_count_as_a_jump() -> None:
+    """One of two bodies on a slider of its own is kicked, though a joint holds them together.
+
+    Both go on at half of the speed from the start of the step, and not by a quarter of it more.
+    """
+    builder = newton.ModelBuilder(gravity=NO_GRAVITY)
+    links = [add_link(builder, mass=1.0) for _ in range(2)]
+    joints = [builder.add_joint_prismatic(WORLD, links[0], axis=(1, 0, 0))]
+    joints.append(builder.add_joint_revolute(links[0], links[1], axis=HINGE))
+    builder.add_articulation(joints)
+    sim = simulate(builder, dt=1.0 / 60.0, scheme=ALPHA)
+    sim.set_velocity(0, (1.0, 0.0, 0.0))
+    sim.step()
+    np.testing.assert_allclose(sim.pose[:, 0], 0.5 / 60.0, atol=1e-6)
+    np.testing.assert_allclose(sim.velocity[:, 0], 0.5, atol=1e-5)

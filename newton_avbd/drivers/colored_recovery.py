@@ -20,6 +20,7 @@ from ..step.scale import (
     settled_update,
 )
 from ..step.slopes import JUMPED, QUIET_WORLD
+from ..step.trapezoid import goes_too_far
 from .colored_joints import loop_world
 from .colored_sweeps import count_sweeps, is_settled, last_moved
 from .stages import Stages
@@ -30,6 +31,7 @@ def make_colored_recovery(effects: Effects, stages: Stages, kernel: KernelDecora
     count_passes, is_astray = make_count_passes(effects), stages.energy.is_astray
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
+    move_by_trapezoid = stages.trees.move_by_trapezoid
     keep_loop, give_back_forces = stages.loops.keep_motion, stages.loops.give_back_forces
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
 
@@ -76,22 +78,23 @@ def make_colored_recovery(effects: Effects, stages: Stages, kernel: KernelDecora
         world = s[0].worlds.of_body[block]
         if s[0].colors.block[block] == block and s[0].colors.is_finite[world] == 1:
             scale = s[0].colors.scale[world]
+            first = s[0].worlds.rank[block]
+            end = s[0].worlds.block_end[first]
             last = s[0].worlds.update[world] * s[0].worlds.update[world]
             if s[0].colors.passes[world] > 0:
                 last = s[0].colors.recovered[count_sweeps(world, s[0].colors.recovered), world]
             allowed = open_update(scale)
             if last > allowed * allowed:
-                first = s[0].worlds.rank[block]
-                for i in range(first, s[0].worlds.block_end[first]):
+                for i in range(first, end):
                     body = s[0].worlds.bodies[i]
                     if s[0].work.inv_mass[body] > 0.0 and is_linked(body, s[0]):
                         put_together(body, scale.static_slot, s[0])
             if wp.static(effects.hard_limits):
                 if s[0].worlds.sweeps[world] >= step.iterations:
-                    first = s[0].worlds.rank[block]
-                    end = s[0].worlds.block_end[first]
-                    slot = scale.static_slot
-                    stop_coordinates(first, end, slot, s[0])
+                    stop_coordinates(first, end, scale.static_slot, s[0])
+            if wp.static(effects.trapezoidal):
+                if goes_too_far(world, scale, s[0]):
+                    move_by_trapezoid(first, end, scale, step.body_qd, step, s[0])
 
     @kernel(effects.loops)
     def give_loops_back(s: wp.array[Solver]):

@@ -13,6 +13,7 @@ from ..step.cables import give_back
 from ..step.islands import keep_spin
 from ..step.scale import make_count_passes, open_update
 from ..step.second_order import lead_spin
+from ..step.trapezoid import goes_too_far
 from .stages import Stages
 
 
@@ -21,6 +22,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
     count_passes = make_count_passes(effects)
     put_together = stages.trees.put_together
     stop_coordinates = stages.trees.stop_coordinates
+    move_by_trapezoid = stages.trees.move_by_trapezoid
     keep_loop, give_back_forces = stages.loops.keep_motion, stages.loops.give_back_forces
     restore_impacts, end_pose = stages.impacts.restore_impacts, stages.end.end_pose
     bound_world = stages.energy.bound_world
@@ -48,6 +50,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
         update: float,
         has_impacts: bool,
         scale: WorldScale,
+        body_qd: wp.array[wp.spatial_vector],
         step: wp.ref[Step],
         s: wp.ref[Solver],
     ):
@@ -78,6 +81,13 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
             if has_impacts:
                 for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
                     restore_impacts(body_at(i, s.worlds), scale.h, s)
+        if wp.static(effects.trapezoidal):
+            if goes_too_far(world, scale, s):
+                first = s.worlds.body_start[world]
+                while first < s.worlds.body_start[world + 1]:
+                    end = s.worlds.block_end[first]
+                    move_by_trapezoid(first, end, scale, body_qd, step, s)
+                    first = end
 
     @wp.func
     def end_poses(

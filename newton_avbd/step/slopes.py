@@ -184,12 +184,31 @@ def change_within(last: AxisInput, change: float, least: float, most: float, res
     return wp.vec2(after - before, share)
 
 
+def make_resistance(effects: Effects) -> wp.Function:
+    """Device function: what drives resist motion with."""
+
+    @wp.func
+    def resistance(dof: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]) -> float:
+        """What the drive and limited actuators of an axis resist its motion with within their
+        limits, by h^2 [kg or kg m^2]."""
+        resists = float(0.0)
+        if wp.static(effects.drives):
+            resists = scale.h * (scale.h * s.joints.target_ke[dof] + s.joints.target_kd[dof])
+        if wp.static(effects.effort_limits and effects.pushed_axes):
+            push = step.control.pushes[dof]
+            resists += scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
+        return resists
+
+    return resistance
+
+
 def make_inputs(effects: Effects) -> Functions:
     """Device functions: what a controller pushes along the axes of a joint, in second order.
 
     That is ``joint_f``, what actuators push with whatever the motion is, and the targets of drives,
     within their limits.
     """
+    resistance = make_resistance(effects)
     acts_within = effects.drives or (effects.pushed_axes and effects.effort_limits)
 
     @wp.func
@@ -199,7 +218,6 @@ def make_inputs(effects: Effects) -> Functions:
         """By how much targets and limited actuators change a force in a step [N or N m]."""
         last = s.history.input[dof]
         change = float(0.0)
-        resists = float(0.0)
         if wp.static(effects.drives):
             target = float(0.0)
             if s.joints.type[joint] != BALL:
@@ -207,17 +225,16 @@ def make_inputs(effects: Effects) -> Functions:
                 target = step.control.target_q[s.joints.coord_start[joint] + dof - first]
             speed = step.control.target_qd[dof]
             change = drive_change(s.joints, dof, target - last.target, speed - last.speed)
-            resists = scale.h * (scale.h * s.joints.target_ke[dof] + s.joints.target_kd[dof])
             s.history.input[dof].target = target
             s.history.input[dof].speed = speed
         if wp.static(effects.effort_limits):
+            resists = resistance(dof, scale, step, s)
             most = most_effort(s.joints, dof)
             least = -most
             if wp.static(effects.pushed_axes):
                 push = step.control.pushes[dof]
                 bound_push = push.drive + push.level
                 change += bound_push - last.bound_push - push.turned[1]
-                resists += scale.h * (scale.h * push.drive_stiffness + push.drive_damping)
                 s.history.input[dof].bound_push = bound_push
                 least = wp.max(least, push.least)
                 most = wp.min(most, push.most)

@@ -15,8 +15,10 @@ from .coordinates import make_coordinates
 from .forward_kinematics import make_forward_kinematics
 from .gathering import ContactLaw
 from .joint_start import make_joint_start
+from .kernels import absent
 from .spin_alignment import make_align_spins
 from .sweep_tree import make_sweep_tree
+from .trapezoid import make_trapezoid
 
 
 def make_trees(
@@ -41,6 +43,12 @@ def make_trees(
     start = make_joint_start(effects)
     forward = make_forward_kinematics(effects)
     sweep_tree = make_sweep_tree(effects, law, gather, begin_rows, keep_forces, settle_tendons)
+    move_by_trapezoid = make_trapezoid(effects, forward) if effects.trapezoidal else absent
     return together(
-        start, coordinates, forward, align_spins=make_align_spins(effects), sweep_tree=sweep_tree
+        start,
+        coordinates,
+        forward,
+        align_spins=make_align_spins(effects),
+        sweep_tree=sweep_tree,
+        move_by_trapezoid=move_by_trapezoid,
     )
