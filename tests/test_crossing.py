@@ -114,6 +114,66 @@ def test_slugs_that_meet_stop_each_other_and_keep_their_momentum(speed: float) -
     assert sim.kinetic_energy < 0.05 * COUNT * sim.mass[0] * speed**2
 
 
+def angular_momentum(sim: Simulation) -> Array:
+    """That of each pair of slugs about the origin [N m s], shape (pairs, 3)."""
+    spin = np.einsum("nij,nj->ni", sim.world_inertia, sim.velocity[:, 3:])
+    orbit = np.cross(sim.center, sim.mass[:, None] * sim.velocity[:, :3])
+    return (spin + orbit).reshape(-1, 2, 3).sum(axis=1)
+
+
+@pytest.mark.parametrize("speed", [100.0, 1000.0])
+def test_slugs_that_meet_off_center_face_to_face_do_not_pass_each_other(speed: float) -> None:
+    """Four points touch, but the blow misses the centers of mass, and would turn the slugs."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    aside = 0.001 * np.array([(0.1, 0.0), (0.5, 0.5), (3.0, 2.0), (4.0, 4.0)])
+    for y, z in aside:
+        builder.begin_world()
+        for x, sign in ((-0.3, 1.0), (0.3, -1.0)):
+            place = wp.transform(
+                (x * speed * DT, 0.5 * sign * y, 0.5 * sign * z), wp.quat_identity()
+            )
+            body = builder.add_body(xform=place)
+            cfg = surface(density=7800.0, gap=0.01)
+            builder.add_shape_box(body, hx=0.01, hy=0.005, hz=0.005, cfg=cfg)
+            builder.body_qd[body] = (sign * speed, 0.0, 0.0, 0.0, 0.0, 0.0)
+        builder.end_world()
+    sim = simulate(builder, 2.4 * speed * DT)
+    before = angular_momentum(sim)
+    step(sim)
+    assert np.all(sim.center[::2, 0] < sim.center[1::2, 0])
+    after = angular_momentum(sim)
+    np.testing.assert_allclose(after, before, atol=2.0e-4 * sim.mass[0] * speed * 0.01)
+    step(sim)
+    # what is left of the speed is that of bodies that glance off
+    assert np.abs(sim.velocity[:, :3]).max() < 0.2 * speed
+
+
+def test_slugs_that_meet_the_corner_of_a_free_wall_far_away_settle() -> None:
+    """Seen from a slug, the lever of the wall is 14 m long, and its own inertia nothing."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    cfg = surface(density=7800.0, gap=0.1)
+    lying = wp.transform(
+        (0.0, 0.0, 0.0), wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), np.pi / 2)
+    )
+    angles = np.linspace(0.45, 0.8, 64)
+    ways = np.stack([np.cos(angles), np.sin(angles), np.zeros(64)], axis=1)
+    for way in ways:
+        builder.begin_world()
+        x, y, z = map(float, -7.2 * way)
+        slug = builder.add_body(xform=wp.transform((x, y + 0.003, z + 0.002), wp.quat_identity()))
+        builder.add_shape_cylinder(slug, xform=lying, radius=0.004, half_height=0.01, cfg=cfg)
+        builder.body_qd[slug] = (*map(float, 1000.0 * way), 0.0, 0.0, 0.0)
+        wall = builder.add_body(xform=wp.transform((0.005, 0.0, 0.0), wp.quat_identity()))
+        builder.add_shape_box(wall, hx=0.005, hy=0.5, hz=0.5, cfg=cfg)
+        builder.end_world()
+    sim = simulate(builder, 20.0)
+    step(sim)
+    assert sim.solver.status.held_steps.sum() == 0
+    assert np.all(sim.solver.report().settled)
+    momentum = (sim.mass[:, None] * sim.velocity[:, :3]).reshape(-1, 2, 3).sum(axis=1)
+    np.testing.assert_allclose(momentum, 1000.0 * sim.mass[0] * ways, atol=1.0 * sim.mass[0])
+
+
 def test_a_lever_that_is_long_for_a_tiny_inertia_keeps_its_friction() -> None:
     """A box of 2 m/s, whose file says next to no inertia: mu g slows it, in steps of 3 cm."""
     builder = newton.ModelBuilder()

@@ -133,11 +133,15 @@ def as_balls(
         size = wp.max(size, depth_a)
     if closing < wp.max(size, gap):
         return row
+    aside = apart - (wp.dot(apart, moved) / wp.length_sq(moved)) * moved
+    if is_ball_a and is_ball_b:
+        # a blow that misses their centers turns them, so that these go on by this share of the way
+        turning = gyration_sq(row.a, s.work) + gyration_sq(row.b, s.work)
+        deeper += closing * wp.min(wp.length_sq(aside) / turning, 1.0)
     if deeper < FLAT * size and point_count(record, row.a, step, s) >= 3:
         return row
     deepest = wp.min(row.gap, 0.0)
     if is_ball_a and is_ball_b:
-        aside = apart - (wp.dot(apart, moved) / wp.length_sq(moved)) * moved
         is_ahead = wp.dot(apart, row.normal) > 0.0
         if is_ahead and wp.length_sq(aside) < size * size:
             row.normal = wp.normalize(apart)

@@ -35,6 +35,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from ..rows import spin as spin_rows
 from .bodies import body_at, moved_by
+from .crossing import SLICK, is_long
 from .groups import ALONE, SUMMED, begin_groups, first_of, leave_group, make_move_groups, tie
 from .needles import is_needle
 from .rotations import place_body
@@ -193,7 +194,10 @@ def spread(at: int, end: int, slop: float, s: wp.ref[Solver]) -> int:
             other = row.a + row.b - body
             if other != before:
                 before = other
-                end = reach(other, body, end, rows)
+                span = s.work.com[other] - s.work.com[body]
+                if row.mu != SLICK or not is_long(body, span, s):
+                    # else rounding, by the span, would hide the parent's moment of inertia
+                    end = reach(other, body, end, rows)
                 if supports(other, body, rows):
                     count += 1
                 is_one = not in_pile(rows, other) or is_link(row, rows)
