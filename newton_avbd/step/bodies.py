@@ -8,6 +8,7 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, rotation_between, turned_inertia, world_inertia
 from ..blocks.body import (
+    flown_turn,
     free_turn,
     is_mobile,
     origin_shift,
@@ -32,8 +33,12 @@ NOT_UNIT = wp.constant(1.0e-4)
 HOLDING = wp.constant(1.001)
 """How far beyond Gauss's principle an acceleration may be and still be one that contacts allow."""
 MIDPOINT = wp.constant(0.15)
-"""Turn of a step [rad] up to which a free body takes the implicit midpoint rule at second order:
-its energy swings by up to turn^2/24 of it, 1e-3 here. Beyond, backward Euler takes energy away."""
+"""Turn [rad] up to which a free body takes the implicit midpoint rule in one part: its energy
+swings by up to turn^2/24 of it, 1e-3 here. Backward Euler would take energy away, until what is
+long and spins about its length tumbles."""
+MOST_PARTS = wp.constant(32)
+"""Most parts of a step. What turns yet farther keeps its energy on the mean, too, and that about an
+axis of symmetry in any case."""
 
 
 @wp.func
@@ -73,7 +78,6 @@ def free_turn_of(
     velocity: wp.spatial_vector,
     wrench: wp.spatial_vector,
     h: float,
-    ahead: float,
 ):
     """As :func:`.blocks.body.free_turn`, for a body of the model."""
     return free_turn(
@@ -83,7 +87,28 @@ def free_turn_of(
         wp.spatial_bottom(velocity),
         wp.spatial_bottom(wrench),
         h,
-        ahead,
+    )
+
+
+@wp.func(inline=True)
+def flown_turn_of(
+    model: wp.ref[BodyModel],
+    body: int,
+    rotation: wp.quat,
+    velocity: wp.spatial_vector,
+    wrench: wp.spatial_vector,
+    h: float,
+    parts: int,
+):
+    """As :func:`.blocks.body.flown_turn`, for a body of the model."""
+    return flown_turn(
+        model.inertia[body],
+        model.inv_inertia[body],
+        rotation,
+        wp.spatial_bottom(velocity),
+        wp.spatial_bottom(wrench),
+        h,
+        parts,
     )
 
 
@@ -113,9 +138,12 @@ def spin_momentum(
 
 
 @wp.func
-def takes_midpoint(turn: wp.vec3) -> bool:
-    """Whether a free body that turns so far in a step [rad] takes the implicit midpoint rule."""
-    return wp.length_sq(turn) <= MIDPOINT * MIDPOINT
+def midpoint_parts(turn: wp.vec3) -> int:
+    """In how many parts a free body that turns so far in a step [rad] takes the midpoint rule."""
+    turn_sq = wp.length_sq(turn)
+    if turn_sq <= MIDPOINT * MIDPOINT:
+        return 1
+    return int(wp.min(wp.ceil(wp.sqrt(turn_sq) / MIDPOINT), float(MOST_PARTS)))
 
 
 @wp.func
@@ -443,11 +471,13 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             # the trapezoidal rule, which makes a parabola
             dx = 0.5 * (dx + step.h * wp.spatial_top(velocity))
         if wp.static(effects.gyroscopic):
-            ahead = float(step.h)
             if wp.static(effects.second_order):
-                if takes_midpoint(step.h * wp.spatial_bottom(velocity)):
-                    ahead = 0.5 * step.h
-            turn, own_spin = free_turn_of(s.model, body, rotation, velocity, wrench, step.h, ahead)
+                parts = midpoint_parts(step.h * wp.spatial_bottom(velocity))
+                turn, own_spin = flown_turn_of(
+                    s.model, body, rotation, velocity, wrench, step.h, parts
+                )
+            else:
+                turn, own_spin = free_turn_of(s.model, body, rotation, velocity, wrench, step.h)
             if wp.static(effects.carried_rounding):
                 if is_short(step.h):
                     further = rotation * less_one(turn)

@@ -2,18 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bodies that fly, held by nothing, in a scheme of second order.
 
-They take the trapezoidal rule, and the implicit midpoint rule for their spin where that is slow.
+They take the trapezoidal rule, and the implicit midpoint rule for their spin, in parts where that
+is fast. What spins fast beside what it may touch takes backward Euler.
 """
 
 import warp as wp
 
-from ..algebra.so3 import exp_quat
+from ..algebra.so3 import exp_quat, rotation_vector
 from ..data import BodyWork, History, Solver, WorldScale
 from ..effects import Effects
 from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from .beginning import is_in_tree
-from .bodies import mean_spin, takes_midpoint
+from .bodies import flown_turn_of, has_rows, midpoint_parts
 from .carrying import flight_from, gained_in_flight, is_short
 from .loops import has_loops
 from .piles import row_count, row_of
@@ -72,6 +73,13 @@ def make_flight(effects: Effects) -> Functions:
         return True
 
     @wp.func
+    def may_touch(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether something is in reach of a body in the step."""
+        if wp.static(effects.contact):
+            return has_rows(s.rows, body)
+        return False
+
+    @wp.func
     def fly_body(
         body: int, scale: WorldScale, body_qd: wp.array[wp.spatial_vector], s: wp.ref[Solver]
     ):
@@ -81,15 +89,22 @@ def make_flight(effects: Effects) -> Functions:
         """
         turn = 0.5 * wp.spatial_bottom(s.work.target[body] + s.work.coasting[body])
         if wp.static(effects.gyroscopic):
-            if not takes_midpoint(turn):
+            parts = midpoint_parts(turn)
+            if parts > 1 and may_touch(body, s):
+                # rows are linear in the turn: one of several parts says less of where points go
                 turn = wp.spatial_bottom(s.work.target[body])
             elif wp.length_sq(turn) > SLOW * SLOW:
-                half = 0.5 * scale.h
                 rotation = wp.transform_get_rotation(s.work.pose[body])
-                w, _momentum = mean_spin(
-                    s.model, body, rotation, body_qd[body], s.work.wrench[body], half
+                own, _spin = flown_turn_of(
+                    s.model,
+                    body,
+                    rotation,
+                    body_qd[body],
+                    s.work.wrench[body],
+                    scale.h,
+                    parts,
                 )
-                turn = scale.h * w
+                turn = wp.quat_rotate(rotation, rotation_vector(own))
         shift = 0.5 * wp.spatial_top(s.work.target[body] + s.work.coasting[body])
         target = wp.spatial_vector(shift, turn)
         if wp.static(effects.carried_rounding):
