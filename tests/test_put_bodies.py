@@ -308,3 +308,37 @@ def test_a_rope_is_drawn_over_a_wheel_by_the_capstan_formula() -> None:
         tension.append(np.linalg.norm(force.body_parent_f.numpy()[links[0], :3]))
     expected = ((1.0 + mu * np.tan(np.pi / 24)) / (1.0 - mu * np.tan(np.pi / 24))) ** count
     assert np.mean(tension[120:]) / pull == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("turns", [False, True])
+@pytest.mark.parametrize("rate", [60, 240])
+def test_a_box_stays_where_it_stands_on_what_speeds_up(rate: int, turns: bool) -> None:
+    """By 2 m/s^2 up to 1 m/s, less than mu g; about z by 2 rad/s^2, where the box is 0.5 m off it.
+
+    A friction that saw v instead of the velocity of the end of the step would lose v h/2.
+    """
+    builder = newton.ModelBuilder()
+    cfg = newton.ModelBuilder.ShapeConfig(mu=0.8)
+    place = wp.transform((0.0, 0.0, -0.1), wp.quat_identity())
+    platform = builder.add_body(xform=place, is_kinematic=True)
+    builder.add_shape_box(platform, hx=2.0, hy=2.0, hz=0.1, cfg=cfg)
+    box = builder.add_body(xform=wp.transform((0.5, 0.0, 0.1), wp.quat_identity()))
+    builder.add_shape_box(box, hx=0.1, hy=0.1, hz=0.1, cfg=cfg)
+    sim = Simulation(builder, dt=1.0 / rate)
+    way = 0.0
+    for i in range(rate):
+        speed = 2.0 * min((i + 1) / rate, 0.5)
+        twist = (0.0, 0.0, 0.0, 0.0, 0.0, speed) if turns else (speed, 0.0, 0.0, 0.0, 0.0, 0.0)
+        sim.set_velocity(platform, linear=twist[:3], angular=twist[3:])
+        sim.step()
+        way += speed / rate
+        pose = sim.pose
+        turn = (0.0, 0.0, np.sin(0.5 * way), np.cos(0.5 * way))
+        pose[platform] = (0.0, 0.0, -0.1, *turn) if turns else (way, 0.0, -0.1, 0.0, 0.0, 0.0, 1.0)
+        sim.state.body_q.assign(pose.astype(np.float32))
+        x, y, _ = sim.pose[box, :3]
+        if turns:
+            x, y = np.cos(way) * x + np.sin(way) * y, np.cos(way) * y - np.sin(way) * x
+        else:
+            x -= way
+        assert np.hypot(x - 0.5, y) < 1.0 / rate**2

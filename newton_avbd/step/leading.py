@@ -69,8 +69,10 @@ def make_leading(effects: Effects) -> Functions:
         step = scale.step
         velocity = body_qd[body]
         if s.work.inv_mass[body] == 0.0:
-            # goes h v, and is felt to move at v
-            s.work.lead[body] = (scale.h - step) * velocity
+            # goes h v; as it speeds up, that is the mean of its velocity, and at the end it is felt
+            # to be half a step ahead
+            ahead_of_mean = 0.5 * (velocity - s.history.last[body].velocity)
+            s.work.lead[body] = scale.h * velocity - step * (velocity + ahead_of_mean)
             if wp.static(effects.put_bodies):
                 s.work.put[body] = (step / scale.h) * s.work.put[body]
             return
