@@ -453,8 +453,12 @@ class Effects:
     @property
     def trapezoidal(self) -> bool:
         """Whether steps of backward Euler leave articulations by the trapezoidal rule."""
-        is_pulled = self.cables or self.tendons or self.drag
-        return self.second_order and self.joints and not is_pulled
+        return self.second_order and self.joints and not self.pulled
+
+    @property
+    def pulled(self) -> bool:
+        """Whether more than weight and joints may pull at an articulation that nothing touches."""
+        return self.drag or self.cables or self.spatial_tendons
 
     @property
     def spinning(self) -> bool:

@@ -137,7 +137,7 @@ def make_block_start(
     may_be_exact = effects.second_order and (effects.drives or effects.pushed_axes)
     may_be_exact = may_be_exact and not effects.cables and not effects.tendons
     parabola_of_tree = make_parabola_of_tree(effects)
-    may_fly = effects.second_order and not (effects.drag or effects.cables or effects.tendons)
+    may_fly = effects.second_order and not effects.pulled
 
     @wp.func(inline=effects.inline)
     def measure_blocks(
