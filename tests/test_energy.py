@@ -210,6 +210,40 @@ def test_angular_momentum_is_restored_where_a_step_of_second_order_ends(
     assert (sim.solver.report().order == 2).all()
 
 
+def limited_tree(count: int) -> newton.ModelBuilder:
+    """A floating tree of links on two hinges each, that turn at 20 rad/s against their limits."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    config = newton.ModelBuilder.JointDofConfig
+    rng = np.random.default_rng(2)
+    links = [add_link(builder, inertia=np.diag([0.01, 0.02, 0.025])) for _ in range(count)]
+    joints = [builder.add_joint_free(links[0])]
+    for i in range(1, count):
+        ends = {"parent_xform": transform((0.1, 0.2, 0.0)), "child_xform": transform((-0.3, 0, 0))}
+        axes = [config(axis=axis, limit_lower=-0.3, limit_upper=0.3) for axis in np.eye(3)[:2]]
+        joints.append(builder.add_joint_d6(links[i // 2], links[i], angular_axes=axes, **ends))
+    builder.add_articulation(joints)
+    builder.joint_qd[6:] = rng.uniform(-20.0, 20.0, 2 * (count - 1)).tolist()
+    return builder
+
+
+@pytest.mark.parametrize("parallel", DRIVERS)
+@pytest.mark.parametrize("scheme", ["euler", "generalized_alpha"])
+def test_momentum_is_kept_where_sweeps_that_joints_need_are_cut_off(
+    scheme: str, parallel: str
+) -> None:
+    """One sweep a step at 60 Hz: 14 % was lost in half a second, and the COM left its line."""
+    settings = {"scheme": scheme, "parallel": parallel, "iterations": 1, "dt": 1.0 / 60.0}
+    sim = simulate(limited_tree(8), **settings)
+    size = np.abs(sim.mass[:, None] * sim.velocity[:, :3]).sum()
+    start, center = momentum(sim), sim.mass @ sim.center
+    for step in range(1, 31):
+        sim.step()
+        assert np.abs(momentum(sim) - start).max() < 1.0e-5 * size
+        moved = sim.mass @ sim.center - center
+        assert np.abs(moved - step * sim.dt * start).max() < 1.0e-5 * size
+    assert not sim.solver.report().settled.any()
+
+
 @pytest.mark.parametrize("parallel", DRIVERS)
 def test_joints_stay_closed_where_islands_get_their_momentum_back(parallel: str) -> None:
     """A turn of the island by cross products opened them by 0.2 mm at 60 Hz; rounding is 1e-7."""

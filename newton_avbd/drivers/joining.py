@@ -10,9 +10,16 @@ an island is its first body in whatever order the threads come.
 import warp as wp
 
 from ..data import IslandSum, IslandWork, Solver, Step
-from ..step.islands import HELD, TOUCHING, keep_momentum, keep_spin
+from ..step.islands import (
+    FREE,
+    HELD,
+    TOUCHING,
+    center_islands,
+    keep_momentum,
+    keep_spin,
+)
 from ..step.second_order import lead_spin
-from .colored_sweeps import is_settled, last_moved
+from .colored_sweeps import count_sweeps, is_settled, last_moved
 from .coloring import sort_part
 
 
@@ -99,8 +106,20 @@ def keep_island(moves: bool, s: wp.array[Solver]):
         sort_part(
             s[0].worlds.bodies, s[0].worlds.body_start[root], s[0].worlds.body_start[root + 1]
         )
-        step = s[0].colors.scale[s[0].worlds.of_body[root]].step
-        keep_momentum(root, step, TOUCHING, moves, s[0])
+        world = s[0].worlds.of_body[root]
+        scale = s[0].colors.scale[world]
+        has_settled = is_settled(last_moved(world, s[0].colors.moved), scale)
+        most_fixed = wp.where(has_settled, FREE, TOUCHING)
+        keep_momentum(root, scale.step, most_fixed, moves, s[0])
+
+
+@wp.kernel(enable_backward=False)
+def center_island(iterations: int, s: wp.array[Solver]):
+    """Puts the COM of an island back where sweeps were cut off; one thread a body, for a root."""
+    root = wp.tid()
+    if s[0].worlds.body_start[root + 1] - s[0].worlds.body_start[root] > 1:
+        if count_sweeps(s[0].worlds.of_body[root], s[0].colors.moved) >= iterations:
+            center_islands(root, s[0])
 
 
 @wp.kernel(enable_backward=False)

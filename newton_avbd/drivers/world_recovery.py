@@ -10,7 +10,7 @@ from ..functions import Functions, together
 from ..step.anchors import is_linked
 from ..step.bodies import body_at
 from ..step.cables import give_back
-from ..step.islands import keep_spin
+from ..step.islands import center_islands, keep_spin
 from ..step.scale import make_count_passes, open_update
 from ..step.second_order import lead_spin
 from ..step.trapezoid import goes_too_far
@@ -49,6 +49,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
         world: int,
         update: float,
         has_impacts: bool,
+        has_islands: bool,
         scale: WorldScale,
         body_qd: wp.array[wp.spatial_vector],
         step: wp.ref[Step],
@@ -71,6 +72,9 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
                 stop_coordinates(
                     s.worlds.body_start[world], s.worlds.body_start[world + 1], scale.static_slot, s
                 )
+        if wp.static(effects.joints and effects.islands and not effects.drag):
+            if has_islands and s.worlds.sweeps[world] >= step.iterations:
+                center_islands(world, s)
         if wp.static(effects.loops):
             for i in range(s.loops.world_start[world], s.loops.world_start[world + 1]):
                 give_back_forces(i, s)

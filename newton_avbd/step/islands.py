@@ -175,10 +175,11 @@ def keep_momentum(world: int, h: float, most_fixed: int, moves: bool, s: wp.ref[
     Args:
         world: The world.
         h: Time step [s].
-        most_fixed: Which islands: FREE, or TOUCHING for those, too, that contacts with fixed things
-            hold.
-        moves: Whether to move them. One that no contact holds need not move: its sums are all that
-            :func:`keep_spin` asks for.
+        most_fixed: Which islands: FREE, or TOUCHING, in a world that has not settled, for those,
+            too, that contacts with fixed things hold.
+        moves: Whether to move them. What joints alone hold together need not turn, and lacks
+            momentum only where it has not settled: else its sums are all that :func:`keep_spin`
+            asks for.
         s: The solver.
 
     Returns:
@@ -225,9 +226,11 @@ def keep_momentum(world: int, h: float, most_fixed: int, moves: bool, s: wp.ref[
                         s.islands.hold_ll[root] = wp.mat33(0.0)
                         s.islands.hold_al[root] = wp.mat33(0.0)
                 island = root
-            if not moves:
-                continue
             missing = s.work.target[body] - s.work.increment[body]
+            if not moves:
+                share = s.model.mass[body] / total.mass
+                total.momentum += share * wp.spatial_top(missing)
+                continue
             momentum = s.model.mass[body] * wp.spatial_top(missing)
             spin = s.work.inertia[body] * wp.spatial_bottom(missing)
             r = s.work.com[body] - total.com
@@ -252,7 +255,7 @@ def keep_momentum(world: int, h: float, most_fixed: int, moves: bool, s: wp.ref[
             if s.islands.fixed[root] == TOUCHING:
                 total = with_fixed(body, r, h, total, s)
     store_sum(s.islands, island, total)
-    if not moves:
+    if not moves and (most_fixed == FREE or s.work.drag.shape[0] > 0):
         return True
     island = int(-1)
     for i in range(first, last):
@@ -261,7 +264,9 @@ def keep_momentum(world: int, h: float, most_fixed: int, moves: bool, s: wp.ref[
             root = s.islands.parent[body]
             if root != island:
                 total = s.islands.sum[root]
-                if body == root:
+                if not moves and s.islands.fixed[root] != FREE:
+                    total.momentum = wp.vec3(0.0)
+                elif moves and body == root:
                     motion = shared_motion(root, total, s.islands)
                     total.momentum = wp.spatial_top(motion)
                     total.angular = wp.spatial_bottom(motion)
@@ -293,6 +298,37 @@ def turn_with_island(body: int, s: wp.ref[Solver]):
     rest += combined_with(rest, turn)
     s.work.increment[body] = wp.spatial_vector(moved + shift, s.tree.turn[body] + rest)
     turn_by(body, rest, s.tree)
+
+
+@wp.func
+def sum_moves(world: int, s: wp.ref[Solver]):
+    """How far the COM of each free island has moved [m], which goes to its ``momentum``."""
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        body = s.worlds.bodies[i]
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):
+            root = s.islands.parent[body]
+            moved = wp.vec3(0.0)
+            if body != root:
+                moved = s.islands.sum[root].momentum
+            share = s.model.mass[body] / s.islands.sum[root].mass
+            moved += share * wp.spatial_top(s.work.increment[body])
+            s.islands.sum[root].momentum = moved
+
+
+@wp.func
+def center_islands(world: int, s: wp.ref[Solver]):
+    """Puts the COM of each free island to where its momentum takes it.
+
+    Joints that are closed from the root on, and coordinates that are put back to their limits, move
+    the rest of a tree and not its root.
+    """
+    sum_moves(world, s)
+    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
+        body = s.worlds.bodies[i]
+        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):
+            total = s.islands.sum[s.islands.parent[body]]
+            back = wp.spatial_vector(total.moved - total.momentum, wp.vec3(0.0))
+            s.work.increment[body] = s.work.increment[body] + back
 
 
 @wp.func

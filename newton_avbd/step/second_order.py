@@ -31,7 +31,7 @@ from ..data import Solver, WorldScale
 from ..effects import Effects
 from ..functions import Functions, together
 from .bodies import body_at, spin_momentum
-from .islands import is_free_island
+from .islands import is_free_island, sum_moves
 from .leading import make_leading
 from .motion_history import make_motion_history
 from .slopes import JUMPED, LASTING, QUIET_WORLD, RHO, SMOOTH, constants, is_going_on, second_order
@@ -47,16 +47,7 @@ def lead_spin(world: int, scale: WorldScale, s: wp.ref[Solver]):
     cancel: constraints act where bodies end, and these have not moved along their velocities. How
     far the island's COM has moved [m] goes to its ``momentum``.
     """
-    for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-        body = s.worlds.bodies[i]
-        if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):
-            root = s.islands.parent[body]
-            moved = wp.vec3(0.0)
-            if body != root:
-                moved = s.islands.sum[root].momentum
-            share = s.model.mass[body] / s.islands.sum[root].mass
-            moved += share * wp.spatial_top(s.work.increment[body])
-            s.islands.sum[root].momentum = moved
+    sum_moves(world, s)
     for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
         body = s.worlds.bodies[i]
         if s.work.inv_mass[body] > 0.0 and is_free_island(s.islands, body, -1):
