@@ -550,7 +550,7 @@ class Effects:
     @property
     def gaining(self) -> bool:
         """Whether bodies may gain energy in steps that have settled."""
-        return self.kinds.gimbals or self.bracing
+        return self.kinds.gimbals or self.bracing or self.restitution
 
     @property
     def folding(self) -> bool:

@@ -144,7 +144,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             s.history.age[world] = wp.min(s.history.age[world] + 1, COLD_STEPS)
             if wp.static(effects.balanced):
                 has_not_settled = is_unsettled(update, scale)
-                if wp.static(effects.joints):
+                if wp.static(effects.joints or effects.gaining):
                     if gains_settled(world, s):
                         has_not_settled = True
                 if has_not_settled:

@@ -10,6 +10,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from .anchors import is_linked
 from .balance import counts_here, place_from, squared_overlap, touch_fixed, with_work
+from .bodies import has_rows
 from .drag import resistance
 from .joint_energy import make_add_joint
 from .rotations import MOST_TURN
@@ -80,6 +81,11 @@ def make_add_body(effects: Effects) -> wp.Function:
         out.is_turned = out.is_turned or turned > MOST_TURN * MOST_TURN
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
+        if wp.static(effects.restitution):
+            if has_rows(s.rows, body):
+                # around an impact velocities are half a step of the force behind those of the fall
+                change = wp.spatial_top(velocity - step.body_qd_out[body])
+                out.before += wp.max(0.5 * h * wp.dot(force, change), 0.0)
         out.mass += mass
         place = s.work.com[body] - s.work.com[root]
         momentum = mass * wp.spatial_top(velocity) + h * force

@@ -92,8 +92,20 @@ def make_gains(effects: Effects) -> Functions:
         return False
 
     @wp.func
+    def bounces(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether a body bounces off another one: how fast they separate is then given, whatever
+        friction and joints make of what it takes to get there."""
+        for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
+            if s.rows.impacts[i].total > 0.0:
+                return True
+        return False
+
+    @wp.func
     def may_body_gain(body: int, s: wp.ref[Solver]) -> bool:
         """Whether a body may gain energy in a step that has settled."""
+        if wp.static(effects.restitution):
+            if bounces(body, s):
+                return True
         if wp.static(effects.bracing):
             if is_braced(body, s):
                 return True
