@@ -89,20 +89,16 @@ def make_flight(effects: Effects) -> Functions:
         """
         turn = 0.5 * wp.spatial_bottom(s.work.target[body] + s.work.coasting[body])
         if wp.static(effects.gyroscopic):
-            parts = midpoint_parts(turn)
-            if parts > 1 and may_touch(body, s):
+            rotation = wp.transform_get_rotation(s.work.pose[body])
+            velocity = body_qd[body]
+            parts = midpoint_parts(s.model, body, rotation, velocity, scale.h)
+            if parts == 0 or (parts > 1 and may_touch(body, s)):
                 # rows are linear in the turn: one of several parts says less of where points go
                 turn = wp.spatial_bottom(s.work.target[body])
             elif wp.length_sq(turn) > SLOW * SLOW:
-                rotation = wp.transform_get_rotation(s.work.pose[body])
+                wrench = s.work.wrench[body]
                 own, _spin = flown_turn_of(
-                    s.model,
-                    body,
-                    rotation,
-                    body_qd[body],
-                    s.work.wrench[body],
-                    scale.h,
-                    parts,
+                    s.model, body, rotation, velocity, wrench, scale.h, parts
                 )
                 turn = wp.quat_rotate(rotation, rotation_vector(own))
         shift = 0.5 * wp.spatial_top(s.work.target[body] + s.work.coasting[body])
