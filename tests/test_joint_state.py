@@ -19,6 +19,7 @@ from joint_scenes import (
     simulate,
     transform,
 )
+from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 TURN_P = Rotation.from_euler("xyz", [0.5, -0.8, 1.9])
@@ -108,6 +109,47 @@ def test_a_kinematic_root_carries_its_child(kind: str) -> None:
             _, turn_p, _, turn_c = anchor_frames(sim)
             assert (turn_p.inv() * turn_c).magnitude()[joint] < 1.3e-4
     assert np.linalg.norm(sim.velocity[child, :3]) > 0.5  # carried along
+
+
+def test_a_pendulum_on_a_base_that_speeds_up_is_of_second_order() -> None:
+    """Its base, written where it is after a step and with the mean velocity until there, swings.
+
+    It goes x = (1 - cos 4t)/4. In the frame of the base its acceleration adds to gravity:
+    I theta'' = -m g l sin theta + m l x'' cos theta, whose solution scipy has.
+    """
+    length, inertia = 0.3, 0.12
+
+    def way(t: float) -> float:
+        return 0.25 * (1.0 - np.cos(4.0 * t))
+
+    def swing(t: float, y: np.ndarray) -> list[float]:
+        push = 4.0 * np.cos(4.0 * t) * np.cos(y[0]) - G * np.sin(y[0])
+        return [y[1], push * length / inertia]
+
+    expected = solve_ivp(swing, (0.0, 2.0), [0.3, 0.0], rtol=1e-10, atol=1e-10).y[0, -1]
+
+    def error(rate: int) -> float:
+        builder = newton.ModelBuilder()
+        root = add_link(builder, is_kinematic=True)
+        own = inertia - length**2
+        bob = add_link(builder, inertia=(own, own, 0.01), com=(0.0, 0.0, -length))
+        base = builder.add_joint_free(root)
+        hinge = builder.add_joint_revolute(root, bob, axis=(0.0, 1.0, 0.0))
+        builder.add_articulation([base, hinge])
+        set_coordinates(builder, hinge, [0.3])
+        sim = simulate(builder, dt=1.0 / rate)
+        for i in range(2 * rate):
+            there, pose = way((i + 1) / rate), sim.pose
+            sim.set_velocity(root, ((there - way(i / rate)) * rate, 0.0, 0.0))
+            pose[root, 0] = there
+            sim.state.body_q.assign(pose.astype(np.float32))
+            sim.step()
+        turn = Rotation.from_quat(sim.pose[bob, 3:]).as_rotvec()
+        return abs(turn[1] - expected)
+
+    coarse, fine = error(60), error(240)
+    assert coarse < 0.02
+    assert fine < coarse / 12.0
 
 
 def wheel(ke: float, kd: float, **settings: str) -> Simulation:
