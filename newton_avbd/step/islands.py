@@ -13,7 +13,7 @@ hold the island, too, it is the minimum of the quadratic model over such motions
 import warp as wp
 
 from ..algebra.block import factor_block, solve_block
-from ..algebra.so3 import exp_quat, turned_from, world_inertia
+from ..algebra.so3 import exp_quat, rotation_between, turned_from, world_inertia
 from ..blocks.tree import combined_with
 from ..data import BodyWork, IslandSum, IslandWork, SleepWork, Solver, Step, WorldWork
 from ..rows import contact as contact_rows
@@ -295,7 +295,10 @@ def turn_with_island(body: int, s: wp.ref[Solver]):
     end = r + moved - linear - total.moved
     shift = -turned_from(exp_quat(-turn), end) - linear
     rest = wp.spatial_bottom(s.work.increment[body]) - turn - s.tree.turn[body]
+    rotation = exp_quat(turn) * exp_quat(rest)
     rest += combined_with(rest, turn)
+    # that is of first order in the turn, which is large where sweeps are cut off
+    rest += combined_with(rest, rotation_between(exp_quat(rest), rotation))
     s.work.increment[body] = wp.spatial_vector(moved + shift, s.tree.turn[body] + rest)
     turn_by(body, rest, s.tree)
 
