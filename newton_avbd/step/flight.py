@@ -88,9 +88,9 @@ def make_flight(effects: Effects) -> Functions:
         Its velocity is that of backward Euler; its angular momentum is kept by the end.
         """
         turn = 0.5 * wp.spatial_bottom(s.work.target[body] + s.work.coasting[body])
+        rotation = wp.transform_get_rotation(s.work.pose[body])
+        velocity = body_qd[body]
         if wp.static(effects.gyroscopic):
-            rotation = wp.transform_get_rotation(s.work.pose[body])
-            velocity = body_qd[body]
             parts = midpoint_parts(s.model, body, rotation, velocity, scale.h)
             if parts == 0 or (parts > 1 and may_touch(body, s)):
                 # rows are linear in the turn: one of several parts says less of where points go
@@ -105,16 +105,14 @@ def make_flight(effects: Effects) -> Functions:
         target = wp.spatial_vector(shift, turn)
         if wp.static(effects.carried_rounding):
             if is_short(scale.h):
-                pose, velocity = s.work.pose[body], body_qd[body]
-                flight = flight_from(body, pose, velocity, s.history.flights)
-                start = wp.transform_get_rotation(pose)
+                flight = flight_from(body, s.work.pose[body], velocity, s.history.flights)
                 s.work.gained[body] = flight.lost + gained_in_flight(
                     s.model,
                     body,
-                    start,
+                    rotation,
                     velocity,
                     s.work.wrench[body],
-                    exp_quat(wp.quat_rotate_inv(start, turn)),
+                    exp_quat(wp.quat_rotate_inv(rotation, turn)),
                     scale.h,
                 )
                 s.history.flights[body] = flight
