@@ -451,6 +451,11 @@ class Effects:
         return self.islands and turns and not self.drag
 
     @property
+    def centered(self) -> bool:
+        """Whether the COM of a free island has to be put back where sweeps are cut off."""
+        return self.joints and self.islands and not self.drag
+
+    @property
     def trapezoidal(self) -> bool:
         """Whether steps of backward Euler leave articulations by the trapezoidal rule."""
         return self.second_order and self.joints and not self.pulled

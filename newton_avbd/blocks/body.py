@@ -157,8 +157,9 @@ def free_turn(
     omega: wp.vec3,
     torque: wp.vec3,
     h: float,
+    parts: int,
 ):
-    """How a body turns with the gyroscopic torque, by backward Euler.
+    """How a body turns with the gyroscopic torque.
 
     Returns the turn in body axes of its start, and the spin that belongs to the momentum after the
     turn [rad/s] in the body axes of its end: as the body's velocity it keeps the momentum exact.
@@ -166,36 +167,24 @@ def free_turn(
     Args:
         inertia: Inertia about the COM, body axes [kg m^2].
         inv_inertia: Its inverse.
-        rotation: Orientation at the start of the step.
+        rotation: Rotation at the start of the step.
         omega: Angular velocity, world frame [rad/s].
         torque: External torque, world frame [N m].
         h: Time step [s].
+        parts: In how many parts by the implicit midpoint rule; 0 for backward Euler.
     """
-    momentum = start_momentum(inertia, rotation, omega, torque, h)
-    turn = exp_quat(h * target_spin(inertia, inv_inertia, momentum, h))
-    return turn, inv_inertia * wp.quat_rotate_inv(turn, momentum)
-
-
-@wp.func(inline=True)
-def flown_turn(
-    inertia: wp.mat33,
-    inv_inertia: wp.mat33,
-    rotation: wp.quat,
-    omega: wp.vec3,
-    torque: wp.vec3,
-    h: float,
-    parts: int,
-):
-    """As :func:`free_turn`, but by the implicit midpoint rule, in as many ``parts``."""
     start = inertia * wp.quat_rotate_inv(rotation, omega)
     push = wp.quat_rotate_inv(rotation, torque)
+    end = start + h * push
     turn = wp.quat_identity()
-    if parts == 1:
+    if parts > 1:
+        turn = turn_in_parts(inertia, inv_inertia, start, push, h, parts)
+    elif parts == 1:
         half = 0.5 * h
         turn = exp_quat(h * midpoint_spin(inertia, inv_inertia, start + half * push, half))
     else:
-        turn = turn_in_parts(inertia, inv_inertia, start, push, h, parts)
-    return turn, inv_inertia * wp.quat_rotate_inv(turn, start + h * push)
+        turn = exp_quat(h * target_spin(inertia, inv_inertia, end, h))
+    return turn, inv_inertia * wp.quat_rotate_inv(turn, end)
 
 
 @wp.func

@@ -401,7 +401,7 @@ class LargeWorlds:
             passes = int(LOOP_PASSES if effects.closures else JOINT_PASSES)
             self._launch_if(colors.is_apart, lambda: recover(1, passes))
         launch(kernels.close_joints, bodies, [step, lanes])
-        if effects.joints and effects.islands and not effects.drag:
+        if effects.centered:
             launch(joining.center_island, bodies, [step.iterations, views.islands])
         launch(kernels.give_loops_back, self._loop_count, [lanes])
         launch(kernels.give_cables_back, self._cluster_count, [lanes])

@@ -72,7 +72,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
                 stop_coordinates(
                     s.worlds.body_start[world], s.worlds.body_start[world + 1], scale.static_slot, s
                 )
-        if wp.static(effects.joints and effects.islands and not effects.drag):
+        if wp.static(effects.centered):
             if has_islands and s.worlds.sweeps[world] >= step.iterations:
                 center_islands(world, s)
         if wp.static(effects.loops):

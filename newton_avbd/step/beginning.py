@@ -10,7 +10,7 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from .bodies import body_at, has_rows
 from .islands import begin_island
-from .loops import has_loops
+from .loops import has_loops, has_outer_loops
 from .needles import stiffened_axis
 from .piles import in_pile
 
@@ -28,6 +28,23 @@ def is_in_tree(rank: int, s: wp.ref[Solver]) -> bool:
     if rank > 0:
         first = wp.where(s.worlds.block_end[rank - 1] == s.worlds.block_end[rank], rank - 1, rank)
     return is_tree(first, s.worlds.block_end[rank], body_at(rank, s.worlds), s.tree)
+
+
+def make_is_reached(effects: Effects) -> wp.Function:
+    """Device function: whether more than the joints of its tree may hold a body."""
+
+    @wp.func
+    def is_reached(body: int, s: wp.ref[Solver]) -> bool:
+        """Whether a contact may reach a body, or a joint acts on it that is not solved with its
+        tree."""
+        result = bool(False)
+        if wp.static(effects.contact):
+            result = has_rows(s.rows, body)
+        if wp.static(effects.loops):
+            result = result or has_outer_loops(body, s.loops)
+        return result
+
+    return is_reached
 
 
 def make_coasting(effects: Effects) -> wp.Function:

@@ -15,9 +15,9 @@ from ..data import Solver, Step, WorldScale
 from ..effects import Effects
 from ..functions import Functions, together
 from .anchors import ROUNDING, is_linked, parent_slot
-from .beginning import is_tree, make_coasting
-from .bodies import body_at, has_rows
-from .loops import has_outer_loops, other_end
+from .beginning import is_tree, make_coasting, make_is_reached
+from .bodies import body_at
+from .loops import other_end
 from .rotations import begin_turn
 from .slopes import begin_axis, make_inputs
 
@@ -129,7 +129,7 @@ def make_block_start(
         begin_closures: Device function that measures the mimics of a block.
         begin_tendons: Device function that measures its tendons.
     """
-    coasting_increment = make_coasting(effects)
+    coasting_increment, is_reached = make_coasting(effects), make_is_reached(effects)
     measure_start, measure_guess = trees.measure_start, trees.measure_guess
     begin_armature = make_begin_armature(effects, trees.measure_velocity)
     inputs = make_inputs(effects)
@@ -182,10 +182,7 @@ def make_block_start(
                     if wp.static(effects.tilting):
                         spin = s.work.spin_momentum[body_at(k, s.worlds)]
                         is_fast = is_fast or wp.length_sq(spin) > 0.0
-                    if wp.static(effects.contact):
-                        is_free = is_free and not has_rows(s.rows, body_at(k, s.worlds))
-                    if wp.static(effects.loops):
-                        is_free = is_free and not has_outer_loops(body_at(k, s.worlds), s.loops)
+                    is_free = is_free and not is_reached(body_at(k, s.worlds), s)
                 if wp.static(may_fly):
                     fall = wp.vec3(0.0)
                     if is_free and scale.step == scale.h:

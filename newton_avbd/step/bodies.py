@@ -8,7 +8,6 @@ import warp as wp
 
 from ..algebra.so3 import exp_quat, rotation_between, turned_inertia, world_inertia
 from ..blocks.body import (
-    flown_turn,
     free_turn,
     is_mobile,
     origin_shift,
@@ -77,30 +76,10 @@ def free_turn_of(
     velocity: wp.spatial_vector,
     wrench: wp.spatial_vector,
     h: float,
+    parts: int,
 ):
     """As :func:`.blocks.body.free_turn`, for a body of the model."""
     return free_turn(
-        model.inertia[body],
-        model.inv_inertia[body],
-        rotation,
-        wp.spatial_bottom(velocity),
-        wp.spatial_bottom(wrench),
-        h,
-    )
-
-
-@wp.func(inline=True)
-def flown_turn_of(
-    model: wp.ref[BodyModel],
-    body: int,
-    rotation: wp.quat,
-    velocity: wp.spatial_vector,
-    wrench: wp.spatial_vector,
-    h: float,
-    parts: int,
-):
-    """As :func:`.blocks.body.flown_turn`, for a body of the model."""
-    return flown_turn(
         model.inertia[body],
         model.inv_inertia[body],
         rotation,
@@ -483,14 +462,7 @@ def make_integrate(effects: Effects) -> wp.Kernel:
             parts = int(0)
             if wp.static(effects.second_order):
                 parts = midpoint_parts(s.model, body, rotation, velocity, step.h)
-            turn = wp.quat_identity()
-            own_spin = wp.vec3()
-            if parts > 0:
-                turn, own_spin = flown_turn_of(
-                    s.model, body, rotation, velocity, wrench, step.h, parts
-                )
-            else:
-                turn, own_spin = free_turn_of(s.model, body, rotation, velocity, wrench, step.h)
+            turn, own_spin = free_turn_of(s.model, body, rotation, velocity, wrench, step.h, parts)
             if wp.static(effects.carried_rounding):
                 if is_short(step.h):
                     further = rotation * less_one(turn)

@@ -14,7 +14,7 @@ from ..effects import Effects
 from ..functions import Functions, together
 from ..rows import contact as contact_rows
 from .beginning import is_in_tree
-from .bodies import flown_turn_of, has_rows, midpoint_parts
+from .bodies import free_turn_of, has_rows, midpoint_parts
 from .carrying import flight_from, gained_in_flight, is_short
 from .loops import has_loops
 from .piles import row_count, row_of
@@ -97,9 +97,7 @@ def make_flight(effects: Effects) -> Functions:
                 turn = wp.spatial_bottom(s.work.target[body])
             elif wp.length_sq(turn) > SLOW * SLOW:
                 wrench = s.work.wrench[body]
-                own, _spin = flown_turn_of(
-                    s.model, body, rotation, velocity, wrench, scale.h, parts
-                )
+                own, _spin = free_turn_of(s.model, body, rotation, velocity, wrench, scale.h, parts)
                 turn = wp.quat_rotate(rotation, rotation_vector(own))
         shift = 0.5 * wp.spatial_top(s.work.target[body] + s.work.coasting[body])
         target = wp.spatial_vector(shift, turn)

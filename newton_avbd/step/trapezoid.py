@@ -18,8 +18,8 @@ from ..functions import Functions
 from ..rows.joint import make_counts
 from ..rows.lock import make_locks
 from .anchors import is_linked, joint_shift, make_frames_of, start_span
-from .bodies import body_at, has_rows
-from .loops import has_outer_loops
+from .beginning import make_is_reached
+from .bodies import body_at
 from .scale import last_update
 from .slopes import QUIET_WORLD, make_resistance
 from .smoothness import MOST_TURN, RESOLVED
@@ -49,6 +49,7 @@ def goes_too_far(world: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
 
 def make_is_untouched(effects: Effects) -> wp.Function:
     """Device function: whether nothing but the joints of a fixed tree holds it."""
+    is_reached = make_is_reached(effects)
 
     @wp.func
     def is_untouched(first: int, end: int, s: wp.ref[Solver]) -> bool:
@@ -64,12 +65,8 @@ def make_is_untouched(effects: Effects) -> wp.Function:
                 return False
         for i in range(first, end):
             body = body_at(i, s.worlds)
-            if wp.static(effects.contact):
-                if has_rows(s.rows, body):
-                    return False
-            if wp.static(effects.loops):
-                if has_outer_loops(body, s.loops):
-                    return False
+            if is_reached(body, s):
+                return False
             if wp.static(effects.spinning):
                 if wp.length_sq(s.work.spin_momentum[body]) > 0.0:
                     return False
