@@ -17,6 +17,9 @@ from .tendons import tendon_work
 
 EXCESS = wp.constant(1.0e-6)
 """Energy beyond what may be, as a share of it, that float32 explains."""
+FAR_OFF = wp.constant(100.0)
+"""Energy after a step as a multiple of what may be from which on not only velocities, but poses,
+too, have come to nothing: bodies have gone ten times as far as they can have."""
 
 
 @wp.func
@@ -173,10 +176,10 @@ def settle(sum: Balance, h: float) -> Balance:
     """Decides which motion is left of an island, once all is summed.
 
     What fixed things do to its momentum is taken from the velocities, unless the step has come to
-    nothing: a body is faster than anything could be, energies are not finite, the island is where
-    springs and drives have stored more than all motion can have put in, or the rigid motion alone
-    has too much, because the inertia of where bodies are is not the one that they had. Then the
-    island moves as a rigid body from where it was.
+    nothing: a body is faster than anything could be, energies are not finite or far too high, the
+    island is where springs and drives have stored more than all motion can have put in, or the
+    rigid motion alone has too much, because the inertia of where bodies are is not the one that
+    they had. Then the island moves as a rigid body from where it was.
     """
     out = sum
     out.share = 1.0
@@ -189,7 +192,8 @@ def settle(sum: Balance, h: float) -> Balance:
     if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most + sum.given:
         return out
     out.is_bounded = True
-    is_uphill = is_finite and sum.is_turned and sum.before < -sum.start
+    is_far_off = sum.before < -sum.start or sum.after > FAR_OFF * wp.max(most, sum.start)
+    is_uphill = is_finite and sum.is_turned and is_far_off
     if is_uphill:
         most = sum.start
     most = wp.max(most, 0.0)
