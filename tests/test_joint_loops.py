@@ -673,3 +673,80 @@ def test_of_stops_that_one_sweep_reaches_a_loop_leaves_the_nearest() -> None:
         assert anchor_gaps(sim).max() < 1.0e-6
         # in a step links of 0.2 m may stay apart by 1e-6 m
         np.testing.assert_allclose(sim.velocity[:, 4], [0.3, 0.0, 0.3], atol=1.2e-3)
+
+
+def held_cable(middle: int, **stiffness: float) -> Simulation:
+    """A cable along x, weightless, of ``2 middle + 1`` segments of 0.1 m, whose ends stay."""
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, 0.0))
+    rod = newton.Rod.create_straight(
+        start=wp.vec3(0.0),
+        direction=wp.vec3(1.0, 0.0, 0.0),
+        length=0.1 * (2 * middle + 1),
+        segment_count=2 * middle + 1,
+        radius=0.01,
+    )
+    bodies, _ = builder.add_rod(rod=rod, bend_damping=2.0, **stiffness)
+    for body in (bodies[0], bodies[-1]):
+        builder.body_mass[body] = builder.body_inv_mass[body] = 0.0
+        builder.body_inertia[body] = builder.body_inv_inertia[body] = wp.mat33(0.0)
+    return Simulation(builder, collide=False)
+
+
+def test_a_cable_held_at_both_ends_is_springs_in_series() -> None:
+    """Pulled along it by F and twisted by T, its middle gives way by (n/2)/k of F and T for n rods
+    on each side. Its last rod, which closes a loop, is solved with the others: in one or two
+    sweeps a step, not in all of eighty."""
+    middle, force, torque = 8, 50.0, 0.2
+    sim = held_cable(
+        middle,
+        stretch_stiffness=1.0e5,
+        stretch_damping=50.0,
+        bend_stiffness=20.0,
+        twist_stiffness=20.0,
+        twist_damping=0.2,
+    )
+    start = sim.pose[middle]
+    sim.state.body_f.assign(
+        np.array([[force, 0, 0, torque, 0, 0] if i == middle else [0] * 6 for i in range(17)])
+    )
+    sweeps = 0
+    for _ in range(240):
+        sim.step()
+        sweeps = max(sweeps, int(sim.solver.report().sweeps.max()))
+    end = sim.pose[middle]
+    assert end[0] - start[0] == pytest.approx(0.5 * middle * force / 1.0e5, rel=1.0e-3)
+    turn = Rotation.from_quat(end[3:]) * Rotation.from_quat(start[3:]).inv()
+    assert turn.as_rotvec() == pytest.approx([0.5 * middle * torque / 20.0, 0, 0], abs=4.0e-5)
+    assert sweeps <= 2
+
+
+def test_a_ring_of_rods_moves_the_same_wherever_the_tree_ends() -> None:
+    """Which rod closes the loop follows from their order: a ring that hangs and sways."""
+    ends = []
+    for first in range(0, 6, 2):
+        builder = newton.ModelBuilder()
+        links = []
+        for i in range(6):
+            turn = wp.quat_from_axis_angle(wp.vec3(0.0, 1.0, 0.0), np.pi * i / 3.0)
+            away = wp.quat_rotate(turn, wp.vec3(0.3, 0.0, 0.0))
+            link = builder.add_link(xform=wp.transform(away, turn), is_kinematic=i == 0)
+            builder.add_shape_box(link, hx=0.02, hy=0.03, hz=0.1)
+            links.append(link)
+        for k in range(6):
+            i = (first + k) % 6
+            builder.add_joint_rod(
+                links[i],
+                links[(i + 1) % 6],
+                parent_xform=wp.transform((0.0, 0.0, -0.15)),
+                child_xform=wp.transform((0.0, 0.0, 0.15)),
+                stretch_stiffness=2.0e4,
+                bend_stiffness=30.0,
+                twist_stiffness=10.0,
+                bend_damping=0.3,
+            )
+        sim = Simulation(builder, collide=False, is_checked=False)
+        sim.step(120)
+        ends.append(sim.pose)
+    assert np.abs(ends[0][:, :3] - sim.model.body_q.numpy()[:, :3]).max() > 0.02
+    for other in ends[1:]:
+        assert other[:, :3] == pytest.approx(ends[0][:, :3], abs=2.0e-5)

@@ -18,6 +18,7 @@ from .welds import is_kinematic
 from .yielding import Yielding, yielding_joints
 
 _DISTANCE = int(newton.JointType.DISTANCE)
+_ROD = int(newton.JointType.ROD)
 
 CLOSURE_ROWS = 4096
 """Most equations that are solved with a tree, at most 64 MiB; beyond, its loops are closed sweep by
@@ -501,6 +502,8 @@ def _closures(
             strings.append(_Link(index, -1, ends[index], 3))
         elif kinds[index] == CONNECT:
             links.append(_Link(index, -1, ends[index], 3))
+        elif kinds[index] == _ROD:
+            links.append(_Link(index, -1, ends[index], 6))
         elif KINDS[kinds[index]].in_tree and dims[index] < 6:
             rows = 6 if index in stopped else 6 - dims[index]
             links.append(_Link(index, -1, ends[index], rows))

@@ -11,11 +11,12 @@ import warp as wp
 from ..data import BodyWork, Solver
 from ..effects import Effects
 from ..functions import Functions, together
-from ..rows.joint import is_string, make_counts
+from ..rows.joint import ROD, is_string, make_counts
 from .anchors import parent_slot
 from .kernels import ABSENT, absent
 from .loop_rows import ALL_ROWS, make_loop_rows
 from .mimics import make_join_mimics, make_mimics
+from .rod_rows import make_rod_rows
 from .stop_rows import make_stop_rows
 from .strings import make_string_rows, string_misses
 from .tendons import make_join_tendons, make_tendons
@@ -61,6 +62,7 @@ def make_closures(effects: Effects) -> Functions:
     linear_count, angular_count = counts.linear_count, counts.angular_count
     loop_rows = make_loop_rows(effects) if effects.loops else absent
     string_rows = make_string_rows(effects) if effects.kinds.distances else absent
+    rod_rows = make_rod_rows(effects) if effects.rods else absent
     has_stops = effects.loops and effects.stops
     stops = make_stop_rows(effects) if has_stops else ABSENT
     stop_rows, keep_stops = stops.stop_rows, stops.keep_stops
@@ -117,6 +119,10 @@ def make_closures(effects: Effects) -> Functions:
                     is_bound = is_string(s.joints, s.loops.joints[closure.loop])
                     if is_bound:
                         string_rows(closure, recovery, s)
+                if wp.static(effects.rods):
+                    if s.joints.type[s.loops.joints[closure.loop]] == ROD:
+                        is_bound = True
+                        rod_rows(closure, h, s)
                 if wp.static(effects.loops):
                     if not is_bound:
                         loop_rows(closure, recovery, s)
@@ -158,6 +164,13 @@ def make_closures(effects: Effects) -> Functions:
         for c in range(block.first, block.end):
             closure = closures.closures[c]
             i = closure.loop
+            if wp.static(effects.rods):
+                if i >= 0:
+                    if s.joints.type[s.loops.joints[i]] == ROD:
+                        # what it pushes with is told by where its ends are
+                        if wp.static(effects.dahl):
+                            mismatch = 1.0  # by the steepest slope there is, not by Newton's method
+                        continue
             if i >= 0:
                 linear = 3 - linear_count(s.joints, s.loops.joints[i])
                 is_force = bool(recovery == 0.0)

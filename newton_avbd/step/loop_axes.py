@@ -90,6 +90,21 @@ def make_loop_axes(effects: Effects) -> Functions:
         return away
 
     @wp.func
+    def rod_force(joint: int, dof: int, q: wp.float64, moved: float, h: float, s: wp.ref[Solver]):
+        """What a rod answers a stretch, shear, bend or twist with [N or N m], and its curvature."""
+        index = s.joints.dof_start[joint] + dof
+        pull, stiffness = axis_rows.rod_response(s.joints, index, wp.float32(q), moved, h)
+        if wp.static(effects.dahl):
+            if dof > 2:
+                # its block stays the same all step long: the steepest slope
+                held, _slope, steepest = dahl_response(
+                    joint, dof - 3, wp.float32(q), moved, s.joints, s.history
+                )
+                pull += held
+                stiffness += steepest
+        return pull, stiffness
+
+    @wp.func
     def axis_force(
         i: int,
         dof: int,
@@ -115,15 +130,7 @@ def make_loop_axes(effects: Effects) -> Functions:
         stop = float(0.0)
         if wp.static(effects.rods):
             if s.joints.type[joint] == ROD:
-                pull, k_rod = axis_rows.rod_response(s.joints, index, wp.float32(q), moved, h)
-                if wp.static(effects.dahl):
-                    if dof > 2:
-                        # its block stays the same all step long: the steepest slope
-                        held, _slope, steepest = dahl_response(
-                            joint, dof - 3, wp.float32(q), moved, s.joints, s.history
-                        )
-                        pull += held
-                        k_rod += steepest
+                pull, k_rod = rod_force(joint, dof, q, moved, h, s)
                 return pull, k_rod, friction, stop
         if wp.static(effects.coordinates):
             start_velocity = float(0.0)
@@ -197,4 +204,4 @@ def make_loop_axes(effects: Effects) -> Functions:
             ):
                 s.history.joint_angle[dof] = s.loops.coordinate[dof]
 
-    return together(away_of, coordinate_of, axis_force, count_turns)
+    return together(away_of, coordinate_of, rod_force, axis_force, count_turns)

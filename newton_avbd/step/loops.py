@@ -148,6 +148,8 @@ def make_loops(effects: Effects) -> Functions:
                         s.history.friction_force[index] = friction
                     s.loops.coordinate[index] = q
             axis = axis_of(s.joints, joint, dof, q_p, q_c, turned)
+            if s.joints.type[joint] == ROD and s.loops.is_exact[i] and not is_whole:
+                continue
             if dof < linear:
                 force += push * axis
             elif s.joints.type[joint] == ROD:
@@ -214,6 +216,8 @@ def make_loops(effects: Effects) -> Functions:
                 q = coordinate_of(i, dof, q_p, q_c, offset, known, s)
                 share = s.loops.recovered[i]
                 _, stiffness, _, _ = axis_force(i, dof, q, BallAway(), share, h, step, s)
+                if s.joints.type[joint] == ROD and s.loops.is_exact[i]:
+                    continue
                 is_soft = is_soft or stiffness > 0.0
                 axis = axis_of(s.joints, joint, dof, q_p, q_c, turned)
                 if dof < linear:
