@@ -156,6 +156,14 @@ def test_crossed_limits_are_none(tmp_path):
     assert run(path, 30).state.body_q.numpy()[1, 2] == pytest.approx(9.0 - fallen, rel=1e-3)
 
 
+def test_a_link_whose_moments_of_inertia_are_negative_is_named(tmp_path):
+    wrong = INERTIAL.replace('iyy="0.01"', 'iyy="-0.01"')
+    path = write(tmp_path, link("a") + link("b", wrong) + joint("j", "a", "b"))
+    _, notes = read_asset(path, "avbd", floating=True)
+    assert len(notes) == 1
+    assert "link 'b' has a negative moment of inertia, -0.01 kg m^2" in notes[0]
+
+
 def test_blank_lines_before_the_declaration_and_zeros_after_the_end_are_read_over(tmp_path):
     path = write(tmp_path, link("a"))
     path.write_text(f'\n\n<?xml version="1.0"?>\n{path.read_text()}\r\n\0')

@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from newton_avbd.measure.overlaps import filter_neighbors
-from newton_avbd.scenes.finalize import finalized
+from newton_avbd.scenes.finalize import ROUNDED, finalized
 from newton_avbd.scenes.pose import grounds, lowest_points
 from newton_avbd.scenes.robots import place
 
@@ -250,7 +250,8 @@ def _read_urdf(
             "without limits"
             for name in freed
         ]
-        notes = (*bad, *lost, *_weighed_by_shapes(path, root, builder), *free)
+        weighed = (*_weighed_by_shapes(path, root, builder), *_negative_moments(path, builder))
+        notes = (*bad, *lost, *weighed, *free)
         return builder, (*notes, *(fixed if rooted else ()))
 
 
@@ -267,6 +268,17 @@ def _weighed_by_shapes(
             f"{sum(builder.body_mass):.3g} kg, as Newton's importer weighs their shapes; "
             "builder.default_shape_cfg.density = 0.0 before add_urdf leaves them without mass"
         )
+
+
+def _negative_moments(path: Path, builder: newton.ModelBuilder) -> Iterator[str]:
+    """Says which links have negative principal moments of inertia, which nothing can have."""
+    for label, inertia in zip(builder.body_label, builder.body_inertia, strict=True):
+        moments = np.linalg.eigvalsh(np.array(inertia, dtype=float).reshape(3, 3))
+        if moments[0] < -ROUNDED * np.abs(moments).max():
+            yield (
+                f"{path.name}: link {label.rpartition('/')[2]!r} has a negative moment of inertia, "
+                f"{moments[0]:.3g} kg m^2: Newton raises all three until none is"
+            )
 
 
 def _collide_by_hulls(builder: newton.ModelBuilder, *, of_world: bool = False) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import newton
 import numpy as np
 
-_ROUNDED = 1.0e-5
+ROUNDED = 1.0e-5
 """Share by which moments of inertia may miss what a body can have."""
 
 
@@ -29,10 +29,10 @@ def _is_sound(mass: np.ndarray, inertia: np.ndarray) -> bool:
     if not (np.all(np.isfinite(mass)) and np.all(np.isfinite(inertia)) and np.all(mass >= 0.0)):
         return False
     largest = np.abs(inertia).max(axis=(1, 2))
-    if np.any(np.abs(inertia - np.swapaxes(inertia, 1, 2)).max(axis=(1, 2)) > _ROUNDED * largest):
+    if np.any(np.abs(inertia - np.swapaxes(inertia, 1, 2)).max(axis=(1, 2)) > ROUNDED * largest):
         return False
     moments = np.linalg.eigvalsh(inertia)
-    has_inertia = (moments[:, 0] > _ROUNDED * largest) & (
-        moments[:, 2] <= (1.0 + _ROUNDED) * moments[:, :2].sum(axis=1)
+    has_inertia = (moments[:, 0] > ROUNDED * largest) & (
+        moments[:, 2] <= (1.0 + ROUNDED) * moments[:, :2].sum(axis=1)
     )
     return bool(np.all(np.where(mass > 0.0, has_inertia, largest == 0.0)))
