@@ -67,3 +67,15 @@ def test_a_file_names_its_meshes_by_where_they_are(scene: Path) -> None:
     assert not absent
     files = [mesh.get("file") for mesh in root.iter("mesh")]
     assert files == [str(scene.parent / "assets" / name) for name in ("there.obj", "lost.stl")]
+
+
+def test_assets_may_be_included_within_asset(scene: Path) -> None:
+    """And comments may have "--" inside, as for MuJoCo."""
+    assets = '<mujoco><mesh file="there.obj"/></mujoco>'
+    (scene.parent / "assets.xml").write_text(assets)
+    whole = ROBOT.replace('<mesh file="there.obj"/>', '<include file="assets.xml"/><!-- a -- b -->')
+    (scene.parent / "robot.xml").write_text(whole)
+    root, absent = read_mjcf(scene)
+    assert list(absent) == ["gone"]
+    files = [mesh.get("file") for mesh in root.iter("mesh")]
+    assert files == [str(scene.parent / "assets" / "there.obj")]

@@ -4,6 +4,7 @@
 """Reading MJCF files by Newton's importer, and what it leaves to be found."""
 
 import copy
+import re
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -33,6 +34,8 @@ from .rewriting import (
     written_out,
 )
 from .unread import listed, refuse, unread
+
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
 
 
 def add_mjcf(
@@ -172,7 +175,9 @@ def read_mjcf(
         meshes, with their files as the file writes them.
     """
     main, absent = main or path.parent, {} if absent is None else absent
-    root = ElementTree.parse(path).getroot()
+    # MuJoCo reads over comments with "--" inside, which are no XML
+    text = _COMMENT.sub(lambda found: b"\n" * found[0].count(b"\n"), path.read_bytes())
+    root = ElementTree.fromstring(text)
     compiler = root.find("compiler")
     own = {} if compiler is None else compiler.attrib
     meshes = own.pop("meshdir", own.get("assetdir", folders.get("mesh", "")))
@@ -188,7 +193,8 @@ def read_mjcf(
         found = next((place for place in places if place.is_file()), None)
         return (found or places[0]).absolute(), found is not None
 
-    for group in [*root.iter("asset")]:
+    # what is included within <asset> has none around it
+    for group in [*root.iter()]:
         for asset in [*group]:
             if asset.tag not in folders and asset.tag != "model":
                 continue
