@@ -57,7 +57,6 @@ from .step.observables import export_acceleration, export_contact_force, make_ex
 from .step.resetting import reset_bodies
 from .step.sleeping import make_end_islands, make_form_islands
 from .step.sleeping_contacts import export_sleeping_force
-from .step.slopes import JUMPED
 from .step.watching import make_watch_bodies, watch_joints, watch_tendons
 
 
@@ -932,8 +931,7 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         capture; a replay says so where it happens.
 
         Args:
-            flags: What changed; every flag leads to the same, but that the next step is of first
-                order where masses change; unknown bits are ignored.
+            flags: What changed; every flag leads to the same, unknown bits are ignored.
 
         Raises:
             NotImplementedError: If the model now holds what the solver does not simulate and the
@@ -953,8 +951,6 @@ class SolverAVBD(SolverBase, SolverArrays, CableViews, RigidCoupling):
         self._bind_model()
         if self._flags.fourth_order:
             self._tree.runge_kutta.is_known.zero_()
-        if self._flags.second_order and int(flags) & int(ModelFlags.BODY_INERTIAL_PROPERTIES):
-            self._history.smooth.fill_(JUMPED)  # other masses accelerate otherwise
         if self._flags.sleeping:
             for array, value in ((self._sleep.still, 0.0), (self._sleep.woken, 1)):
                 array.fill_(value)
