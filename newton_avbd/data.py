@@ -1956,9 +1956,9 @@ class ColorWork:
     is_excessive: wp.array[wp.int32]
     """1 where a world did not settle, whose energy may have to be bounded, shape (1,)."""
     lane_move: wp.array[float]
-    """Square of the farthest move of each lane's bodies [m^2], negative where energy may rise."""
+    """Square of the farthest move of each lane's bodies [m^2], negative where a gimbal leads."""
     is_unbalanced: wp.array[wp.int32]
-    """Not 0 for each world whose energy has to be looked at."""
+    """1 for each world whose energy has to be looked at."""
     is_apart: wp.array[wp.int32]
     """1 where a world has joints to close, which takes more than one sweep, shape (1,)."""
 

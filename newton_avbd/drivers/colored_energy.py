@@ -22,18 +22,11 @@ from ..step.scale import is_unsettled
 from ..step.slowing import drop_tensions
 from .joining import root_of
 
-GAINING = wp.constant(-2.0)
-"""Of a lane: one of its bodies may gain energy in a step that settles."""
-CIRCLING = wp.constant(-1.0)
-"""Of a lane: one of its bodies leaves its circle, see :data:`.step.energy.CHORD`."""
-JUMPING = wp.constant(2)
-"""Of a world whose energy has to be looked at: its step tells nothing of the next one."""
-
 
 @wp.func
 def is_unbalanced(body: int, s: wp.ref[Solver]) -> bool:
     """Whether the energy of a body's world has to be looked at."""
-    return s.colors.is_unbalanced[s.worlds.of_body[body]] != 0
+    return s.colors.is_unbalanced[s.worlds.of_body[body]] == 1
 
 
 @wp.func
@@ -66,7 +59,6 @@ def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecor
         kernel: The decorator.
     """
     may_body_gain, is_astray = energy.may_body_gain, energy.is_astray
-    leaves_circle = energy.leaves_circle
     begin_balance = energy.begin_balance
     join_joints, join_closures = energy.join_joints, energy.join_closures
     join_cluster = energy.join_cluster
@@ -75,22 +67,17 @@ def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecor
 
     @kernel()
     def measure_moves(s: wp.array[Solver]):
-        """The farthest move of a lane, or GAINING or CIRCLING where that holds for one of its
-        bodies; one thread a lane."""
+        """The farthest move of a lane, negative where a body may gain energy; one thread a lane."""
         lane = wp.tid()
         farthest = float(0.0)
         gains = bool(False)
-        circles = bool(False)
         for i in range(s[0].colors.lane_start[lane], s[0].colors.lane_start[lane + 1]):
             body = s[0].worlds.bodies[i]
-            if leaves_circle(body, s[0].colors.scale[s[0].worlds.of_body[body]], s[0]):
-                circles = True
             farthest = wp.max(farthest, moved_by(body, s[0].work.increment[body], s[0].work))
             if wp.static(effects.gaining):
                 if may_body_gain(body, s[0]):
                     gains = True
-        farthest = wp.where(circles, CIRCLING, farthest)
-        s[0].colors.lane_move[lane] = wp.where(gains, GAINING, farthest)
+        s[0].colors.lane_move[lane] = wp.where(gains, -1.0, farthest)
 
     @kernel()
     def find_unbalanced(s: wp.array[Solver]):
@@ -98,20 +85,17 @@ def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecor
         world = wp.tid()
         farthest = float(0.0)
         gains = bool(False)
-        circles = bool(False)
         if wp.static(effects.joints):
             gains = is_astray(world, s[0])
         for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
             farthest = wp.max(farthest, s[0].colors.lane_move[lane])
-            if s[0].colors.lane_move[lane] == GAINING:
+            if s[0].colors.lane_move[lane] < 0.0:
                 gains = True
-            elif s[0].colors.lane_move[lane] == CIRCLING:
-                circles = True
         update = s[0].worlds.update[world]
         has_not_settled = is_unsettled(update * update, s[0].colors.scale[world])
         has_not_settled = has_not_settled and update > NEARLY * wp.sqrt(farthest)
-        due = wp.where(has_not_settled or gains, JUMPING, int(circles))
-        s[0].colors.is_unbalanced[world] = wp.where(s[0].colors.is_finite[world] == 1, due, 0)
+        is_due = s[0].colors.is_finite[world] == 1 and (has_not_settled or gains)
+        s[0].colors.is_unbalanced[world] = int(is_due)
 
     @kernel()
     def begin_balances(s: wp.array[Solver]):
@@ -139,7 +123,7 @@ def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecor
     def add_all_cables(s: wp.array[Solver]):
         """Adds what cables had stored; one thread a world."""
         world = wp.tid()
-        if s[0].colors.is_unbalanced[world] != 0:
+        if s[0].colors.is_unbalanced[world] == 1:
             cables = s[0].tree.cables
             for i in range(cables.world_start[world], cables.world_start[world + 1]):
                 add_cables(i, s[0])
@@ -240,7 +224,6 @@ def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecor
         if s[0].colors.is_unbalanced[world] == 0:
             return
         h = s[0].colors.scale[world].h
-        jumps = s[0].colors.is_unbalanced[world] == JUMPING
         for lane in range(s[0].colors.world_lane[world], s[0].colors.world_lane[world + 1]):
             end = s[0].colors.lane_start[lane + 1]
             place = next_moving(s[0].colors.lane_start[lane], end, s[0])
@@ -259,7 +242,7 @@ def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecor
                 root = s[0].islands.parent[head]
                 last = s[0].colors.count[head]
                 if place <= s[0].worlds.rank[root] and s[0].worlds.rank[root] < last:
-                    settle_island(root, h, jumps, s[0])
+                    settle_island(root, h, s[0])
                 place = next_moving(last, end, s[0])
 
     @kernel()
@@ -280,7 +263,7 @@ def make_colored_energy(effects: Effects, energy: Functions, kernel: KernelDecor
     def drop_all_tensions(s: wp.array[Solver]):
         """Forgets what pulls islands whose step was taken back; one thread a world."""
         world = wp.tid()
-        if s[0].colors.is_unbalanced[world] != 0:
+        if s[0].colors.is_unbalanced[world] == 1:
             cables = s[0].tree.cables
             for i in range(cables.world_start[world], cables.world_start[world + 1]):
                 drop_tensions(i, s[0])

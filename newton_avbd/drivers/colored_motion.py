@@ -24,7 +24,7 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
     break_blocks, break_loop = stages.breaking.break_blocks, stages.breaking.break_loop
     end_velocity, end_armature = stages.end.end_velocity, stages.end.end_armature
     slips_otherwise = stages.second_order.slips_otherwise
-    may_body_gain, leaves_circle = stages.energy.may_body_gain, stages.energy.leaves_circle
+    may_body_gain = stages.energy.may_body_gain
     release_impacts, align_block = stages.impacts.release_impacts, stages.trees.align_spins
 
     @kernel()
@@ -103,9 +103,6 @@ def make_colored_motion(effects: Effects, stages: Stages, kernel: KernelDecorato
                     s[0].colors.is_moving[world] = 1
                 if slips_otherwise(body, s[0]):
                     s[0].colors.jumps[world] = 1
-            if wp.static(effects.balanced):
-                if leaves_circle(body, s[0].colors.scale[world], s[0]):
-                    s[0].colors.is_excessive[0] = 1
             if wp.static(effects.balanced and effects.gaining):
                 if may_body_gain(body, s[0]):
                     s[0].colors.is_excessive[0] = 1

@@ -54,7 +54,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
     written_side = make_written_side(effects)
     stages = make_stages(effects, join_islands)
     begin_second_order = stages.second_order.begin_step
-    gains_settled, leaves_circles = stages.energy.gains_settled, stages.energy.leaves_circles
+    gains_settled = stages.energy.gains_settled
     start = make_world_start(effects, stages)
     begin_world, build_rows = start.begin_world, start.build_rows
     begin_joints, begin_sweeps = start.begin_joints, start.begin_sweeps
@@ -145,7 +145,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
             if wp.static(effects.balanced):
                 has_not_settled = is_unsettled(update, scale)
                 if wp.static(effects.joints or effects.gaining):
-                    if gains_settled(world, s) or leaves_circles(world, scale, s):
+                    if gains_settled(world, s):
                         has_not_settled = True
                 if has_not_settled:
                     keep_start(world, body_qd, s)

@@ -218,8 +218,7 @@ def settle(sum: Balance, h: float) -> Balance:
             )
             rigid = 0.5 * wp.dot(momentum, out.free_momentum)
             rigid += 0.5 * wp.dot(out.free_angular, sum.inertia * out.free_angular)
-    is_too_much = rigid - most > EXCESS * rigid
-    if not is_finite or is_uphill or (is_too_much and not sum.is_touched):
+    if not is_finite or is_uphill or (rigid > most and not sum.is_touched):
         out.is_rigid = True
         out.share = 0.0
         momentum = sum.free_momentum

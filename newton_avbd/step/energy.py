@@ -31,7 +31,7 @@ from .body_energy import make_add_body
 from .cables import make_join
 from .closures import make_join_closures
 from .contacts import braces_tree
-from .islands import FREE, HELD, begin_island, island_of, join_islands
+from .islands import HELD, begin_island, island_of, join_islands
 from .rotations import MOST_TURN
 from .slowing import drop_tensions, make_slowing
 
@@ -47,11 +47,6 @@ ASTRAY = wp.constant(10)
 turns against limits may settle at more energy. A humanoid at 30 rad/s and 60 Hz gained a tenth in a
 step. Contacts take as many, and what rolls on another body would be bounded for nothing; unless
 they throw a link about, as ground that the humanoid hit at 200 m/s: it gained 1.5 %."""
-CHORD = wp.constant(0.05)
-"""Turn of a linked body in a step of backward Euler [rad] from which on a floating island is looked
-at. What circles moves along the chord of the step. Once the island has its angular momentum back,
-what points out of its circles comes on top, until the next step: up to a quarter of the turn
-squared of its energy."""
 
 
 @wp.func
@@ -166,27 +161,7 @@ def make_gains(effects: Effects) -> Functions:
                     return True
         return False
 
-    @wp.func
-    def leaves_circle(body: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
-        """Whether a body that joints hold in a floating island moves along a chord, and not along
-        its circle, see :data:`CHORD`."""
-        if wp.static(effects.turning_islands and effects.floating):
-            if scale.step == scale.h and s.work.inv_mass[body] > 0.0 and is_linked(body, s):
-                turn = wp.spatial_bottom(s.work.increment[body])
-                if wp.length_sq(turn) > CHORD * CHORD:
-                    return s.islands.fixed[island_of(s.islands, body)] == FREE
-        return False
-
-    @wp.func
-    def leaves_circles(world: int, scale: WorldScale, s: wp.ref[Solver]) -> bool:
-        """Whether :func:`leaves_circle` is true of a body of a world."""
-        if wp.static(effects.turning_islands and effects.floating):
-            for i in range(s.worlds.body_start[world], s.worlds.body_start[world + 1]):
-                if leaves_circle(s.worlds.bodies[i], scale, s):
-                    return True
-        return False
-
-    return together(may_body_gain, is_astray, gains_settled, leaves_circle, leaves_circles)
+    return together(may_body_gain, is_astray, gains_settled)
 
 
 def make_join_bodies(effects: Effects, join: wp.Function) -> Functions:
@@ -231,7 +206,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> Functions
         join: Makes one island of two bodies.
     """
     gains = make_gains(effects)
-    gains_settled, leaves_circles = gains.gains_settled, gains.leaves_circles
+    gains_settled = gains.gains_settled
     islands = make_join_bodies(effects, join)
     begin_balance, join_joints = islands.begin_balance, islands.join_joints
     join_closures, join_cluster = islands.join_closures, islands.join_cluster
@@ -242,17 +217,12 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> Functions
 
     @wp.func
     def bound_energy(
-        first: int,
-        end: int,
-        jumps: bool,
-        scale: WorldScale,
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
+        first: int, end: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ):
         """Slows the islands of a list of bodies down to the energy that they may have.
 
-        Takes poses and velocities after the step, and whether that tells nothing of the next one.
-        All bodies of an island are in the list, its root first.
+        Takes poses and velocities after the step. All bodies of an island are in the list, its
+        root first.
         """
         for i in range(first, end):
             body = s.worlds.bodies[i]
@@ -280,7 +250,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> Functions
         for i in range(first, end):
             body = s.worlds.bodies[i]
             if s.work.inv_mass[body] > 0.0 and s.islands.parent[body] == body:
-                settle_island(body, scale.h, jumps, s)
+                settle_island(body, scale.h, s)
         for i in range(first, end):
             body = s.worlds.bodies[i]
             if s.work.inv_mass[body] > 0.0:
@@ -300,9 +270,9 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> Functions
         for i in range(first, end):
             body = s.worlds.bodies[i]
             farthest = wp.max(farthest, moved_by(body, s.work.increment[body], s.work))
-        jumps = s.worlds.update[world] > NEARLY * wp.sqrt(farthest) or gains_settled(world, s)
-        if not jumps and not leaves_circles(world, scale, s):
-            return
+        if s.worlds.update[world] <= NEARLY * wp.sqrt(farthest):
+            if not gains_settled(world, s):
+                return
         for i in range(first, end):
             if s.work.inv_mass[s.worlds.bodies[i]] > 0.0:
                 begin_balance(s.worlds.bodies[i], s.islands)
@@ -322,7 +292,7 @@ def make_energy(effects: Effects, join: wp.Function = join_islands) -> Functions
         if wp.static(effects.cables):
             for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
                 add_cables(i, s)
-        bound_energy(first, end, jumps, scale, step, s)
+        bound_energy(first, end, scale, step, s)
         if wp.static(effects.cables):
             for i in range(s.tree.cables.world_start[world], s.tree.cables.world_start[world + 1]):
                 drop_tensions(i, s)

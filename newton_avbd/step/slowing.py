@@ -59,12 +59,8 @@ def make_slowing(effects: Effects) -> Functions:
     """Device functions that decide how an island moves on, and let its bodies do so."""
 
     @wp.func
-    def settle_island(root: int, h: float, jumps: bool, s: wp.ref[Solver]):
-        """Decides which motion is left of an island, and counts what is bounded.
-
-        Takes whether a step that is bounded tells nothing of the next one; one that is taken back
-        does not.
-        """
+    def settle_island(root: int, h: float, s: wp.ref[Solver]):
+        """Decides which motion is left of an island, and counts what is bounded."""
         sum = settle(s.islands.balance[root], h)
         s.islands.balance[root] = sum
         world = s.worlds.of_body[root]
@@ -72,8 +68,7 @@ def make_slowing(effects: Effects) -> Functions:
             wp.atomic_add(s.worlds.bounded, world, 1)
             wp.atomic_add(s.worlds.excess, world, sum.after - wp.max(sum.before, 0.0))
             if wp.static(effects.second_order):
-                if jumps or sum.is_rigid:
-                    s.history.smooth[world] = JUMPED
+                s.history.smooth[world] = JUMPED
         if sum.is_pushed and sum.after > sum.before:
             wp.atomic_add(s.worlds.unbounded, world, 1)
 
