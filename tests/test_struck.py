@@ -67,7 +67,7 @@ def test_a_robot_that_hits_the_ground_at_200_m_s_stays_finite() -> None:
 GAINED = [(1, 35), (2, 0), (2, 13), (2, 20), (2, 24), (4, 13), (4, 27), (6, 75)]
 """Seeds and numbers of throws that once gained energy at 200 m/s."""
 PUSHED_OFF = (4, 13)
-"""The one throw of 1,200 whose legs push it off the ground again, at 88 m/s."""
+"""The one throw of 600 whose legs push it off the ground again, at 88 m/s."""
 
 
 @pytest.mark.parametrize(("seed", "throw"), GAINED)
