@@ -873,6 +873,14 @@ class Balance:
     step, and the work of external forces at the velocities then."""
     given: float
     """What springs, tendons, rotors and compliant contacts have given in the step at most [J]."""
+    pushed: float
+    """Work of contacts with what the solver does not move [J]."""
+    push: wp.vec3
+    """Sum of their forces [N]."""
+    load: float
+    """Sum of the magnitudes of these [N]."""
+    way: wp.vec3
+    """How far their surfaces go in the step, by the magnitudes of the forces [N m]."""
     start_inertia: wp.mat33
     """Inertia about the COM before the step [kg m^2]."""
     is_anchored: wp.bool
@@ -880,7 +888,7 @@ class Balance:
     is_touched: wp.bool
     """Whether the island pushes something that the solver does not move."""
     is_pushed: wp.bool
-    """Whether something that the user moves pushes it."""
+    """Whether something that the user moves does work on it that is not known."""
     is_wild: wp.bool
     """Whether a body is faster than anything could be."""
     is_turned: wp.bool

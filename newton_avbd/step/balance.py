@@ -52,6 +52,25 @@ def touch_fixed(slot: int, is_joint: bool, work: wp.ref[BodyWork], sum: Balance)
 
 
 @wp.func
+def touch_surface(force: wp.vec3, way: wp.vec3, sum: Balance) -> Balance:
+    """Notes a contact with a body that the solver does not move.
+
+    Args:
+        force: What it pushes with [N].
+        way: How far its surface goes in the step [m].
+        sum: Of the island.
+    """
+    out = sum
+    load = wp.length(force)
+    out.is_touched = True
+    out.pushed += wp.dot(force, way)
+    out.push += force
+    out.load += load
+    out.way += load * way
+    return out
+
+
+@wp.func
 def with_work(sum: Balance, work: float) -> Balance:
     """Adds the work of what stores energy [J], which may make a body faster than all was before."""
     out = sum
@@ -125,6 +144,10 @@ def combined(one: Balance, other: Balance) -> Balance:
     out.after += other.after
     out.start += other.start
     out.given += other.given
+    out.pushed += other.pushed
+    out.push += other.push
+    out.load += other.load
+    out.way += other.way
     out.mass += other.mass
     out.com += other.com
     out.start_com += other.start_com
@@ -172,7 +195,22 @@ def combined_momentum(one: Balance, other: Balance) -> Balance:
 
 
 @wp.func
-def settle(sum: Balance, h: float) -> Balance:
+def seen_from(frame: wp.vec3, h: float, sum: Balance) -> Balance:
+    """The sums as they are for what moves at a velocity [m/s], with the work of what it touches."""
+    out = sum
+    own = 0.5 * sum.mass * wp.length_sq(frame)
+    out.before += own - wp.dot(frame, sum.free_momentum)
+    out.before += sum.pushed - h * wp.dot(frame, sum.push)
+    out.after += own - wp.dot(frame, sum.momentum)
+    out.start += own - wp.dot(frame, sum.free_momentum)
+    out.momentum -= sum.mass * frame
+    out.free_momentum -= sum.mass * frame
+    out.free_angular -= wp.cross(sum.start_com, frame)
+    return out
+
+
+@wp.func
+def settle(island: Balance, h: float) -> Balance:
     """Decides which motion is left of an island, once all is summed.
 
     What fixed things do to its momentum is taken from the velocities, unless the step has come to
@@ -180,20 +218,31 @@ def settle(sum: Balance, h: float) -> Balance:
     island is where springs and drives have stored more than all motion can have put in, or the
     rigid motion alone has too much, because the inertia of where bodies are is not the one that
     they had. Then the island moves as a rigid body from where it was.
+
+    All velocities count from that of the surfaces that it touches, their mean by what they push
+    with: what has too much of them ends up at rest on a surface, wherever that goes.
     """
+    frame = wp.vec3(0.0)
+    if island.load > 0.0 and wp.isfinite(wp.length_sq(island.way)) and not island.is_anchored:
+        frame = island.way / (h * island.load)
+    speed_sq = wp.length_sq(frame)
+    sum = seen_from(frame, h, island)
     out = sum
     out.share = 1.0
-    is_finite = wp.isfinite(sum.after) and wp.isfinite(sum.before) and not sum.is_wild
+    # how far anything goes is not known of what is carried along
+    is_wild = sum.is_wild and speed_sq == 0.0
+    is_finite = wp.isfinite(sum.after) and wp.isfinite(sum.before) and not is_wild
     most = sum.start
     if is_finite:
         most = sum.before
-    if sum.is_pushed or (is_finite and sum.after - most <= EXCESS * sum.after):
+    rounding = EXCESS * (island.after + 0.5 * sum.mass * speed_sq)
+    if sum.is_pushed or (is_finite and sum.after - most <= rounding):
         return out
-    if sum.is_wild and wp.isfinite(sum.after) and sum.after <= most + sum.given:
+    if is_wild and wp.isfinite(sum.after) and sum.after <= most + sum.given:
         return out
     out.is_bounded = True
     is_far_off = sum.before < -sum.start or sum.after > FAR_OFF * wp.max(most, sum.start)
-    is_uphill = is_finite and sum.is_turned and is_far_off
+    is_uphill = is_finite and sum.is_turned and is_far_off and speed_sq == 0.0
     if is_uphill:
         most = sum.start
     most = wp.max(most, 0.0)
@@ -248,4 +297,7 @@ def settle(sum: Balance, h: float) -> Balance:
         out.free_angular *= kept
         if out.is_rigid:
             out.angular *= kept
+    if not sum.is_anchored:
+        out.momentum += frame
+        out.free_momentum += frame
     return out

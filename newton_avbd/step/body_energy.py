@@ -9,7 +9,7 @@ from ..data import Balance, BodyModel, Solver, Step
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .anchors import is_linked
-from .balance import counts_here, place_from, squared_overlap, touch_fixed, with_work
+from .balance import counts_here, place_from, squared_overlap, touch_surface, with_work
 from .bodies import has_rows
 from .drag import resistance
 from .joint_energy import make_add_joint
@@ -98,12 +98,22 @@ def make_add_body(effects: Effects) -> wp.Function:
             for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
                 row = s.rows.rows[i]
                 if wp.length_sq(row.force) > 0.0:
-                    out = touch_fixed(row.b, False, s.work, out)
-                    if wp.static(effects.moving_surfaces):
+                    carried = wp.vec3(0.0)
+                    if wp.static(effects.drift):
                         carried = s.rows.drift[i]
                         if wp.static(effects.restitution):
                             if s.rows.impacts[i].total > 0.0:
                                 carried = s.rows.impacts[i].drift
+                    if s.work.inv_mass[row.b] == 0.0:
+                        span = s.work.com[body] - s.work.com[row.b]
+                        still = wp.spatial_vector()
+                        moved = s.work.increment[row.b]
+                        way = contact_rows.slip(row, still, moved, span) + carried
+                        out = touch_surface(-row.force, way, out)
+                        if wp.static(effects.angular_friction):
+                            turned_by = wp.spatial_bottom(moved)
+                            out.pushed -= wp.dot(s.rows.spin[i].torque, turned_by)
+                    elif wp.static(effects.moving_surfaces):
                         if wp.length_sq(carried) > 0.0:
                             out.is_pushed = True
                 if wp.static(effects.compliance):
