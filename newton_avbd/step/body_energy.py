@@ -10,8 +10,8 @@ from ..effects import Effects
 from ..rows import contact as contact_rows
 from .anchors import is_linked
 from .balance import counts_here, place_from, squared_overlap, touch_surface, with_work
-from .bodies import has_rows
 from .drag import resistance
+from .impacts import lag_of_impact
 from .joint_energy import make_add_joint
 from .rotations import MOST_TURN
 
@@ -82,10 +82,12 @@ def make_add_body(effects: Effects) -> wp.Function:
         out.before += wp.dot(force, wp.spatial_top(increment))
         out.before += wp.dot(torque, wp.spatial_bottom(increment))
         if wp.static(effects.restitution):
-            if has_rows(s.rows, body):
-                # around an impact velocities are half a step of the force behind those of the fall
-                change = wp.spatial_top(velocity - step.body_qd_out[body])
-                out.before += wp.max(0.5 * h * wp.dot(force, change), 0.0)
+            # velocities of backward Euler are behind those of the fall that an impact ends
+            late = h * lag_of_impact(body, s.rows)
+            ends = velocity
+            if wp.static(not effects.second_order):
+                ends -= step.body_qd_out[body]
+            out.before += wp.max(late * wp.dot(force, wp.spatial_top(ends)), 0.0)
         out.mass += mass
         place = s.work.com[body] - s.work.com[root]
         momentum = mass * wp.spatial_top(velocity) + h * force

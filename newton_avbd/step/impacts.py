@@ -263,6 +263,17 @@ def add_target(body: int, i: int, sign: float, h: float, s: wp.ref[Solver]) -> w
 
 
 @wp.func
+def lag_of_impact(body: int, rows: wp.ref[RowWork]) -> float:
+    """How long before the start of a step its velocities held that impacts of a body end, in steps."""
+    lag = float(0.0)
+    for k in range(row_count(body, rows)):
+        impact = rows.impacts[row_of(body, k, rows)]
+        if impact.total > 0.0:
+            lag = wp.max(lag, impact.lag)
+    return lag
+
+
+@wp.func
 def lead_of_rebound(body: int, h: float, s: wp.ref[Solver]) -> float:
     """Second order: how far a parabola is ahead of the step of backward Euler that sweeps take.
 
@@ -271,12 +282,7 @@ def lead_of_rebound(body: int, h: float, s: wp.ref[Solver]) -> float:
     """
     if s.work.coasting.shape[0] == 0:
         return 0.0
-    lag = float(0.0)
-    for k in range(row_count(body, s.rows)):
-        impact = s.rows.impacts[row_of(body, k, s.rows)]
-        if impact.total > 0.0:
-            lag = wp.max(lag, impact.lag)
-    return 0.5 - lag * s.rows.struck_at[body] / h
+    return 0.5 - lag_of_impact(body, s.rows) * s.rows.struck_at[body] / h
 
 
 @wp.func
