@@ -806,7 +806,7 @@ class WorldWork:
     excess: wp.array[float]
     """Energy that this took [J], of all steps."""
     unbounded: wp.array[wp.int32]
-    """How often an island had too much, but was pushed by what the user moves, of all steps."""
+    """How often an island had too much, but linked to what the user moves, of all steps."""
     repaired: wp.array[wp.int32]
     """Poses whose quaternion was not of unit length, of all steps."""
     island: wp.array[wp.int32]
@@ -1740,6 +1740,8 @@ class LastStep:
     """Its slope [N m]."""
     wrench: wp.spatial_vectorf
     """External force [N], weight included, and torque [N m]."""
+    energy: float
+    """Kinetic energy at the end of the step [J], by the masses in it."""
     pose: wp.transform
 
 

@@ -166,8 +166,8 @@ class Status:
     bounded_energy: np.ndarray
     """Energy that this took away [J], by world as above."""
     unbounded_steps: np.ndarray
-    """How often that was left alone because something that the user moves pushed the island. What a
-    kinematic body or a moving surface gives is not known; by world as above."""
+    """How often that was left alone because a joint or a tendon links the island to something that
+    the user moves. What that gives is not known; by world as above."""
     broken_joints: np.ndarray
     """Indices of the model's joints that broke, shape (count,), int64."""
     sleeping_bodies: int

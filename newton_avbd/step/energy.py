@@ -10,7 +10,8 @@ linear and angular momentum and the least energy for them. Where that is still t
 contacts with something fixed take up momentum, the rigid motion is scaled, too. A joint to
 something fixed allows no rigid motion: velocities of such an island are scaled towards rest.
 
-What a kinematic body or a moving surface does is not known. Islands that one pushes are left alone.
+Contacts with kinematic bodies and moving surfaces do work that counts. What joints and tendons to
+kinematic bodies do is not known: islands that have such are left alone.
 
 What a body adds to the sums is in :mod:`.step.body_energy`, what becomes of its velocity in
 :mod:`.step.slowing`.

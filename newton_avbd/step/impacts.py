@@ -264,7 +264,7 @@ def add_target(body: int, i: int, sign: float, h: float, s: wp.ref[Solver]) -> w
 
 @wp.func
 def lag_of_impact(body: int, rows: wp.ref[RowWork]) -> float:
-    """How long before the start of a step its velocities held that impacts of a body end, in steps."""
+    """How far velocities that impacts of a body end are behind the start of the step, in steps."""
     lag = float(0.0)
     for k in range(row_count(body, rows)):
         impact = rows.impacts[row_of(body, k, rows)]

@@ -11,7 +11,7 @@ from ..functions import Functions, together
 from ..rows.contact import is_pushing
 from ..rows.joint import make_counts
 from .anchors import is_linked
-from .bodies import body_at, spin_momentum
+from .bodies import body_at, kinetic_energy, spin_momentum
 from .carrying import is_carried
 from .flight import is_flying
 from .slopes import (
@@ -193,6 +193,7 @@ def make_motion_history(effects: Effects) -> Functions:
                 last.slope = 0.5 * (began + velocity)
         last.velocity = velocity
         last.wrench = wrench
+        last.energy = kinetic_energy(body, pose, velocity, s.model)
         last.pose = pose
         s.history.last[body] = last
 

@@ -17,9 +17,9 @@ backward Euler.
 
 What extrapolates is wrong where the velocity jumps: a body that lands would bounce. A world takes
 backward Euler in the step of an impact and in the one after it, where a contact lets go or an
-external force jumps, after sweeps that did not settle, in its first step, and where its state is
-not the one that the last step left. Forces that external wrenches exert count with all of their
-impulse in the step that they are given for.
+external force jumps, after sweeps that did not settle, in its first step, and where its state or
+its masses are not those that the last step left. Forces that external wrenches exert count with all
+of their impulse in the step that they are given for.
 
 Each part has a file: whether a motion is smooth (:mod:`.step.smoothness`), where a step starts
 (:mod:`.step.leading`, :mod:`.step.flight`), and what it leaves (:mod:`.step.motion_history`).

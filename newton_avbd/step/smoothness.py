@@ -53,6 +53,9 @@ acceleration has changed since the last one: w^2 h^2 of an oscillation. With 0.5
 quiet, too; without it they gain energy without end."""
 INPUTS = wp.constant(4.0)
 """How much more than what the forces of a controller change by the acceleration may: twice."""
+WEIGHED = wp.constant(1.0e-5)
+"""Change of a kinetic energy while pose and velocity stay that rounding explains, as a share of it:
+beyond that masses have changed, and accelerations that the old ones had say nothing."""
 MOST_TURN = wp.constant(0.2)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing: with 0.25 a top gains
 energy, with 1 a light body on a stiff two-way tendon spins up without end."""
@@ -189,6 +192,10 @@ def is_continued(
     if not (s.work.pose[body] == s.history.last[body].pose):
         return False
     if not (body_qd[body] == s.history.last[body].velocity):
+        return False
+    energy = 0.5 * energy_of(s.model.mass[body], s.work.inertia[body], body_qd[body])
+    left = s.history.last[body].energy
+    if wp.abs(energy - left) > WEIGHED * left:
         return False
     spin = wp.spatial_bottom(s.history.last[body].slope)
     if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
