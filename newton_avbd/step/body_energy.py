@@ -22,6 +22,36 @@ def make_add_body(effects: Effects) -> wp.Function:
     add_joint = make_add_joint(effects)
 
     @wp.func
+    def add_row(i: int, body: int, sum: Balance, s: wp.ref[Solver]) -> Balance:
+        """Adds what a contact that a body owns has stored, and the work of what moves its surface."""
+        out = sum
+        row = s.rows.rows[i]
+        span = s.work.com[body] - s.work.com[row.b]
+        moved = s.work.increment[row.b]
+        if wp.length_sq(row.force) > 0.0:
+            carried = wp.vec3(0.0)
+            if wp.static(effects.drift):
+                carried = s.rows.drift[i]
+                if wp.static(effects.restitution):
+                    if s.rows.impacts[i].total > 0.0:
+                        carried = s.rows.impacts[i].drift
+            if s.work.inv_mass[row.b] == 0.0:
+                way = contact_rows.slip(row, wp.spatial_vector(), moved, span) + carried
+                out = touch_surface(-row.force, way, out)
+                if wp.static(effects.angular_friction):
+                    out.pushed -= wp.dot(s.rows.spin[i].torque, wp.spatial_bottom(moved))
+            elif wp.static(effects.moving_surfaces):
+                if wp.length_sq(carried) > 0.0:
+                    out.is_pushed = True
+        if wp.static(effects.compliance):
+            u = contact_rows.slip(row, s.work.increment[body], moved, span)
+            stiffness = row.k_n / wp.max(1.0 - s.rows.share[i], 1.0e-6)
+            less = squared_overlap(row.gap)
+            less -= squared_overlap(row.gap + wp.dot(row.normal, u))
+            out = with_work(out, 0.5 * stiffness * less)
+        return out
+
+    @wp.func
     def add_body(
         root: int,
         body: int,
@@ -88,33 +118,7 @@ def make_add_body(effects: Effects) -> wp.Function:
         out.com += mass * place_from(root, body, s.work)
         if wp.static(effects.contact):
             for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
-                row = s.rows.rows[i]
-                if wp.length_sq(row.force) > 0.0:
-                    carried = wp.vec3(0.0)
-                    if wp.static(effects.drift):
-                        carried = s.rows.drift[i]
-                        if wp.static(effects.restitution):
-                            if s.rows.impacts[i].total > 0.0:
-                                carried = s.rows.impacts[i].drift
-                    if s.work.inv_mass[row.b] == 0.0:
-                        span = s.work.com[body] - s.work.com[row.b]
-                        still = wp.spatial_vector()
-                        moved = s.work.increment[row.b]
-                        way = contact_rows.slip(row, still, moved, span) + carried
-                        out = touch_surface(-row.force, way, out)
-                        if wp.static(effects.angular_friction):
-                            turned_by = wp.spatial_bottom(moved)
-                            out.pushed -= wp.dot(s.rows.spin[i].torque, turned_by)
-                    elif wp.static(effects.moving_surfaces):
-                        if wp.length_sq(carried) > 0.0:
-                            out.is_pushed = True
-                if wp.static(effects.compliance):
-                    span = s.work.com[body] - s.work.com[row.b]
-                    u = contact_rows.slip(row, increment, s.work.increment[row.b], span)
-                    stiffness = row.k_n / wp.max(1.0 - s.rows.share[i], 1.0e-6)
-                    less = squared_overlap(row.gap)
-                    less -= squared_overlap(row.gap + wp.dot(row.normal, u))
-                    out = with_work(out, 0.5 * stiffness * less)
+                out = add_row(i, body, out, s)
         if wp.static(effects.joints):
             if is_linked(body, s):
                 out = add_joint(
