@@ -23,7 +23,7 @@ def make_add_body(effects: Effects) -> wp.Function:
 
     @wp.func
     def add_row(i: int, body: int, sum: Balance, s: wp.ref[Solver]) -> Balance:
-        """Adds what a contact that a body owns has stored, and the work of what moves its surface."""
+        """Adds what a contact that a body owns has stored, and the work that its surface does."""
         out = sum
         row = s.rows.rows[i]
         span = s.work.com[body] - s.work.com[row.b]
