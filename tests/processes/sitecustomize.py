@@ -20,6 +20,7 @@ from collections.abc import Callable
 from typing import Any
 from weakref import WeakKeyDictionary
 
+import shared_functions  # noqa: F401
 import shared_objects  # noqa: F401
 import warp as wp
 from warp._src import codegen
@@ -93,6 +94,20 @@ def _hash_once(hasher: ModuleHasher, func: Any) -> bytes:
 
 
 ModuleHasher.hash_function = _hash_once
+
+
+_references = codegen.Adjoint.get_references
+_referred: Any = WeakKeyDictionary()  # by what was read: constants, types and functions
+
+
+def _references_once(adjoint: Any) -> Any:
+    """As Warp's function, which does nothing else with what it finds."""
+    if adjoint not in _referred:
+        _referred[adjoint] = _references(adjoint)
+    return _referred[adjoint]
+
+
+codegen.Adjoint.get_references = _references_once
 
 
 def _first_alike(builder: ModuleBuilder, func: Any) -> Any:
