@@ -37,7 +37,11 @@ ALONE = """
 import dataclasses
 import warp as wp
 
+usual = wp.config.cpu_compiler_flags
 wp.config.cpu_compiler_flags += " -ffp-contract=on"
+import newton_avbd  # whose kernels take the flags of now
+
+wp.config.cpu_compiler_flags = usual
 from newton_avbd.scenes import robots
 from newton_avbd.study.bench import run as bench
 

@@ -158,7 +158,7 @@ LONG = pytest.mark.skipif(
 OF_A_CPU = ("make_step", "make_step_links")
 """What is launched on a CPU only."""
 
-ON_REQUEST = ("hinges", "compliance", "sleeping", "ramp")
+ON_REQUEST = ("bare contact", "hinges", "compliance", "sleeping", "ramp")
 """What differs little from the others."""
 
 ARCHITECTURES = [HOPPER, *(pytest.param(arch, marks=LONG) for arch in (80, 120))]
@@ -197,9 +197,8 @@ def test_the_variants_hold_all_effects() -> None:
 @pytest.mark.parametrize(
     "variant",
     [
-        "bodies",
         "bouncing",
-        *(pytest.param(name, marks=LONG) for name in ("hinges", "all contacts", "articulations")),
+        *(pytest.param(name, marks=LONG) for name in sorted({*LARGE_VARIANTS} - {"bouncing"})),
     ],
 )
 def test_a_large_world_compiles_for_gpus(variant: str, arch: int, tmp_path: Path) -> None:

@@ -12,14 +12,17 @@ import inspect
 import sys
 import textwrap
 from collections.abc import Callable, Hashable
+from types import GenericAlias
 from typing import Any
 
 import warp as wp
+from warp._src.types import Reference
 
 SHARED = ("newton_avbd.", "newton._src.geometry.")
 """Whose functions are shared."""
 
-_SIMPLE = (int, float, str, bool, type(None), type, wp.Function)
+_TYPES = (type, type(wp.array[float]), Reference, GenericAlias)
+_SIMPLE = (int, float, str, bool, type(None), wp.Function, *_TYPES)
 
 _func = wp.func
 _made: dict[Hashable, Any] = {}
@@ -45,9 +48,6 @@ def _as_key(value: Any) -> Hashable:
         return (tuple, *map(_as_key, value))
     if isinstance(value, _SIMPLE):
         return type(value), value
-    dtype, ndim = (getattr(value, name, None) for name in ("dtype", "ndim"))
-    if dtype is not None and ndim is not None and not hasattr(value, "numpy"):
-        return type(value), _as_key(dtype), ndim
     return _Same(value)
 
 
