@@ -5,13 +5,12 @@
 import math
 import subprocess
 import sys
+from typing import Any
 
 import pytest
 
 from newton_avbd.study.bench import run as bench
 from newton_avbd.study.bench.targets import TARGETS
-
-pytestmark = pytest.mark.long
 
 USD = ("cartpole", "humanoid_usd", "ant_usd", "fourbar")
 QUALITY = [
@@ -19,8 +18,16 @@ QUALITY = [
 ]
 """Bounds that are no times, of scenes of one world."""
 
+LONG = ("chain", "rope", "stack", "pyramid", "free")
+"""How names of scenes begin that take longer than to optimise their kernels."""
 
-@pytest.mark.parametrize("name", sorted({target.scene for target in QUALITY}))
+
+def _marked(name: str) -> Any:
+    """A scene, marked if it is long."""
+    return pytest.param(name, marks=pytest.mark.long if name.startswith(LONG) else ())
+
+
+@pytest.mark.parametrize("name", map(_marked, sorted({target.scene for target in QUALITY})))
 def test_a_scene_of_the_benchmark_moves_as_it_asks(name: str) -> None:
     """For the time of the benchmark, 2 to 10 s: chains stay closed, robots whole, piles at rest."""
     if name.startswith(USD):

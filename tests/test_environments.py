@@ -21,8 +21,6 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics  # noqa: E402
 
 from newton_avbd.environments import TASKS, RobotVectorEnv  # noqa: E402
 
-pytestmark = pytest.mark.long
-
 WORLDS = 3
 
 
@@ -135,6 +133,7 @@ def test_a_hopper_moves_as_in_mujoco() -> None:
     np.testing.assert_allclose(observations[:, 5:], [data.qvel] * WORLDS, rtol=0.03, atol=0.05)
 
 
+@pytest.mark.long
 def test_a_policy_learns_to_stay_up() -> None:
     """Cross-entropy search over linear policies: 15 generations of 32 hoppers, 1.6 s each at most.
 

@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import newton
 import numpy as np
@@ -22,8 +23,6 @@ from newton_avbd.io.errors import UserError
 from newton_avbd.study.stability import page as stability_page
 from newton_avbd.study.stability.case import Bounds, Case, Outcome, try_case
 from newton_avbd.study.stability.cases import CASES, GROUPS
-
-pytestmark = pytest.mark.long
 
 WHOLE = os.environ.get("HARD_CASES") == "all"
 
@@ -71,6 +70,13 @@ SECONDS = {
 }
 """Seconds to simulate here, where half a second would show nothing or take long."""
 
+LONG = (
+    *("pyramid", "stack", "wall", "ring", "arch", "thin_cards", "landing_20", "teleports"),
+    *("joint_grid", "net", "rope_bridge", "collinear", "piston", "redundant", "loaded_cart"),
+    *("pushed", "struck_pyramid", "heavy_on_ten_1000", "rate_10", "uneven_steps", "resets"),
+)
+"""How names of cases begin that take longer than to optimise their kernels."""
+
 BEYOND = {
     "landing_20": (
         "penetration",
@@ -85,7 +91,12 @@ BEYOND = {
 docs/stability.md says more."""
 
 
-@pytest.mark.parametrize("name", CASES)
+def _marked(name: str) -> Any:
+    """A case, marked if it is long."""
+    return pytest.param(name, marks=pytest.mark.long if name.startswith(LONG) else ())
+
+
+@pytest.mark.parametrize("name", map(_marked, CASES))
 def test_solver_withstands(name: str) -> None:
     """Also those of :data:`BEYOND` keep all bounds but one."""
     case = CASES[name]
@@ -126,6 +137,7 @@ def _moved(dt: Callable[[int], float]) -> float:
     return drift
 
 
+@pytest.mark.long
 def test_short_steps_between_long_ones_do_no_harm() -> None:
     """A stack stands as it does with the long steps alone, which take its weight up in one sag."""
     long = _moved(lambda step: 1 / 60)
@@ -133,6 +145,7 @@ def test_short_steps_between_long_ones_do_no_harm() -> None:
     assert _moved(lambda step: 1 / 240 if step % 2 else 1 / 60) < 1.1 * long + rounding
 
 
+@pytest.mark.long
 def test_a_tall_pyramid_does_not_creep() -> None:
     """Of 40 rows, 820 boxes: they settle by 0.6 mm. It once went on at 7 mm/s, 2.6 mm by then."""
     case = CASES["pyramid_40"]

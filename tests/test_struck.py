@@ -36,6 +36,7 @@ def opening(sim: Simulation) -> float:
     return float(anchor_gaps(sim)[1:].max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("speed", [50.0, 100.0])
 def test_a_robot_that_hits_the_ground_stays_in_one_piece(speed: float) -> None:
     """From 1.3 m and eight tilts, half a second: it never has more energy than it came with.
@@ -87,6 +88,7 @@ def test_a_robot_that_hits_the_ground_at_200_m_s_gains_no_energy(seed: int, thro
     assert sim.kinetic_energy < (0.2 if (seed, throw) == PUSHED_OFF else 0.1) * before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("speed", [0.0, 100.0])
 @pytest.mark.parametrize("depth", [10.0, 1000.0])
 def test_a_robot_far_below_the_ground_is_not_thrown(depth: float, speed: float) -> None:
