@@ -94,7 +94,7 @@ def make_colored_recovery(effects: Effects, stages: Stages, kernel: KernelDecora
                     stop_coordinates(first, end, scale.static_slot, s[0])
             if wp.static(effects.trapezoidal):
                 if goes_too_far(world, scale, s[0]):
-                    move_by_trapezoid(first, end, scale, step.body_qd, step, s[0])
+                    move_by_trapezoid(first, end, scale, step, s[0])
 
     @kernel(effects.loops)
     def give_loops_back(s: wp.array[Solver]):

@@ -161,7 +161,7 @@ def make_solve_worlds(effects: Effects) -> wp.Function:
                     break
 
         # After the recovery: poses.
-        end_recovery(world, update, has_impacts, has_islands, scale, body_qd, step, s)
+        end_recovery(world, update, has_impacts, has_islands, scale, step, s)
         end_poses(world, has_islands, has_not_settled, scale, step, s)
 
     # the same arguments, so that either can stand for the step

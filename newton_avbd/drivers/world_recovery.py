@@ -51,7 +51,6 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
         has_impacts: bool,
         has_islands: bool,
         scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
         step: wp.ref[Step],
         s: wp.ref[Solver],
     ):
@@ -90,7 +89,7 @@ def make_world_recovery(effects: Effects, stages: Stages) -> Functions:
                 first = s.worlds.body_start[world]
                 while first < s.worlds.body_start[world + 1]:
                     end = s.worlds.block_end[first]
-                    move_by_trapezoid(first, end, scale, body_qd, step, s)
+                    move_by_trapezoid(first, end, scale, step, s)
                     first = end
 
     @wp.func

@@ -32,11 +32,17 @@ FOLLOWING = wp.constant(1.0 / (1.0 + RESOLVED))
 
 
 @wp.func
-def overshoot(
-    body: int, h: float, body_qd: wp.array[wp.spatial_vector], step: wp.ref[Step]
-) -> wp.spatial_vector:
+def velocity_before(body: int, step: wp.ref[Step], s: wp.ref[Solver]) -> wp.spatial_vector:
+    """Velocity of a body at the start of the step, whose end may have taken the array."""
+    if s.work.inv_mass[body] > 0.0:
+        return s.history.last[body].velocity
+    return step.body_qd_out[body]
+
+
+@wp.func
+def overshoot(body: int, h: float, step: wp.ref[Step], s: wp.ref[Solver]) -> wp.spatial_vector:
     """How much farther backward Euler has moved a body than the trapezoidal rule would."""
-    return (0.5 * h) * (step.body_qd_out[body] - body_qd[body])
+    return (0.5 * h) * (step.body_qd_out[body] - velocity_before(body, step, s))
 
 
 @wp.func
@@ -82,18 +88,14 @@ def make_is_smooth_joint(effects: Effects) -> wp.Function:
 
     @wp.func
     def is_smooth_joint(
-        body: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
+        body: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> bool:
         """Whether a body turns slowly, and moves against its parent at first as its joint lets it.
 
         What backward Euler left moves along the chord of the last step.
         """
         h = scale.h
-        before, after = body_qd[body], step.body_qd_out[body]
+        before, after = velocity_before(body, step, s), step.body_qd_out[body]
         w = wp.spatial_bottom(before)
         fastest = wp.max(wp.length_sq(w), wp.length_sq(wp.spatial_bottom(after)))
         if h * h * fastest > MOST_TURN * MOST_TURN:
@@ -110,7 +112,7 @@ def make_is_smooth_joint(effects: Effects) -> wp.Function:
         chord = wp.length_sq(w) * wp.length(arm)
         rotation_p = wp.transform_get_rotation(frame_p)
         if parent != scale.static_slot:
-            before_p = body_qd[parent]
+            before_p = velocity_before(parent, step, s)
             w_p = wp.spatial_bottom(before_p)
             slip -= wp.spatial_top(carried(span, before_p))
             change -= wp.spatial_top(carried(span, step.body_qd_out[parent] - before_p))
@@ -159,15 +161,9 @@ def make_trapezoid(effects: Effects, forward: Functions) -> wp.Function:
         return True
 
     @wp.func
-    def go_back(
-        body: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
-    ):
+    def go_back(body: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]):
         """Moves a body back, after its parent, of which ``tree.update`` says how far it went."""
-        back = overshoot(body, scale.h, body_qd, step)
+        back = overshoot(body, scale.h, step, s)
         if is_linked(body, s):
             parent = s.tree.parent[body]
             gone = wp.spatial_vector()
@@ -176,7 +172,7 @@ def make_trapezoid(effects: Effects, forward: Functions) -> wp.Function:
                 gone = s.tree.update[parent]
             if is_followed(body, scale, step, s):
                 if parent != scale.static_slot:
-                    gone -= overshoot(parent, scale.h, body_qd, step)
+                    gone -= overshoot(parent, scale.h, step, s)
                 back += carried(span, gone)
             else:
                 back = carried(span, gone)
@@ -189,28 +185,23 @@ def make_trapezoid(effects: Effects, forward: Functions) -> wp.Function:
 
     @wp.func
     def move_by_trapezoid(
-        first: int,
-        end: int,
-        scale: WorldScale,
-        body_qd: wp.array[wp.spatial_vector],
-        step: wp.ref[Step],
-        s: wp.ref[Solver],
+        first: int, end: int, scale: WorldScale, step: wp.ref[Step], s: wp.ref[Solver]
     ):
         """Moves the bodies of a block, of places ``first`` to ``end``, after a backward Euler step.
 
-        ``body_qd`` has the velocities of its start, and ``step.body_qd_out`` those of its end.
+        ``step.body_qd_out`` has the velocities of its end already.
         """
         if not is_untouched(first, end, s):
             return
         for i in range(first, end):
             body = body_at(i, s.worlds)
             if is_linked(body, s):
-                if not is_smooth_joint(body, scale, body_qd, step, s):
+                if not is_smooth_joint(body, scale, step, s):
                     return
         for i in range(first, end):
             body = body_at(i, s.worlds)
             if s.work.inv_mass[body] > 0.0:
-                go_back(body, scale, body_qd, step, s)
+                go_back(body, scale, step, s)
         if wp.static(effects.hard_limits):
             stop_coordinates(first, end, scale.static_slot, s)
 
