@@ -11,6 +11,7 @@ from ..rows import contact as contact_rows
 from .anchors import is_linked
 from .balance import counts_here, place_from, squared_overlap, touch_surface, with_work
 from .bodies import kinetic_energy
+from .contacts import make_surface_shift
 from .drag import resistance
 from .impacts import lag_of_impact
 from .joint_energy import make_add_joint
@@ -20,28 +21,31 @@ from .rotations import MOST_TURN
 def make_add_body(effects: Effects) -> wp.Function:
     """Device function: adds a body to the balance of its island."""
     add_joint = make_add_joint(effects)
+    surface_shift = make_surface_shift(effects)
 
     @wp.func
-    def add_row(i: int, body: int, sum: Balance, s: wp.ref[Solver]) -> Balance:
+    def add_row(
+        i: int, body: int, h: float, sum: Balance, step: wp.ref[Step], s: wp.ref[Solver]
+    ) -> Balance:
         """Adds what a contact that a body owns has stored, and the work that its surface does."""
         out = sum
         row = s.rows.rows[i]
         span = s.work.com[body] - s.work.com[row.b]
         moved = s.work.increment[row.b]
         if wp.length_sq(row.force) > 0.0:
-            carried = wp.vec3(0.0)
-            if wp.static(effects.drift):
-                carried = s.rows.drift[i]
-                if wp.static(effects.restitution):
-                    if s.rows.impacts[i].total > 0.0:
-                        carried = s.rows.impacts[i].drift
+            shift = wp.vec3(0.0)
+            if wp.static(effects.moving_surfaces or effects.put_bodies):
+                share = float(1.0)
+                if wp.static(effects.second_order):
+                    share = s.worlds.step[s.model.world[body]] / h
+                shift = surface_shift(row, row.arm + span, h, share, step, s)
             if s.work.inv_mass[row.b] == 0.0:
-                way = contact_rows.slip(row, wp.spatial_vector(), moved, span) + carried
+                way = contact_rows.slip(row, wp.spatial_vector(), moved, span) + shift
                 out = touch_surface(-row.force, way, out)
                 if wp.static(effects.angular_friction):
                     out.pushed -= wp.dot(s.rows.spin[i].torque, wp.spatial_bottom(moved))
             elif wp.static(effects.moving_surfaces):
-                if wp.length_sq(carried) > 0.0:
+                if wp.length_sq(shift) > 0.0:
                     out.is_pushed = True
         if wp.static(effects.compliance):
             u = contact_rows.slip(row, s.work.increment[body], moved, span)
@@ -118,7 +122,7 @@ def make_add_body(effects: Effects) -> wp.Function:
         out.com += mass * place_from(root, body, s.work)
         if wp.static(effects.contact):
             for i in range(s.rows.owned_start[body], s.rows.owned_end[body]):
-                out = add_row(i, body, out, s)
+                out = add_row(i, body, h, out, step, s)
         if wp.static(effects.joints):
             if is_linked(body, s):
                 out = add_joint(

@@ -50,6 +50,40 @@ BRACING = wp.constant(0.2)
 any force that the last impact left, and what rounds their turn lets that force do work."""
 
 
+def make_surface_shift(effects: Effects) -> wp.Function:
+    """Device function: how far the surface at a contact moves."""
+
+    @wp.func
+    def surface_shift(
+        row: ContactRow,
+        arm: wp.vec3,
+        h: float,
+        share: float,
+        step: wp.ref[Step],
+        s: wp.ref[Solver],
+    ) -> wp.vec3:
+        """How far a surface moves along a contact in a step, beside its body [m].
+
+        Args:
+            row: The contact.
+            arm: From the COM of b to it [m].
+            h: Time step [s].
+            share: Of how far a body has been put that ``work.put`` stands for.
+            step: What the step was given.
+            s: The solver.
+        """
+        shift = wp.vec3(0.0)
+        if wp.static(effects.moving_surfaces):
+            contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
+            moved = h * step.contacts.surface_velocity[contact]
+            shift = wp.where(row.contact >= 0, moved, -moved)
+        if wp.static(effects.put_bodies):
+            shift += contact_rows.carried_along(s.work.put[row.b], arm) / share
+        return shift - row.normal * wp.dot(row.normal, shift)
+
+    return surface_shift
+
+
 @wp.func
 def body_slot(shapes: wp.ref[ShapeModel], shape: int, static_slot: int) -> int:
     """Slot of the body that carries a shape; the static world for a shape without a body."""
@@ -444,6 +478,7 @@ def make_rows(effects: Effects) -> Functions:
     mixed_friction = contact_rows.FRICTION_MIXES[effects.friction_mix]
     mixed_by_condim = condim_rows.make_mixed_friction(effects.friction_mix, effects.contact_pairs)
     linearise_rows = make_linearise_rows(effects)
+    surface_shift = make_surface_shift(effects)
     point_moves = make_point_moves(effects)
     written_side = make_written_side(effects)
 
@@ -477,16 +512,10 @@ def make_rows(effects: Effects) -> Functions:
     def drift_along(
         row: ContactRow, arm: wp.vec3, h: float, step: wp.ref[Step], s: wp.ref[Solver]
     ) -> wp.vec3:
-        """How far a surface moves along a contact in a step, beside its body [m]; ``arm`` on b."""
-        drift = wp.vec3(0.0)
-        if wp.static(effects.moving_surfaces):
-            contact = wp.where(row.contact >= 0, row.contact, ~row.contact)
-            moved = h * step.contacts.surface_velocity[contact]
-            drift = wp.where(row.contact >= 0, moved, -moved)
-        if wp.static(effects.put_bodies):
-            drift += contact_rows.carried_along(s.work.put[row.b], arm)
-        drift += 0.5 * contact_rows.bent_way(s.work.target[row.a], s.work.target[row.b])
-        return drift - row.normal * wp.dot(row.normal, drift)
+        """How far what counts as no slip moves along a contact in a step [m]; ``arm`` on b."""
+        bent = 0.5 * contact_rows.bent_way(s.work.target[row.a], s.work.target[row.b])
+        bent -= row.normal * wp.dot(row.normal, bent)
+        return surface_shift(row, arm, h, 1.0, step, s) + bent
 
     @wp.func
     def penalise_rows(

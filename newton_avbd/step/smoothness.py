@@ -54,8 +54,8 @@ quiet, too; without it they gain energy without end."""
 INPUTS = wp.constant(4.0)
 """How much more than what the forces of a controller change by the acceleration may: twice."""
 WEIGHED = wp.constant(1.0e-5)
-"""Change of a kinetic energy while pose and velocity stay that rounding explains, as a share of it:
-beyond that masses have changed, and accelerations that the old ones had say nothing."""
+"""Change of a kinetic energy while pose and velocity stay that rounding explains, as a share of m v^2
+and tr(I) w^2: beyond that masses have changed, and accelerations that the old ones had say nothing."""
 MOST_TURN = wp.constant(0.2)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing: with 0.25 a top gains
 energy, with 1 a light body on a stiff two-way tendon spins up without end."""
@@ -193,9 +193,13 @@ def is_continued(
         return False
     if not (body_qd[body] == s.history.last[body].velocity):
         return False
-    energy = 0.5 * energy_of(s.model.mass[body], s.work.inertia[body], body_qd[body])
-    left = s.history.last[body].energy
-    if wp.abs(energy - left) > WEIGHED * left:
+    mass = s.model.mass[body]
+    inertia = s.work.inertia[body]
+    energy = 0.5 * energy_of(mass, inertia, body_qd[body])
+    # by the largest moment: that about the length of a needle rounds as the others do
+    spin_sq = wp.length_sq(wp.spatial_bottom(body_qd[body]))
+    largest = mass * wp.length_sq(wp.spatial_top(body_qd[body])) + wp.trace(inertia) * spin_sq
+    if wp.abs(energy - s.history.last[body].energy) > WEIGHED * largest:
         return False
     spin = wp.spatial_bottom(s.history.last[body].slope)
     if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
