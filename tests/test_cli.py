@@ -338,6 +338,7 @@ def test_compare_opens_an_example_with_both_solvers(capsys):
         (["run", "fall", "--device", "cuda:99"], "there are: cpu"),
         (["run", "fall", "--solver", "kamino", "--iterations", "3"], "no iterations"),
         (["run", "fall", "--viewer", "usd", "--png", "a.png"], "--png goes with"),
+        (["run", "fall", "--png", "a.txt"], "such as .png"),
         (["run", "missing.urdf"], "missing.urdf: no such file"),
         (["compare", "fall", "--frames", "1", "--png", "/no/folder/a.png"], "mkdir -p /no/folder"),
         (["bench", "stack", "--json", "/no/folder/a.json"], "mkdir -p /no/folder"),

@@ -82,6 +82,8 @@ def _make_viewer(args: argparse.Namespace) -> Any:
     """The viewer that the arguments ask for; None for none."""
     if args.png and args.viewer not in ("null", "gl"):
         raise UserError(f"--png goes with --viewer null or gl, not with {args.viewer}")
+    if args.png:
+        view.check_picture(args.png)
     if args.viewer == "null":
         return view.make_viewer("gl", args.scene, headless=True) if args.png else None
     return view.make_viewer(args.viewer, args.scene)

@@ -122,6 +122,20 @@ def look_at(viewer: Any, model: newton.Model, state: newton.State) -> None:
     )
 
 
+def check_picture(path: Path) -> None:
+    """Check before the work that the ending of a file's name asks for a kind of image.
+
+    Raises:
+        UserError: It asks for none that can be written.
+    """
+    require("PIL")
+    from PIL import Image
+
+    kind = Image.registered_extensions().get(path.suffix.lower())
+    if kind not in Image.SAVE:
+        raise UserError(f"cannot draw {path}: its ending is none of an image, such as .png or .jpg")
+
+
 def save_picture(viewer: Any, path: Path, size: tuple[int, int] | None = None) -> None:
     """Write what a ``gl`` viewer drew last to an image file.
 
