@@ -23,9 +23,9 @@ FLAT = wp.constant(0.1)
 """Sine of the angle between normal and axis below which a cylinder stands on its end."""
 ROLLED = wp.constant(0.8)
 """Cosine of how far a cylinder rolls at most before its contacts are found again."""
-SAME = wp.constant(0.999999)
-"""Cosine of a roll that rounding may stand for."""
-
+SAME = wp.constant(5.0e-5)
+"""Roll that rounding may stand for [rad]; less than :data:`LEAST_TURN`, so that what rolls in steps
+in which levers move is not taken for a corner, which would drive it on."""
 
 LEAST_TURN = wp.constant(1.0e-4)
 """Turn of a step [rad] below which the levers of its contacts are those of the start: of what rests
@@ -94,7 +94,7 @@ def rolled_point(
     along = shapes.scale[shape][0] * wp.normalize(along)
     least = wp.length_sq(along)
     turned = wp.dot(rim, along)
-    if turned < ROLLED * least or turned > SAME * least:
+    if turned < ROLLED * least or wp.length_sq(rim - along) < SAME * SAME * least:
         return point
     return wp.transform_point(frame, along + wp.vec3(0.0, 0.0, local[2]))
 
