@@ -54,8 +54,8 @@ quiet, too; without it they gain energy without end."""
 INPUTS = wp.constant(4.0)
 """How much more than what the forces of a controller change by the acceleration may: twice."""
 WEIGHED = wp.constant(1.0e-5)
-"""Change of a kinetic energy while pose and velocity stay that rounding explains, as a share of m v^2
-and tr(I) w^2: beyond that masses have changed, and accelerations that the old ones had say nothing."""
+"""Change of a kinetic energy while pose and velocity stay that rounding explains, as a share of
+m v^2 + tr(I) w^2: beyond that masses have changed, and what was known of accelerations is void."""
 MOST_TURN = wp.constant(0.2)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing: with 0.25 a top gains
 energy, with 1 a light body on a stiff two-way tendon spins up without end."""
