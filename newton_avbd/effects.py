@@ -608,8 +608,10 @@ def left_out(wanted: Mapping[str, bool]) -> frozenset[str]:
     """The effects that a user wants to leave out: those that are False.
 
     Raises:
-        ValueError: If there is no effect of a name, or it cannot be left out.
+        ValueError: If that is no mapping, there is no effect of a name, or it cannot be left out.
     """
+    if not isinstance(wanted, Mapping):
+        raise ValueError(f"effects must be a mapping like {{'friction': False}}, got {wanted!r}.")
     for name, value in wanted.items():
         if name not in CAUSES:
             raise ValueError(f"effects has {name!r}; there are only {', '.join(CAUSES)}.")

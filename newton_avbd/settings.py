@@ -7,6 +7,7 @@ end up in ``model.avbd``.
 """
 
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any
 
 import newton
@@ -176,14 +177,18 @@ class Settings:
                 remedy = f" Change the scene, or pass {name}= to SolverAVBD."
             raise ValueError(f"{source} must be {wanted}, got {values[name]!r}.{remedy}")
 
-        check("iterations", values["iterations"] >= 1, "at least 1")
+        for name in ("iterations", "inner_steps"):
+            check(name, isinstance(values[name], Integral), "a whole number")
+            check(name, values[name] >= 1, "at least 1")
+        for name in ("tolerance", "accuracy"):
+            is_number = values[name] is None or isinstance(values[name], Real)
+            check(name, is_number, "a number")
         tolerance = values["tolerance"]
         makes_sense = bool(tolerance >= 0.0 and np.isfinite(tolerance))
         check("tolerance", makes_sense, "a length of at least 0 m")
         accuracy = values["accuracy"]
         makes_sense = accuracy is None or bool(accuracy > 0.0 and np.isfinite(accuracy))
         check("accuracy", makes_sense, "an error a second above 0 m/s")
-        check("inner_steps", values["inner_steps"] >= 1, "at least 1")
         for name, choices in _CHOICES.items():
             is_known = values[name] is None or values[name] in choices
             check(name, is_known, " or ".join(map(repr, choices)))

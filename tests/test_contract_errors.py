@@ -135,6 +135,9 @@ def test_gravity_that_is_not_finite_is_an_error() -> None:
     ("settings", "message"),
     [
         ({"iterations": 0}, "iterations must be at least 1, got 0"),
+        ({"iterations": 2.5}, "iterations must be a whole number, got 2.5"),
+        ({"accuracy": "fine"}, "accuracy must be a number, got 'fine'"),
+        ({"effects": ["friction"]}, "effects must be a mapping like"),
         ({"formulation": "classic"}, "must be 'augmented' or 'ramp', got 'classic'"),
         ({"formulation": "ramp", "compliant_contacts": True}, "leave compliant_contacts out"),
     ],

@@ -347,6 +347,11 @@ def test_asset_without_bodies_or_file_or_format_is_refused(tmp_path):
     empty.write_text("<mujoco><worldbody/></mujoco>")
     with pytest.raises(UserError, match=r"empty\.xml: it holds no rigid bodies"):
         open_scene(str(empty), Request("xpbd"))
+    empty.write_text("<sdf/>")
+    with pytest.raises(UserError, match=r"its root element is <sdf>, not <mujoco>"):
+        open_scene(str(empty), Request("xpbd"))
+    with pytest.raises(UserError, match=r"is a folder; name a file in it"):
+        open_scene(str(tmp_path), Request("avbd"))
     with pytest.raises(UserError, match=r"none\.usd: no such file"):
         open_scene("none.usd", Request("xpbd"))
     (tmp_path / "mesh.obj").touch()

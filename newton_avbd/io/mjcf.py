@@ -60,12 +60,14 @@ def add_mjcf(
         What the user should know of it, a sentence each; what the importer leaves out among it.
 
     Raises:
-        ValueError: If the file has joints that the importer cannot read, a mass or moment of
-            inertia is negative or not finite, or a group of actuators is disabled that there cannot
-            be; and whatever that raises.
+        ValueError: If the file is no MJCF, has joints that the importer cannot read, a mass or
+            moment of inertia is negative or not finite, or a group of actuators is disabled that
+            there cannot be; and whatever that raises.
     """
     known = len(_values(builder, "label"))
     root, absent = read_mjcf(path)
+    if root.tag != "mujoco":
+        raise ValueError(f"its root element is <{root.tag}>, not <mujoco> as in MJCF")
     root, notes = _written_out(path, root)
     if any(has_springdamper(joint) for body in bodies(root) for joint in body.joints):
         native = compiled(path)

@@ -134,6 +134,8 @@ def _open(name: str, request: Request) -> Simulation:
         return open_asset(Path(name), request)
     close = meant(name, [*scenes.SCENES, *examples.names()])
     told = f"there is no scene {name!r}, and no such file."
+    if Path(name).is_dir():
+        told = f"{name} is a folder; name a file in it."
     if close:
         told += f" Did you mean {' or '.join(close)}?"
     raise UserError(f"{told} `newton-avbd run --list` names all.")

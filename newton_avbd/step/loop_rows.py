@@ -47,6 +47,48 @@ def direction_about(axis: wp.vec3, i: int) -> wp.vec3:
     return direction
 
 
+@wp.struct
+class Ends:
+    """The two bodies that a joint holds together."""
+
+    moves_c: float
+    """1 if the child moves, 0 if not."""
+    moves_p: float
+    """The same of the parent."""
+    arm_c: wp.vec3
+    """From the COM of the child to its anchor [m]."""
+    arm_p: wp.vec3
+    """From the COM of the parent to where that anchor belongs [m]."""
+
+
+@wp.func
+def ends_of(joint: int, arm_c: wp.vec3, arm_p: wp.vec3, s: wp.ref[Solver]) -> Ends:
+    """The ends of a joint, by their arms."""
+    parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
+    ends = Ends()
+    ends.moves_c = wp.where(s.work.inv_mass[s.joints.child[joint]] > 0.0, 1.0, 0.0)
+    ends.moves_p = wp.where(s.work.inv_mass[parent] > 0.0, 1.0, 0.0)
+    ends.arm_c = arm_c
+    ends.arm_p = arm_p
+    return ends
+
+
+@wp.func
+def row_along(row: int, n: wp.vec3, ends: Ends, s: wp.ref[Solver]):
+    """Makes a row one of the distance of the ends along a direction."""
+    way = s.tree.closures.way
+    way[2 * row] = ends.moves_c * wp.spatial_vector(n, wp.cross(ends.arm_c, n))
+    way[2 * row + 1] = -ends.moves_p * wp.spatial_vector(n, wp.cross(ends.arm_p, n))
+
+
+@wp.func
+def row_about(row: int, n: wp.vec3, ends: Ends, s: wp.ref[Solver]):
+    """Makes a row one of the turn of the ends against each other about a direction."""
+    way = s.tree.closures.way
+    way[2 * row] = ends.moves_c * wp.spatial_vector(wp.vec3(0.0), n)
+    way[2 * row + 1] = -ends.moves_p * wp.spatial_vector(wp.vec3(0.0), n)
+
+
 @wp.func
 def ends_move(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> wp.vec3:
     """How far the sweep has moved the child's anchor of a joint against the parent's [m]."""
@@ -83,8 +125,6 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         static_slot = s.work.inv_mass.shape[0] - 1
         child = s.joints.child[joint]
         parent = parent_slot(s.joints, joint, static_slot)
-        moves_c = wp.where(s.work.inv_mass[child] > 0.0, 1.0, 0.0)
-        moves_p = wp.where(s.work.inv_mass[parent] > 0.0, 1.0, 0.0)
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, s)
         shift = linear_misfit(s.joints, joint, q_p, offset)
         turn = angular_misfit(s.joints, joint, q_p, q_c)
@@ -111,6 +151,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         arm_p += offset - shift
         s.loops.arms[2 * i] = arm_c
         s.loops.arms[2 * i + 1] = arm_p
+        ends = ends_of(joint, arm_c, arm_p, s)
         angular = wp.where(linear < closure.rows, 3 - angular_count(s.joints, joint), 0)
         lock_l = linear_lock(s.joints, joint, q_p)
         lock_a = angular_lock(s.joints, joint, q_p, q_c)
@@ -121,14 +162,13 @@ def make_loop_rows(effects: Effects) -> wp.Function:
         axis_l = axis_a
         if linear == 1 or linear == 2:
             axis_l = axis_of_projection(lock_l, linear)
-        reach = wp.max(moves_c * wp.length(arm_c), moves_p * wp.length(arm_p))
+        reach = wp.max(ends.moves_c * wp.length(arm_c), ends.moves_p * wp.length(arm_p))
         for k in range(linear + angular):
             row = closure.row + k
             if k < linear:
                 n = direction_about(axis_l, wp.where(linear == 1, 2, k))
                 closures.direction[row] = n
-                closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
-                closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
+                row_along(row, n, ends, s)
                 closures.held[row] = wp.dot(n, s.loops.kept_force[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, left))
                 closures.least[row] = PENALTY / s.loops.k_l[i]
@@ -137,8 +177,7 @@ def make_loop_rows(effects: Effects) -> wp.Function:
             else:
                 n = direction_about(axis_a, wp.where(angular == 1, 2, k - linear))
                 closures.direction[row] = n
-                closures.way[2 * row] = moves_c * wp.spatial_vector(wp.vec3(0.0), n)
-                closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(wp.vec3(0.0), n)
+                row_about(row, n, ends, s)
                 closures.held[row] = wp.dot(n, s.loops.kept_torque[i])
                 closures.multiplier[row] = wp.float64(wp.dot(n, turn))
                 closures.least[row] = PENALTY / s.loops.k_a[i]

@@ -13,8 +13,9 @@ from ..effects import Effects
 from ..rows.contact import PENALTY
 from ..rows.free_axes import make_free_axes
 from ..rows.rod import rod_torque
-from .anchors import loop_geometry, parent_slot
+from .anchors import loop_geometry
 from .loop_axes import make_loop_axes
+from .loop_rows import ends_of, row_about, row_along
 
 
 def make_rod_rows(effects: Effects) -> wp.Function:
@@ -31,14 +32,11 @@ def make_rod_rows(effects: Effects) -> wp.Function:
         if s.loops.k_l[i] == 0.0:
             return
         joint = s.loops.joints[i]
-        child = s.joints.child[joint]
-        parent = parent_slot(s.joints, joint, s.work.inv_mass.shape[0] - 1)
-        moves_c = wp.where(s.work.inv_mass[child] > 0.0, 1.0, 0.0)
-        moves_p = wp.where(s.work.inv_mass[parent] > 0.0, 1.0, 0.0)
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, s)
         arm_p += offset
         s.loops.arms[2 * i] = arm_c
         s.loops.arms[2 * i + 1] = arm_p
+        ends = ends_of(joint, arm_c, arm_p, s)
         for dof in range(6):
             row = closure.row + dof
             index = s.joints.dof_start[joint] + dof
@@ -49,15 +47,13 @@ def make_rod_rows(effects: Effects) -> wp.Function:
                 continue
             if dof < 3:
                 n = axis_of(s.joints, joint, dof, q_p, q_c, wp.vec3(0.0))
-                closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
-                closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
+                row_along(row, n, ends, s)
                 closures.least[row] = PENALTY / s.loops.k_l[i]
             else:
                 answer = wp.vec3(0.0)
                 answer[dof - 3] = 1.0
                 n = rod_torque(q_p, q_c, answer)
-                closures.way[2 * row] = moves_c * wp.spatial_vector(wp.vec3(0.0), n)
-                closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(wp.vec3(0.0), n)
+                row_about(row, n, ends, s)
                 closures.least[row] = PENALTY / s.loops.k_a[i]
             closures.gives[row] = 1.0 / stiffness
             closures.multiplier[row] = wp.float64(-force / stiffness)

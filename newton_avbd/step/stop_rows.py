@@ -17,7 +17,7 @@ from ..rows.lock import make_locks
 from .anchors import ROUNDING, loop_geometry, parent_slot
 from .axes import make_axis
 from .loop_axes import make_loop_axes
-from .loop_rows import ends_move
+from .loop_rows import ends_move, ends_of, row_about, row_along
 
 NONE = wp.constant(0)
 """Side of an axis that no stop holds; -1 and 1 are held by the lower and the upper one."""
@@ -55,14 +55,10 @@ def make_stop_rows(effects: Effects) -> Functions:
         joint = s.loops.joints[i]
         linear = linear_count(s.joints, joint)
         count = linear + angular_count(s.joints, joint)
-        static_slot = s.work.inv_mass.shape[0] - 1
-        child = s.joints.child[joint]
-        parent = parent_slot(s.joints, joint, static_slot)
-        moves_c = wp.where(s.work.inv_mass[child] > 0.0, 1.0, 0.0)
-        moves_p = wp.where(s.work.inv_mass[parent] > 0.0, 1.0, 0.0)
         q_p, q_c, arm_p, arm_c, offset = loop_geometry(i, s)
         arm_p += offset - linear_misfit(s.joints, joint, q_p, offset)
-        reach = wp.max(moves_c * wp.length(arm_c), moves_p * wp.length(arm_p))
+        ends = ends_of(joint, arm_c, arm_p, s)
+        reach = wp.max(ends.moves_c * wp.length(arm_c), ends.moves_p * wp.length(arm_p))
         start = s.joints.dof_start[joint]
         started = known_angles(s.joints, joint, s.loops.start_coordinate, start)
         turned = angles(s.joints, joint, q_p, q_c, started, False)
@@ -97,12 +93,11 @@ def make_stop_rows(effects: Effects) -> Functions:
                 closures.gives[row] = gives
                 closures.multiplier[row] -= wp.float64(gives * s.loops.kept_stop[index])
             closures.most[row] = SELF_STRESS / closures.least[row]
-            closures.way[2 * row] = moves_c * wp.spatial_vector(wp.vec3(0.0), n)
-            closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(wp.vec3(0.0), n)
             if dof < linear:
                 closures.most[row] = reach * closures.most[row]
-                closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
-                closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
+                row_along(row, n, ends, s)
+            else:
+                row_about(row, n, ends, s)
 
     @wp.func
     def keep_stops(closure: Closure, static_slot: int, s: wp.ref[Solver]) -> float:

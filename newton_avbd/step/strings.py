@@ -7,9 +7,9 @@ import warp as wp
 from ..data import Closure, Solver
 from ..effects import Effects
 from ..rows.contact import PENALTY
-from .anchors import ROUNDING, loop_geometry, parent_slot
+from .anchors import ROUNDING, loop_geometry
 from .distances import bound_of, distance_force, string_direction
-from .loop_rows import direction_about, ends_move
+from .loop_rows import direction_about, ends_move, ends_of, row_along
 
 
 def make_string_rows(effects: Effects) -> wp.Function:
@@ -28,14 +28,10 @@ def make_string_rows(effects: Effects) -> wp.Function:
         if s.loops.k_l[i] == 0.0:
             return
         joint = s.loops.joints[i]
-        static_slot = s.work.inv_mass.shape[0] - 1
-        child = s.joints.child[joint]
-        parent = parent_slot(s.joints, joint, static_slot)
-        moves_c = wp.where(s.work.inv_mass[child] > 0.0, 1.0, 0.0)
-        moves_p = wp.where(s.work.inv_mass[parent] > 0.0, 1.0, 0.0)
         q_p, _q_c, arm_p, arm_c, offset = loop_geometry(i, s)
         s.loops.arms[2 * i] = arm_c
         s.loops.arms[2 * i + 1] = arm_p
+        ends = ends_of(joint, arm_c, arm_p, s)
         length = wp.length(offset)
         along = string_direction(q_p, arm_c, offset)
         held = wp.dot(s.history.loop_force[i], along)
@@ -68,8 +64,7 @@ def make_string_rows(effects: Effects) -> wp.Function:
                 closures.held[row] = wp.dot(n, s.loops.kept_force[i])
                 closures.multiplier[row] = wp.float64(length - stop)
             closures.direction[row] = n
-            closures.way[2 * row] = moves_c * wp.spatial_vector(n, wp.cross(arm_c, n))
-            closures.way[2 * row + 1] = -moves_p * wp.spatial_vector(n, wp.cross(arm_p, n))
+            row_along(row, n, ends, s)
             closures.least[row] = PENALTY / s.loops.k_l[i]
 
     return string_rows
