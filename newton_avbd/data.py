@@ -1740,8 +1740,8 @@ class LastStep:
     """Its slope [N m]."""
     wrench: wp.spatial_vectorf
     """External force [N], weight included, and torque [N m]."""
-    energy: float
-    """Kinetic energy at the end of the step [J], by the masses in it."""
+    inertia: wp.vec2
+    """Mass of the body [kg], and a sum of its moments [kg m^2]."""
     pose: wp.transform
 
 

@@ -307,7 +307,7 @@ LINK, AXIS = 684, 188
 """Of each body and each axis in a scene with joints, beside those."""
 SLEEPER, SLEEPING_CONTACT = 176, 100
 """Of each body and each contact with sleeping, beside those."""
-HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH = 284, 48, 36, 4, 12
+HISTORY, DOF_HISTORY, INPUT, SLEEPER_HISTORY, TOUCH = 288, 48, 36, 4, 12
 """Of each body, degree of freedom, degree of freedom beside joints that link bodies, body with
 sleeping, and contact of rigid shapes that do not bounce, with the scheme of second order, beside
 those."""

@@ -116,17 +116,6 @@ def spin_momentum(
 
 
 @wp.func
-def kinetic_energy(
-    body: int, pose: wp.transform, velocity: wp.spatial_vector, model: wp.ref[BodyModel]
-) -> float:
-    """(m v^2 + w I w)/2 of a body [J]."""
-    v = wp.spatial_top(velocity)
-    w = wp.spatial_bottom(velocity)
-    inertia = world_inertia(wp.transform_get_rotation(pose), model.inertia[body])
-    return 0.5 * (model.mass[body] * wp.dot(v, v) + wp.dot(w, inertia * w))
-
-
-@wp.func
 def midpoint_parts(
     model: wp.ref[BodyModel], body: int, rotation: wp.quat, velocity: wp.spatial_vector, h: float
 ) -> int:

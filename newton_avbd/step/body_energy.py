@@ -5,17 +5,27 @@
 import warp as wp
 
 from ..algebra.so3 import world_inertia
-from ..data import Balance, Solver, Step
+from ..data import Balance, BodyModel, Solver, Step
 from ..effects import Effects
 from ..rows import contact as contact_rows
 from .anchors import is_linked
 from .balance import counts_here, place_from, squared_overlap, touch_surface, with_work
-from .bodies import kinetic_energy
 from .contacts import make_surface_shift
 from .drag import resistance
 from .impacts import lag_of_impact
 from .joint_energy import make_add_joint
 from .rotations import MOST_TURN
+
+
+@wp.func
+def kinetic_energy(
+    body: int, pose: wp.transform, velocity: wp.spatial_vector, model: wp.ref[BodyModel]
+) -> float:
+    """(m v^2 + w I w)/2 of a body [J]."""
+    v = wp.spatial_top(velocity)
+    w = wp.spatial_bottom(velocity)
+    inertia = world_inertia(wp.transform_get_rotation(pose), model.inertia[body])
+    return 0.5 * (model.mass[body] * wp.dot(v, v) + wp.dot(w, inertia * w))
 
 
 def make_add_body(effects: Effects) -> wp.Function:

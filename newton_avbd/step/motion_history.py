@@ -11,7 +11,7 @@ from ..functions import Functions, together
 from ..rows.contact import is_pushing
 from ..rows.joint import make_counts
 from .anchors import is_linked
-from .bodies import body_at, kinetic_energy, spin_momentum
+from .bodies import body_at, spin_momentum
 from .carrying import is_carried
 from .flight import is_flying
 from .slopes import (
@@ -24,7 +24,7 @@ from .slopes import (
     lead,
     next_slope,
 )
-from .smoothness import external_wrench, is_quiet, is_resolved
+from .smoothness import external_wrench, inertia_of, is_quiet, is_resolved
 
 HELD_BY_STOP = wp.constant(4)
 """What a stop that holds adds to how friction of an axis pushes: 1 to 3."""
@@ -193,7 +193,7 @@ def make_motion_history(effects: Effects) -> Functions:
                 last.slope = 0.5 * (began + velocity)
         last.velocity = velocity
         last.wrench = wrench
-        last.energy = kinetic_energy(body, pose, velocity, s.model)
+        last.inertia = inertia_of(body, s.model)
         last.pose = pose
         s.history.last[body] = last
 

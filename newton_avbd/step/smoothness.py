@@ -8,7 +8,7 @@ that the last step left. After it: whether it changed nothing, or was too long f
 
 import warp as wp
 
-from ..data import History, Solver, WorldScale
+from ..data import BodyModel, History, Solver, WorldScale
 from ..effects import Effects
 from ..functions import Functions, together
 from ..rows import contact as contact_rows
@@ -53,9 +53,6 @@ acceleration has changed since the last one: w^2 h^2 of an oscillation. With 0.5
 quiet, too; without it they gain energy without end."""
 INPUTS = wp.constant(4.0)
 """How much more than what the forces of a controller change by the acceleration may: twice."""
-WEIGHED = wp.constant(1.0e-5)
-"""Change of a kinetic energy while pose and velocity stay that rounding explains, as a share of
-m v^2 + tr(I) w^2: beyond that masses have changed, and what was known of accelerations is void."""
 MOST_TURN = wp.constant(0.2)
 """Turn of a body in a step [rad] beyond which extrapolation says nothing: with 0.25 a top gains
 energy, with 1 a light body on a stiff two-way tendon spins up without end."""
@@ -181,6 +178,13 @@ def is_resolved(
 
 
 @wp.func
+def inertia_of(body: int, model: wp.ref[BodyModel]) -> wp.vec2:
+    """Mass of a body [kg], and a sum of its moments [kg m^2] that changes as any of these does."""
+    inertia = model.inertia[body]
+    return wp.vec2(model.mass[body], inertia[0, 0] + 2.0 * inertia[1, 1] + 3.0 * inertia[2, 2])
+
+
+@wp.func
 def is_continued(
     body: int, body_qd: wp.array[wp.spatial_vector], scale: WorldScale, s: wp.ref[Solver]
 ) -> bool:
@@ -193,13 +197,7 @@ def is_continued(
         return False
     if not (body_qd[body] == s.history.last[body].velocity):
         return False
-    mass = s.model.mass[body]
-    inertia = s.work.inertia[body]
-    energy = 0.5 * energy_of(mass, inertia, body_qd[body])
-    # by the largest moment: that about the length of a needle rounds as the others do
-    spin_sq = wp.length_sq(wp.spatial_bottom(body_qd[body]))
-    largest = mass * wp.length_sq(wp.spatial_top(body_qd[body])) + wp.trace(inertia) * spin_sq
-    if wp.abs(energy - s.history.last[body].energy) > WEIGHED * largest:
+    if not (inertia_of(body, s.model) == s.history.last[body].inertia):
         return False
     spin = wp.spatial_bottom(s.history.last[body].slope)
     if scale.h * scale.h * wp.length_sq(spin) > MOST_TURN * MOST_TURN:
