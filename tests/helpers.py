@@ -7,6 +7,7 @@ from typing import Any
 
 import newton
 import numpy as np
+import pytest
 import warp as wp
 from newton.solvers import SolverBase
 from numpy.typing import NDArray
@@ -168,6 +169,12 @@ class Simulation:
         wrench = self.state.body_f.numpy()
         wrench[body] = [*force, *torque]
         self.state.body_f.assign(wrench)
+
+
+def marked_long(names: Iterable[str], long: tuple[str, ...]) -> list[Any]:
+    """Parameters of a test, marked as long where a name begins with one of ``long``."""
+    marks = pytest.mark.long
+    return [pytest.param(name, marks=marks if name.startswith(long) else ()) for name in names]
 
 
 def surface(

@@ -5,9 +5,9 @@
 import math
 import subprocess
 import sys
-from typing import Any
 
 import pytest
+from helpers import marked_long
 
 from newton_avbd.study.bench import run as bench
 from newton_avbd.study.bench.targets import TARGETS
@@ -22,12 +22,7 @@ LONG = ("chain", "rope", "stack", "pyramid", "free")
 """How names of scenes begin that take longer than to optimise their kernels."""
 
 
-def _marked(name: str) -> Any:
-    """A scene, marked if it is long."""
-    return pytest.param(name, marks=pytest.mark.long if name.startswith(LONG) else ())
-
-
-@pytest.mark.parametrize("name", map(_marked, sorted({target.scene for target in QUALITY})))
+@pytest.mark.parametrize("name", marked_long(sorted({target.scene for target in QUALITY}), LONG))
 def test_a_scene_of_the_benchmark_moves_as_it_asks(name: str) -> None:
     """For the time of the benchmark, 2 to 10 s: chains stay closed, robots whole, piles at rest."""
     if name.startswith(USD):

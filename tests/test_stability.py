@@ -11,11 +11,11 @@ import math
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import newton
 import numpy as np
 import pytest
+from helpers import marked_long
 
 from newton_avbd.commands import stability
 from newton_avbd.commands.program import parse
@@ -91,12 +91,7 @@ BEYOND = {
 docs/stability.md says more."""
 
 
-def _marked(name: str) -> Any:
-    """A case, marked if it is long."""
-    return pytest.param(name, marks=pytest.mark.long if name.startswith(LONG) else ())
-
-
-@pytest.mark.parametrize("name", map(_marked, CASES))
+@pytest.mark.parametrize("name", marked_long(CASES, LONG))
 def test_solver_withstands(name: str) -> None:
     """Also those of :data:`BEYOND` keep all bounds but one."""
     case = CASES[name]
